@@ -1,0 +1,1 @@
+"""Dictionaries of exceptional values that ship with riot_bus."""

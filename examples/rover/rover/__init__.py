@@ -1,0 +1,1 @@
+"""A small autonomous rover: one process per component, ROS 2 messages on Zenoh."""

@@ -1,0 +1,214 @@
+"""Activation: external values that make the failure happen in the whole system (RIOT II-D).
+
+Star probes move each field alone; then Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES take turns
+on one shared history. Inputs that are refused tell nothing but that the search should come back to what was accepted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.backchain.encoding import Encoding, SearchField
+from riot_bus.backchain.proposers import History, proposers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from riot_bus.backchain.fir import Floats
+    from riot_bus.backchain.proposers import Proposer
+    from riot_bus.trial import Progress
+
+__all__ = ["Activation", "Evaluation", "activate"]
+
+_PROBES = (-0.2, 0.2, -0.35, 0.35)
+_REPEATS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What one system run came to.
+
+    Attributes:
+        distance: Smallest distance to the rule over the run; None when the internal fields were never seen.
+        failed: Whether the failure itself happened.
+    """
+
+    distance: float | None
+    failed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Activation:
+    """How a search ended.
+
+    Attributes:
+        found: External values at which the failure happened; None when it did not.
+        runs: System runs spent.
+        best_distance: Smallest distance seen; None when the internal fields were never seen.
+        history: Every point with its evaluation, in order.
+    """
+
+    found: Mapping[str, float] | None
+    runs: int
+    best_distance: float | None
+    history: tuple[tuple[Mapping[str, float], Evaluation], ...]
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        if self.found is not None:
+            values = ", ".join(f"{name} = {value:g}" for name, value in self.found.items())
+            return f"activated after {self.runs} runs with {values}"
+        if self.best_distance is None:
+            return f"not activated in {self.runs} runs: the internal fields were never seen"
+        near = f"not activated in {self.runs} runs: the rule came no nearer than {self.best_distance:g}"
+        return f"{near}; another field may gate the effect, see permeability and relevance"
+
+
+def activate(
+    fields: Sequence[SearchField],
+    evaluate: Callable[[Sequence[Mapping[str, float]]], Sequence[Evaluation]],
+    *,
+    seed: int,
+    budget: int = 200,
+    parallelism: int = 1,
+    progress: Progress | None = None,
+) -> Activation:
+    """Search for external values that make the failure happen (RIOT II-D).
+
+    Deterministic for equal seeds and equal answers. No point is asked twice.
+
+    Args:
+        fields: What may be set; best only the fields that permeability has left.
+        evaluate: Runs the system once per point, in order.
+        seed: Seed of every choice.
+        budget: Largest number of system runs.
+        parallelism: Points per call of `evaluate`.
+        progress: Told after each batch.
+
+    Raises:
+        ValueError: There are no fields, two have one name, or a number is not positive.
+        MissingExtraError: scikit-learn or cmaes is not installed and the star probes did not suffice.
+    """
+    if not fields or len({field.name for field in fields}) < len(fields):
+        raise ValueError("activation needs at least one field, and different names")
+    if budget < 1 or parallelism < 1:
+        raise ValueError(f"budget and parallelism must be positive, not {budget} and {parallelism}")
+    search = _Search(Encoding(tuple(fields)), seed)
+    history: list[tuple[Mapping[str, float], Evaluation]] = []
+    while len(history) < budget:
+        batch = search.batch(min(parallelism, budget - len(history)))
+        if not batch:
+            break
+        points = [wanted.point for wanted in batch]
+        evaluations = evaluate(points)
+        history += zip(points, evaluations, strict=True)
+        best = _nearest(history)
+        if progress is not None:
+            near = "no distance yet" if best is None else f"nearest {best:.3g}"
+            progress(len(history), budget, f"activation, {near}")
+        failing = [point for point, evaluation in zip(points, evaluations, strict=True) if evaluation.failed]
+        if failing:
+            return Activation(failing[0], len(history), best, tuple(history))
+        for wanted, evaluation in zip(batch, evaluations, strict=True):
+            search.tell(wanted, evaluation.distance)
+    return Activation(None, len(history), _nearest(history), tuple(history))
+
+
+def _nearest(history: Sequence[tuple[Mapping[str, float], Evaluation]]) -> float | None:
+    distances = [evaluation.distance for _, evaluation in history if evaluation.distance is not None]
+    return min((distance for distance in distances if not math.isnan(distance)), default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A new point, its vector, and the methods that wait for its answer (each under its own vector)."""
+
+    point: Mapping[str, float]
+    vector: Floats
+    askers: list[tuple[Proposer, Floats]] = field(default_factory=list)
+
+
+class _Search:
+    def __init__(self, encoding: Encoding, seed: int) -> None:
+        self._encoding = encoding
+        self._seed = seed
+        self._rng = np.random.default_rng([seed, 99])
+        self._history = History()
+        self._largest = 1.0
+        self._known: dict[tuple[float, ...], float | None] = {}
+        self._probes = chain([encoding.nominal], _star(encoding))
+        self._methods: list[Proposer] | None = None
+        self._turn = 0
+
+    def batch(self, size: int) -> list[_Wanted]:
+        """Return up to `size` new points; none when the space is exhausted."""
+        made: dict[tuple[float, ...], _Wanted] = {}
+        for probe in self._probes:
+            self._take(probe, None, made)
+            if len(made) == size:
+                break
+        if made:
+            return list(made.values())
+        if self._methods is None:
+            self._methods = proposers(self._history, self._encoding.nominal, (self._seed,))
+        idle = 0
+        while len(made) < size and idle < _REPEATS:
+            owner = self._methods[self._turn % len(self._methods)]
+            self._turn += 1
+            vector = owner.ask()
+            if vector is None or not self._take(vector, owner, made):
+                idle += 1
+        for _ in range(_REPEATS * size):
+            if len(made) == size:
+                break
+            self._take(self._rng.random(self._encoding.size), None, made)
+        return list(made.values())
+
+    def tell(self, wanted: _Wanted, distance: float | None) -> None:
+        """Take the distance of one point."""
+        if distance is not None and not math.isfinite(distance):
+            distance = None
+        if distance is not None:
+            self._largest = max(self._largest, distance)
+        self._known[self._key(wanted.point)] = distance
+        self._history.add(wanted.vector, self._worth(wanted.vector, distance))
+        for owner, vector in wanted.askers:
+            owner.tell(vector, self._worth(vector, distance))
+
+    def _worth(self, vector: Floats, distance: float | None) -> float:
+        if distance is not None:
+            return distance
+        # Worse than anything seen, and on a slope back to the nominal point, so that plateaus have a way out.
+        return self._largest * (2.0 + float(np.linalg.norm(vector - self._encoding.nominal)))
+
+    def _take(self, vector: Floats, owner: Proposer | None, made: dict[tuple[float, ...], _Wanted]) -> bool:
+        """Add a vector to the batch; answer its owner at once when it is known. Return whether it was new."""
+        point = self._encoding.decode(vector)
+        key = self._key(point)
+        if key in self._known:
+            if owner is not None:
+                owner.tell(vector, self._worth(vector, self._known[key]))
+            return False
+        new = key not in made
+        wanted = made.setdefault(key, _Wanted(point, vector))
+        if owner is not None:
+            wanted.askers.append((owner, vector))
+        return new
+
+    def _key(self, point: Mapping[str, float]) -> tuple[float, ...]:
+        return tuple(point[field.name] for field in self._encoding.fields)
+
+
+def _star(encoding: Encoding) -> Iterator[Floats]:
+    nominal = encoding.nominal
+    for reach in _PROBES:
+        for at in range(encoding.size):
+            vector = nominal.copy()
+            vector[at] = min(max(vector[at] + reach, 0.0), 1.0)
+            yield vector

@@ -1,0 +1,278 @@
+"""Permeability: that, and how strongly, an external field affects an internal one (RIOT II-C).
+
+All external fields are driven at once, inside a few long runs, each by its own random piecewise-constant signal. The
+fields that explain an internal series are selected forward over lagged linear and even terms. The null distribution
+comes from redrawing the signals (conditional randomisation): each test is exact whatever the system does, and the
+maximum over the fields not yet selected is compared. Each further round needs a discovery and gives the rest one more
+chance of `alpha`, so that rate bounds the share of false discoveries per internal field, not the chance of any.
+
+A system that takes one value per run is analysed with the same code: give one `Run` whose series hold one sample per
+system run (time = number of the run), signals with `hold=1`, and `lags=1`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.backchain.fir import Columns, Floats, RunColumns, lag_grid, standardise
+from riot_bus.backchain.responses import CHANNELS, Effect, residuals
+from riot_bus.backchain.strength import estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.injection import Signal
+    from riot_bus.trial import Progress, Series
+
+__all__ = ["Drive", "Edge", "Effect", "PermeabilityResult", "Run", "Skipped", "analyse"]
+
+_MIN_SAMPLES = 8
+_ROUNDS = 8
+_LARGEST = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One external field in one run.
+
+    Attributes:
+        series: When messages of its topic were delivered (seconds) and the value each carried, in order.
+        signal: The signal that set the values; its seed is not used.
+        first: The topic's index of the first message in `series`.
+    """
+
+    series: Series
+    signal: Signal
+    first: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One long system run: what was driven, and what was seen inside (both by `topic:field`)."""
+
+    inputs: Mapping[str, Drive]
+    outputs: Mapping[str, Series]
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """What is known of the path from one external to one internal field.
+
+    Attributes:
+        external: External field.
+        internal: Internal field.
+        strength: Share of the variance within a run that the external field explains, 0 to 1.
+        low: Lower end of the jackknife interval (95 %) of the strength, over runs.
+        high: Upper end.
+        lag_s: Lag at which the external field shows most, in seconds.
+        p_value: Chance of such evidence, or stronger, from any of the fields left at that step, without an effect.
+        permeable: Whether the effect is significant.
+        effect: What the strength is the share of.
+    """
+
+    external: str
+    internal: str
+    strength: float
+    low: float
+    high: float
+    lag_s: float
+    p_value: float
+    permeable: bool
+    effect: Effect = "level"
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A pair that could not be tested, and why."""
+
+    external: str
+    internal: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PermeabilityResult:
+    """All tested pairs, strongest first per internal field, and those that could not be tested."""
+
+    edges: tuple[Edge, ...]
+    skipped: tuple[Skipped, ...] = ()
+    alpha: float = 0.05
+    runs: int = 0
+
+    def permeable(self, internal: str | None = None) -> tuple[Edge, ...]:
+        """Return the significant edges (into one internal field, when given)."""
+        return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
+
+
+@dataclass(slots=True)
+class _Output:
+    name: str
+    runs: list[int] = field(default_factory=list)
+    times: list[Floats] = field(default_factory=list)
+    values: list[Floats] = field(default_factory=list)
+
+
+def analyse(
+    runs: Sequence[Run],
+    *,
+    lags: int = 12,
+    draws: int = 199,
+    alpha: float = 0.05,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> PermeabilityResult:
+    """Find the external fields that reach the internal ones (RIOT II-C).
+
+    Runs in which an output is missing, constant or shorter than 8 samples do not count for it; runs may differ in
+    level, scale and number of samples.
+
+    Args:
+        runs: The multiplexed runs; the more, the more power (8 are usually enough).
+        lags: Lags looked at, in samples of the internal field (and in messages of the external one, if rates differ).
+        draws: Redraws of the signals for the null distribution; the smallest p-value is 1 / (draws + 1).
+        alpha: Accepted share of false discoveries, per internal field.
+        seed: Seed of the redraws.
+        progress: Told after each internal field.
+
+    Raises:
+        ValueError: `lags` or `draws` is not positive.
+    """
+    if lags < 1 or draws < 1:
+        raise ValueError(f"lags and draws must be positive, not {lags} and {draws}")
+    externals = sorted({name for run in runs for name in run.inputs})
+    internals = sorted({name for run in runs for name in run.outputs})
+    edges: list[Edge] = []
+    skipped: list[Skipped] = []
+    for done, internal in enumerate(internals):
+        output = _usable(runs, internal)
+        if not output.runs:
+            reason = "the internal field was missing, constant or too short in every run"
+            skipped += [Skipped(external, internal, reason) for external in externals]
+        else:
+            columns = {name: _columns(runs, name, output, lags=lags) for name in externals}
+            driven = {name: found for name, found in columns.items() if found is not None}
+            reason = "the external field was not driven, or kept one value, in every usable run"
+            skipped += [Skipped(name, internal, reason) for name in externals if name not in driven]
+            edges += _select(output, driven, draws=draws, alpha=alpha, seed=seed)
+        if progress is not None:
+            progress(done + 1, len(internals), f"permeability of {internal}")
+    return PermeabilityResult(tuple(edges), tuple(skipped), alpha=alpha, runs=len(runs))
+
+
+def _usable(runs: Sequence[Run], internal: str) -> _Output:
+    output = _Output(internal)
+    for number, run in enumerate(runs):
+        series = run.outputs.get(internal)
+        if series is None:
+            continue
+        count = min(len(series.times), len(series.values))
+        values = standardise(np.asarray(series.values[:count], dtype=np.float64))
+        if count >= _MIN_SAMPLES and values.any():
+            output.runs.append(number)
+            output.times.append(np.asarray(series.times[:count], dtype=np.float64))
+            output.values.append(values)
+    return output
+
+
+def _step(times: Sequence[Floats]) -> float:
+    gaps = np.concatenate([np.diff(one) for one in times])
+    return float(np.median(gaps)) if len(gaps) else 0.0
+
+
+def _columns(runs: Sequence[Run], external: str, output: _Output, *, lags: int) -> Columns | None:
+    drives: list[tuple[int, Drive, Floats, Floats]] = []
+    start = 0
+    starts: list[slice] = []
+    for place, number in enumerate(output.runs):
+        rows = slice(start, start + len(output.times[place]))
+        start = rows.stop
+        starts.append(rows)
+        drive = runs[number].inputs.get(external)
+        if drive is None:
+            continue
+        count = min(len(drive.series.times), len(drive.series.values))
+        values = np.asarray(drive.series.values[:count], dtype=np.float64)
+        if count == 0 or not np.isfinite(values).all() or not np.ptp(values) > 0:
+            continue
+        drives.append((place, drive, np.asarray(drive.series.times[:count], dtype=np.float64), values))
+    if not drives:
+        return None
+    input_step = _step([times for _, _, times, _ in drives])
+    grid = lag_grid(_step(output.times), input_step, lags=lags)
+    parts = []
+    for place, drive, times, values in drives:
+        unit = drive.signal.amplitude or float(np.ptp(values))
+        scaled = np.clip((values - drive.signal.center) / unit, -_LARGEST, _LARGEST)
+        index = grid.indices(times, output.times[place])
+        parts.append(RunColumns(starts[place], index, scaled, drive.signal, drive.first))
+    return Columns(grid, input_step, tuple(parts), start)
+
+
+def _evidence(columns: Columns, left_over: Floats, *, draws: int, seed: Sequence[int]) -> Floats:
+    """Return the standardised evidence for each channel, observed first, then of each redraw (1 + draws x channels)."""
+    redrawn = columns.correlate_draws(left_over, draws=draws, seed=seed)
+    squared = np.concatenate([columns.correlate(left_over), redrawn])
+    lags = columns.lags
+    statistics = [
+        statistic
+        for part in (squared[:, :lags], squared[:, lags:])
+        for statistic in (part.max(axis=1), part.mean(axis=1))
+    ]
+    # Cube roots of sums of squares are nearly normal, so channels and fields of different shape compare fairly.
+    roots = np.cbrt(np.stack(statistics, axis=1))
+    deviation = roots.std(axis=0)
+    scores = np.where(deviation > 1e-12, (roots - roots.mean(axis=0)) / np.maximum(deviation, 1e-12), 0.0)
+    best: Floats = scores.max(axis=1)
+    return best
+
+
+def _select(output: _Output, columns: Mapping[str, Columns], *, draws: int, alpha: float, seed: int) -> list[Edge]:
+    names = sorted(columns)
+    designs = {name: columns[name].design() for name in names}
+    raw, left_over = residuals(output.values, designs, selected=())
+    p_values: dict[str, float] = {}
+    effects: dict[str, Effect] = {}
+    selected: list[str] = []
+    for _ in range(_ROUNDS):
+        left = [name for name in names if name not in selected]
+        if not left:
+            break
+        scores: dict[str, Floats] = {}
+        for name in left:
+            found = _evidence(columns[name], left_over, draws=draws, seed=(seed, names.index(name)))
+            scores[name] = found.max(axis=1)
+            effects[name] = CHANNELS[int(found[0].argmax())]
+        null = np.max([one[1:] for one in scores.values()], axis=0)
+        p_values |= {name: (1 + int((null >= one[0]).sum())) / (draws + 1) for name, one in scores.items()}
+        new = [name for name in left if p_values[name] <= alpha]
+        if not new:
+            break
+        selected += new
+        raw, left_over = residuals(output.values, designs, selected=selected)
+    by_effect: dict[Effect, list[str]] = defaultdict(list)
+    for name in names:
+        by_effect[effects[name]].append(name)
+    groups = np.repeat(np.arange(len(output.values)), [len(one) for one in output.values])
+    edges: list[Edge] = []
+    for effect, members in by_effect.items():
+        response = raw[:, CHANNELS.index(effect)]
+        shares = estimate(response, designs, selected=selected, asked=members, groups=groups)
+        edges += [
+            Edge(
+                share.name,
+                output.name,
+                share.strength,
+                share.low,
+                share.high,
+                columns[share.name].lag(share.column),
+                p_values[share.name],
+                share.name in selected,
+                effect,
+            )
+            for share in shares
+        ]
+    return sorted(edges, key=lambda edge: (not edge.permeable, -edge.strength, edge.p_value, edge.external))

@@ -1,0 +1,88 @@
+"""What of an internal series is asked to follow an external field: its level, its innovations, its spread."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from riot_bus.backchain.fir import Floats, fit_terms
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["CHANNELS", "Effect", "residuals", "responses"]
+
+Effect = Literal["level", "change", "spread"]
+"""What of the internal field follows the external one: its value, its innovations, or how much it varies."""
+
+CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level")
+"""The effect that each column of `residuals` shows."""
+
+_TERMS = 4
+_LEAST_SPREAD = 0.25
+
+
+def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
+    """Return level, innovation and spread of a series, centred per run (samples x 3).
+
+    Args:
+        pieces: The standardised series of each run.
+        level: Residual of the level whose size is the spread; the series itself when None.
+    """
+    memory = _memory(pieces)
+    rest = _cut(np.concatenate(pieces) if level is None else level, pieces)
+    parts = []
+    for one, left in zip(pieces, rest, strict=True):
+        change = np.concatenate([one[:1] * 0.0, one[1:] - memory * one[:-1]])
+        both = np.column_stack([one, change, np.abs(left)])
+        parts.append(both - both.mean(axis=0))
+    return np.concatenate(parts)
+
+
+def residuals(
+    pieces: Sequence[Floats], designs: Mapping[str, Floats], *, selected: Sequence[str]
+) -> tuple[Floats, Floats]:
+    """Return the responses, and what the selected fields leave of them (samples x 3, samples x 4).
+
+    The fourth column is the level weighted by the inverse of its noise's covariance (first-order autocorrelation, and
+    the spread that the selected fields explain): the score of generalised least squares, for weak effects in noise.
+    """
+    raw = responses(pieces)
+    spread = np.ones(len(raw))
+    left = raw
+    if selected:
+        design = np.hstack([designs[name] for name in selected])
+        most = _TERMS * len(selected)
+        level = raw[:, 0] - _explained(raw[:, 0], design, most)
+        raw = responses(pieces, level)
+        explained = [_explained(raw[:, at], design, most) for at in range(3)]
+        left = raw - np.column_stack(explained)
+        size = float(np.abs(level).mean())
+        spread = np.maximum(size + explained[2], _LEAST_SPREAD * size) if size > 0 else spread
+    even = _cut(left[:, 0] / spread, pieces)
+    memory = _memory(even)
+    parts = []
+    for one, weight in zip(even, _cut(spread, pieces), strict=True):
+        innovation = np.concatenate([one[:1], one[1:] - memory * one[:-1]])
+        score = innovation - memory * np.concatenate([innovation[1:], innovation[:1] * 0.0])
+        parts.append(score / weight - np.mean(score / weight))
+    return raw, np.column_stack([left, np.concatenate(parts)])
+
+
+def _explained(response: Floats, design: Floats, most: int) -> Floats:
+    terms = fit_terms(response, design, most=most)
+    if not terms:
+        return np.zeros_like(response)
+    fitted: Floats = design[:, terms] @ np.linalg.lstsq(design[:, terms], response, rcond=None)[0]
+    return fitted
+
+
+def _memory(pieces: Sequence[Floats]) -> float:
+    products = sum(float(one[:-1] @ one[1:]) for one in pieces)
+    squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
+    return float(np.clip(products / squares, -0.99, 0.99)) if squares > 0 else 0.0
+
+
+def _cut(stacked: Floats, pieces: Sequence[Floats]) -> list[Floats]:
+    return np.split(stacked, np.cumsum([len(one) for one in pieces])[:-1])

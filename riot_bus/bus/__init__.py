@@ -1,0 +1,1 @@
+"""Segments, junction and router: the only room that imports zenoh."""

@@ -1,0 +1,111 @@
+"""A client of one router: for recording a live network, and for tests."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections import Counter
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.bus.config import client_config
+from riot_bus.bus.convert import Converter, Outlets
+from riot_bus.bus.mailbox import Dispatcher
+from riot_bus.bus.runtime import canonical, open_session, prepare_runtime, release
+from riot_bus.message import Qos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.message import Message
+
+__all__ = ["Client", "Subscription", "open_client", "subscribe"]
+
+Subscription = Any
+"""Something with `undeclare()`."""
+
+
+def subscribe(
+    session: zenoh.Session, keyexpr: str, *, take: Callable[[Message], None], convert: Converter
+) -> zenoh.Subscriber[None]:
+    """Subscribe with messages instead of samples.
+
+    Args:
+        session: Where.
+        keyexpr: What.
+        take: Called on a thread of Zenoh's; must return at once, else it stalls the link.
+        convert: Turns samples into messages.
+    """
+    return session.declare_subscriber(keyexpr, lambda sample: take(convert(sample)))
+
+
+class Client:
+    """A client session in terms of messages; a context manager.
+
+    Attributes:
+        session: The Zenoh session, for what messages cannot say.
+        lost: Messages per key that a slow callback left no room for.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self.zid = str(session.info.zid())
+        self.lost: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        self._outlets = Outlets(session)
+        self._convert = Converter("", itertools.count(1))
+        self._dispatcher = Dispatcher("riot-client", self._count_lost)
+
+    def subscribe(self, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
+        """Call back with each message, on a thread that may be slow without stalling the link.
+
+        Args:
+            keyexpr: Key expression.
+            callback: Called in the order of arrival.
+
+        Returns:
+            Something with `undeclare()`.
+        """
+        (text,) = canonical([keyexpr])
+        self._dispatcher.start()
+        return subscribe(
+            self.session, text, take=lambda message: self._dispatcher.deliver(callback, message), convert=self._convert
+        )
+
+    def put(self, message: Message) -> None:
+        """Publish a message: put or delete, with its QoS; its time and sequence stay here."""
+        self._outlets.publish(message)
+
+    def declare(self, key: str, qos: Qos = Qos()) -> None:  # noqa: B008 - immutable
+        """Declare a publisher ahead of its first message."""
+        self._outlets.declare(key, qos)
+
+    def close(self) -> None:
+        """Disconnect, then make the calls that are queued; safe to call twice."""
+        release(self.session)
+        self._dispatcher.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _count_lost(self, message: Message) -> None:
+        with self._lock:
+            self.lost[message.key] += 1
+
+
+def open_client(endpoint: str, *, config: Mapping[str, Any] | None = None) -> Client:
+    """Connect to a router.
+
+    Args:
+        endpoint: Where it listens, such as `tcp/127.0.0.1:7447`.
+        config: Further Zenoh configuration.
+
+    Raises:
+        EnvironmentFaultError: Nobody answers there.
+    """
+    prepare_runtime()
+    return Client(open_session(client_config(endpoint, extra=config), purpose="client"))

@@ -1,0 +1,92 @@
+"""Configuration of Zenoh sessions: plain dictionaries of configuration keys and JSON values, so that tests can look."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["WAIT_BEFORE_CLOSE_S", "SessionConfig", "access_control", "client_config", "router_config"]
+
+SessionConfig = dict[str, Any]
+"""Configuration keys such as `listen/endpoints`, and their JSON values."""
+
+WAIT_BEFORE_CLOSE_S = 5.0
+"""How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
+
+_WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+_FLOWS = ["ingress", "egress"]
+
+
+def router_config(
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
+    extra: Mapping[str, Any] | None = None,
+) -> SessionConfig:
+    """Return the configuration of a router session.
+
+    Args:
+        listen: Endpoints to listen on.
+        connect: Endpoints of the routers to connect to.
+        wait_before_close_s: Longest wait of a BLOCK publication.
+        extra: Further keys; they win.
+    """
+    return {
+        "mode": "router",
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "scouting/delay": 0,  # opening takes 2 ms instead of 508 ms
+        "scouting/multicast/enabled": False,  # else peers on one host find each other around every router
+        "adminspace/enabled": True,
+        _WAIT_BEFORE_CLOSE: int(wait_before_close_s * 1e6),
+        **(extra or {}),
+    }
+
+
+def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> SessionConfig:
+    """Return the configuration of a client of one router.
+
+    Args:
+        endpoint: Where the router listens.
+        extra: Further keys; they win.
+    """
+    return {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "scouting/delay": 0,
+        "scouting/multicast/enabled": False,
+        **(extra or {}),
+    }
+
+
+def access_control(cut: Sequence[str]) -> SessionConfig:
+    """Return the rules by which a junction keeps the cut keys to their segments.
+
+    Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
+
+    Args:
+        cut: Key expressions that are intercepted.
+    """
+    if not cut:
+        return {}
+    rules = [
+        {"id": "cut", "messages": ["put", "delete", "declare_subscriber"], "key_exprs": list(cut)},
+        # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches.
+        {
+            "id": "cut-caches",
+            "messages": ["put", "delete", "query", "reply"],
+            "key_exprs": [f"{k}/@adv/**" for k in cut],
+        },
+    ]
+    return {
+        "access_control": {
+            "enabled": True,
+            "default_permission": "allow",
+            "rules": [{**rule, "permission": "deny", "flows": _FLOWS} for rule in rules],
+            "subjects": [{"id": "everybody"}],
+            "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
+        }
+    }

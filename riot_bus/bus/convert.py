@@ -1,0 +1,134 @@
+"""Zenoh's samples to messages and back."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.message import Message, Qos
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import zenoh
+
+__all__ = ["Claims", "Converter", "Outlets"]
+
+_CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
+_PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
+_DEFAULT_ENCODING = "zenoh/bytes"
+_CACHED_PUBLISHERS = 4096
+_CACHED_KEYS = 1 << 16
+
+
+class Converter:
+    """Turns the samples of one segment into messages.
+
+    Args:
+        segment: Name of the segment, empty if unknown.
+        sequence: Gives each message its number; shared by all converters of a bus.
+    """
+
+    def __init__(self, segment: str, sequence: Iterator[int]) -> None:
+        self._segment = segment
+        self._sequence = sequence
+        self._qos: dict[tuple[int, int, bool], Qos] = {}
+
+    def __call__(self, sample: zenoh.Sample) -> Message:
+        """Return the message that the sample carries; its time is now."""
+        now = time.time_ns()
+        raw: Any = sample  # the stubs know nothing of the enums' numbers
+        code = (int(raw.priority), int(raw.congestion_control), raw.express)
+        qos = self._qos.get(code)
+        if qos is None:
+            qos = self._qos[code] = Qos(code[0], _CONGESTION[code[1]], code[2])  # type: ignore[arg-type]
+        encoding = str(raw.encoding)
+        attachment = raw.attachment
+        return Message(
+            now,
+            str(raw.key_expr),
+            raw.payload.to_bytes(),
+            "delete" if int(raw.kind) else "put",
+            "" if encoding == _DEFAULT_ENCODING else encoding,
+            None if attachment is None else attachment.to_bytes(),
+            qos,
+            self._segment,
+            next(self._sequence),
+        )
+
+
+class Outlets:
+    """Publishes messages into one session, through publishers that are declared once per key and QoS.
+
+    Neither Zenoh's timestamp nor its source information is set: an advanced subscriber drops what does not increase, so
+    copies, delays and replays would vanish. The session stamps by itself.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._publishers: dict[tuple[str, Qos], zenoh.Publisher] = {}
+        self._encodings: dict[str, zenoh.Encoding] = {}
+        self.longest_s = 0.0
+        """Longest time that one publication took."""
+
+    def publish(self, message: Message) -> None:
+        """Put or delete; raises zenoh.ZError when the session is closed."""
+        publisher = self._publishers.get((message.key, message.qos)) or self.declare(message.key, message.qos)
+        began = time.monotonic()
+        if message.kind == "delete":
+            publisher.delete(attachment=message.attachment)
+        else:
+            encoding = self._encodings.get(message.encoding) or self._encoding(message.encoding)
+            publisher.put(message.payload, encoding=encoding, attachment=message.attachment)
+        took = time.monotonic() - began
+        if took > self.longest_s:
+            self.longest_s = took
+
+    def declare(self, key: str, qos: Qos) -> zenoh.Publisher:
+        """Declare a publisher ahead of its first message."""
+        import zenoh
+
+        publisher = self._session.declare_publisher(
+            key,
+            priority=getattr(zenoh.Priority, _PRIORITIES[qos.priority - 1]),
+            congestion_control=getattr(zenoh.CongestionControl, qos.congestion.upper()),
+            express=qos.express,
+        )
+        if len(self._publishers) >= _CACHED_PUBLISHERS:
+            self._publishers.clear()  # they undeclare themselves
+        self._publishers[key, qos] = publisher
+        return publisher
+
+    def _encoding(self, text: str) -> zenoh.Encoding:
+        import zenoh
+
+        if len(self._encodings) >= _CACHED_PUBLISHERS:
+            self._encodings.clear()
+        encoding = self._encodings[text] = zenoh.Encoding(text or _DEFAULT_ENCODING)
+        return encoding
+
+
+class Claims:
+    """Says which of several key expressions owns a key: the first that matches, so that nothing is taken twice.
+
+    Args:
+        expressions: Canonical key expressions; they may overlap.
+    """
+
+    def __init__(self, expressions: list[str]) -> None:
+        import zenoh
+
+        self.expressions = expressions
+        self._parsed = [(text, zenoh.KeyExpr(text)) for text in expressions]
+        self._owners: dict[str, str | None] = {}
+
+    def owner(self, key: str) -> str | None:
+        """Return the first key expression that includes the key, None if there is none."""
+        try:
+            return self._owners[key]
+        except KeyError:
+            owner = next((text for text, expression in self._parsed if expression.includes(key)), None)
+            if len(self._owners) >= _CACHED_KEYS:
+                self._owners.clear()
+            self._owners[key] = owner
+            return owner

@@ -1,0 +1,138 @@
+"""Recording what crosses the bus, without ever stalling it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+from riot_bus.bus.mailbox import Mailbox
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus.message import Message
+    from riot_bus.pipeline.event import Change
+
+__all__ = ["Recorder", "Writer"]
+
+_LOG = logging.getLogger(__name__)
+_TICK_S = 0.25
+
+
+class Writer(Protocol):
+    """Where messages are written; `riot_bus.log.writer.LogWriter` is one."""
+
+    def write(
+        self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...
+    ) -> None:
+        """Write one message."""
+        ...
+
+    def tick(self) -> None:
+        """Make what was written readable, if it is time."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file."""
+        ...
+
+
+class _Entry(NamedTuple):
+    message: Message
+    role: Literal["delivered", "original"]
+    changes: Sequence[Change]
+
+
+class Recorder:
+    """Writes on a thread of its own, behind a queue; what does not fit is counted in `lost`.
+
+    Of an intercepted message that was changed, delayed, copied or dropped both the original and what was delivered are
+    written, under the same sequence number.
+
+    Args:
+        writer: Where to; closed by `close`.
+        capacity: Most messages that wait.
+        capacity_bytes: Most payload bytes that wait.
+        topic: Names the topic of a key.
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        *,
+        capacity: int = 200_000,
+        capacity_bytes: int = 1 << 28,
+        topic: Callable[[str], str] = str,
+    ) -> None:
+        self.recorded: Counter[str] = Counter()
+        """Messages written per topic, originals not counted."""
+        self.lost: Counter[str] = Counter()
+        """Messages per topic that did not fit or could not be written."""
+        self._writer = writer
+        self._topic = topic
+        self._mailbox: Mailbox[_Entry] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
+        self._lock = threading.Lock()
+        self._done = 0
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
+        self._thread.start()
+
+    def original(self, message: Message, changes: Sequence[Change]) -> None:
+        """Record a message as it was before interceptors had it."""
+        self._offer(_Entry(message, "original", changes))
+
+    def delivered(self, message: Message, changes: Sequence[Change] = ()) -> None:
+        """Record a message as it was delivered."""
+        self._offer(_Entry(message, "delivered", changes))
+
+    def idle(self) -> bool:
+        """Return whether everything so far was written."""
+        return self._done >= self._mailbox.accepted
+
+    def close(self) -> None:
+        """Write what waits and finish the file; safe to call twice."""
+        self._closing = True
+        if self._thread.is_alive():
+            self._mailbox.wake()
+            self._thread.join()
+        self._writer.close()
+
+    def _offer(self, entry: _Entry) -> None:
+        if not self._mailbox.offer(entry, len(entry.message.payload)):
+            self._count_lost(entry.message)
+
+    def _count_lost(self, message: Message) -> None:
+        with self._lock:
+            self.lost[self._topic(message.key)] += 1
+
+    def _run(self) -> None:
+        ticked = time.monotonic()
+        while True:
+            entry = self._mailbox.take(0 if self._closing else _TICK_S)
+            if entry is not None:
+                self._write(entry)
+                self._done += 1
+            elif self._closing:
+                return
+            now = time.monotonic()
+            if now - ticked >= _TICK_S:
+                ticked = now
+                self._guard(self._writer.tick)
+
+    def _write(self, entry: _Entry) -> None:
+        message = entry.message
+        if not self._guard(lambda: self._writer.write(message, role=entry.role, changes=entry.changes)):
+            self._count_lost(message)
+        elif entry.role == "delivered":
+            self.recorded[self._topic(message.key)] += 1
+
+    def _guard(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except Exception:
+            _LOG.exception("the recording failed")
+            return False
+        return True

@@ -1,0 +1,182 @@
+"""Opening Zenoh sessions: the shared runtime, ports, and errors that people understand."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import time
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import zenoh
+
+    from riot_bus.bus.config import SessionConfig
+
+__all__ = [
+    "canonical",
+    "free_endpoint",
+    "listening",
+    "open_session",
+    "prepare_runtime",
+    "reason",
+    "release",
+    "wait_until",
+]
+
+_VARIABLE = "ZENOH_RUNTIME"
+_RECEIVERS = 16
+_RECEIVERS_PER_SEGMENT = 4
+_ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
+_SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
+
+
+def prepare_runtime(segments: int = 1) -> None:
+    """Give Zenoh's runtime enough receive threads; call before the first session of the process.
+
+    All sessions of a process share one pool. A receive task that pushes into a full queue blocks its thread, so with
+    too few of them the routers of one process starve each other, and Zenoh closes links.
+
+    Args:
+        segments: Number of segments that will be opened.
+
+    Raises:
+        ConfigError: The user's `ZENOH_RUNTIME` leaves fewer threads than there are routers.
+    """
+    running = _running_receivers()
+    if not running and _VARIABLE not in os.environ:
+        receivers = max(_RECEIVERS, _RECEIVERS_PER_SEGMENT * segments)
+        os.environ[_VARIABLE] = f"(rx: (worker_threads: {receivers}), tx: (worker_threads: 4))"
+        return
+    receivers = running or _receivers_of(os.environ[_VARIABLE])
+    wanted = _RECEIVERS_PER_SEGMENT * segments
+    hint = f"set {_VARIABLE}='(rx: (worker_threads: {max(_RECEIVERS, wanted)}), tx: (worker_threads: 4))'"
+    if receivers <= segments:
+        text = f"{receivers} receive threads are too few for {segments} segments and their junction"
+        raise ConfigError(text, where=_VARIABLE, hint=hint)
+    if receivers < wanted:
+        text = f"{receivers} receive threads for {segments} segments: expect stalls and closed links under load; {hint}"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+def _receivers_of(value: str) -> int:
+    found = re.search(r"\brx\s*:\s*\([^()]*?worker_threads\s*:\s*(\d+)", value)
+    return int(found.group(1)) if found else _ZENOH_RECEIVERS
+
+
+def _running_receivers() -> int:
+    count = 0
+    for name in Path("/proc/self/task").glob("*/comm"):
+        with suppress(OSError):  # a thread may end while we look
+            count += name.read_text().startswith("rx-")
+    return count
+
+
+def free_endpoint(host: str = "127.0.0.1") -> str:
+    """Return a TCP endpoint that is free now; prefer listening on port 0, which cannot be taken in between."""
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        return f"tcp/{host}:{probe.getsockname()[1]}"
+
+
+def open_session(config: SessionConfig, *, purpose: str) -> zenoh.Session:
+    """Open a Zenoh session.
+
+    Args:
+        config: Configuration keys and JSON values.
+        purpose: What the session is for, as errors name it: `segment 'unit'`.
+
+    Raises:
+        ConfigError: Zenoh does not know a key or refuses its value.
+        EnvironmentFaultError: A port is in use, or nobody answers at an endpoint.
+    """
+    import zenoh
+
+    settings = zenoh.Config()
+    for key, value in config.items():
+        try:
+            settings.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ConfigError(
+                f"Zenoh refuses {json.dumps(value)}: {reason(error)}",
+                where=f"{purpose}: {key}",
+                hint="keys are those of Zenoh's configuration file, joined by '/'",
+            ) from error
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        raise _open_error(error, config, purpose) from error
+
+
+def _open_error(error: Exception, config: SessionConfig, purpose: str) -> EnvironmentFaultError:
+    text = reason(error)
+    listen = ", ".join(config.get("listen/endpoints", ()))
+    connect = ", ".join(config.get("connect/endpoints", ()))
+    if "in use" in text:
+        found = re.search(r"\w+/\S+:\d+(?=: )", text)
+        hint = f"stop what listens there, or choose another endpoint, such as --segment NAME={free_endpoint()}"
+        return EnvironmentFaultError(f"{found.group() if found else listen} is in use", where=purpose, hint=hint)
+    if "connect" in text.lower() and connect:
+        return EnvironmentFaultError(f"nobody answers at {connect}", where=purpose, hint="is the router running?")
+    return EnvironmentFaultError(f"Zenoh does not open {listen or connect}: {text}", where=purpose)
+
+
+def reason(error: Exception) -> str:
+    """Return Zenoh's message without the places in its source code."""
+    return _SOURCE.sub("", str(error)).strip()
+
+
+def listening(session: zenoh.Session) -> list[str]:
+    """Return where a router session really listens: port 0 is replaced by the port that was given."""
+    for reply in session.get(f"@/{session.info.zid()}/router", timeout=5.0):
+        if reply.ok is not None:
+            return [str(locator) for locator in json.loads(reply.ok.payload.to_bytes())["locators"]]
+    return []
+
+
+def release(*things: Any) -> None:
+    """Close sessions and undeclare everything else; Zenoh's stubs leave these methods untyped."""
+    for thing in things:
+        getattr(thing, "close" if hasattr(thing, "close") else "undeclare")()
+
+
+def canonical(expressions: Sequence[str]) -> list[str]:
+    """Return key expressions in Zenoh's canonical form.
+
+    Raises:
+        ConfigError: One is not a key expression.
+    """
+    import zenoh
+
+    result = []
+    for text in expressions:
+        try:
+            result.append(str(zenoh.KeyExpr.autocanonize(text)))
+        except zenoh.ZError as error:
+            hint = "write chunks joined by '/', with * for one chunk and ** for any number, such as 'robot/*/odom'"
+            raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
+    return list(dict.fromkeys(result))
+
+
+def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:
+    """Ask until the condition holds; return whether it did before the deadline.
+
+    Args:
+        condition: Asked again and again; must be cheap.
+        timeout: Seconds.
+        interval: Seconds between two questions.
+    """
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(interval)
+    return True

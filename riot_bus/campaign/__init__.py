@@ -1,0 +1,1 @@
+"""Robustness testing: schedule, executors, store of trials, findings."""

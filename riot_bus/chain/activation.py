@@ -1,0 +1,245 @@
+"""Step `activate`: external inputs that make the whole system fail, and the region around them (RIOT II-D)."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.backchain.activation import Evaluation
+from riot_bus.backchain.activation import activate as search
+from riot_bus.backchain.encoding import SearchField
+from riot_bus.backchain.region import Region, map_region
+from riot_bus.chain.artefacts import (
+    ActivationRecord,
+    FieldsRecord,
+    FindingRecord,
+    PermeabilityRecord,
+    PointRecord,
+    ProportionRecord,
+    RegionRecord,
+    RuleRecord,
+)
+from riot_bus.chain.external import ExternalField, external_fields
+from riot_bus.chain.permeability import internal_name
+from riot_bus.errors import InconclusiveError
+from riot_bus.generalize.rule import Rule
+from riot_bus.injection import Injection
+from riot_bus.log.reader import read_log
+from riot_bus.trial import Outcome, Series, TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.campaign.store import StoredRunner
+    from riot_bus.chain.workspace import Step, Workspace
+
+__all__ = ["activation", "least_distance"]
+
+_REPLAYS = 10
+_REGION_BUDGET = 80
+
+
+def least_distance(rule: Rule, observed: Mapping[str, Series], scale: Mapping[str, float]) -> float | None:
+    """Return the least distance to the rule over a run; None when a field of the rule was never seen.
+
+    Fields are joined in time: at each sample of any of them, the latest value of every other.
+
+    Args:
+        rule: The unit-level rule.
+        observed: Its variables over time.
+        scale: Nominal spread of each variable.
+    """
+    names = rule.variables
+    series = {name: observed[internal_name(name)] for name in names}
+    if any(not one.values for one in series.values()):
+        return None
+    times = np.unique(np.concatenate([np.asarray(one.times) for one in series.values()]))
+    times = times[times >= max(one.times[0] for one in series.values())]
+    columns = {
+        name: np.asarray(one.values)[np.searchsorted(np.asarray(one.times), times, side="right") - 1]
+        for name, one in series.items()
+    }
+    return float(np.min(rule.distance(columns, scale)))
+
+
+class _System:
+    """Runs of the whole system with external fields held at given values."""
+
+    def __init__(self, workspace: Workspace, folder: Path, step: Step) -> None:
+        self.workspace = workspace
+        self.folder = folder
+        self.finding = FindingRecord.load(folder)
+        self.record = RuleRecord.load(folder)
+        self.rule = Rule.from_json(self.record.rule)
+        self.fields: dict[str, ExternalField] = {field.name: field for field in external_fields(workspace)}
+        self.runner: StoredRunner = step.system_runner(
+            observe=sorted({internal_name(name) for name in self.rule.variables}),
+            duration=workspace.context.file.system.trial_duration,
+        )
+        self.points: list[PointRecord] = []
+        self.log: str | None = None
+
+    def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
+        cases: list[TestCase] = []
+        for point in points:
+            injections = tuple(
+                Injection(self.fields[name].topic, self.fields[name].path, self._value(name, value))
+                for name, value in sorted(point.items())
+            )
+            cases.append(TestCase(injections=injections, seed=self.workspace.seed + len(self.points) + len(cases)))
+        evaluations = []
+        for point, outcome in zip(points, self.runner.run(cases), strict=True):
+            evaluation = self._judge(outcome)
+            self.points.append(
+                PointRecord(values=dict(point), distance=evaluation.distance, failed=evaluation.failed, phase=phase)
+            )
+            if evaluation.failed and phase == "search" and self.log is None:
+                self.log = outcome.log
+            evaluations.append(evaluation)
+        return evaluations
+
+    def _value(self, name: str, value: float) -> float | int:
+        return round(value) if self.fields[name].integer else value
+
+    def _judge(self, outcome: Outcome) -> Evaluation:
+        failed = outcome.failed_as(self.finding.signature)
+        return Evaluation(least_distance(self.rule, outcome.observed, self.record.scale), failed)
+
+
+def activation(workspace: Workspace, folder: Path, *, budget: int = 200) -> ActivationRecord:
+    """Search the permeable external fields until the whole system fails; write `activation.json` and `.mcap`.
+
+    Args:
+        workspace: Where to work.
+        folder: The finding.
+        budget: Runs of the whole system for the search.
+
+    Raises:
+        ConfigError: A step before has not been done.
+        InconclusiveError: No external field is permeable, so there is nothing to search.
+    """
+    FieldsRecord.load(folder)
+    permeable = PermeabilityRecord.load(folder)
+    if not permeable.permeable:
+        raise InconclusiveError(
+            "no external field reaches the relevant ones, so the outside cannot be searched",
+            where=str(folder),
+            hint="this finding stays at unit level; more runs (--runs) may show weaker effects",
+        )
+    with workspace.step("activate") as step:
+        system = _System(workspace, folder, step)
+        fields = [_search_field(system.fields[name]) for name in permeable.permeable]
+
+        def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+            return system.run(points, "search")
+
+        result = search(
+            fields,
+            evaluate,
+            seed=workspace.seed,
+            budget=budget,
+            parallelism=system.runner.parallelism,
+            progress=step.progress,
+        )
+        replays, messages = 0, 0
+        region = None
+        if result.found is not None and system.log is not None:
+            messages, replays = _replay(workspace, folder, Path(system.log), system)
+            axes = _axes(permeable)
+            if axes is not None:
+                region = _region(system, axes, result.found, step)
+        record = ActivationRecord(
+            found=None if result.found is None else dict(result.found),
+            runs=result.runs,
+            best_distance=result.best_distance,
+            replays=_REPLAYS if messages else 0,
+            replays_failed=replays,
+            region=region,
+            points=tuple(system.points),
+            messages=messages,
+            seed=workspace.seed,
+            trials=step.trials,
+            seconds=step.seconds,
+        )
+        record.save(folder)
+        workspace.narrator.end("activate", _summary(result.text, record))
+    return record
+
+
+def _search_field(field: ExternalField) -> SearchField:
+    low, high = field.range
+    return SearchField(field.name, field.nominal, field.spread, low, high, integer=field.integer)
+
+
+def _replay(workspace: Workspace, folder: Path, log: Path, system: _System) -> tuple[int, int]:
+    """Play the external messages alone to fresh runs; return how many they are and how often the failure came."""
+    target = folder / "activation.mcap"
+    if log.is_file():
+        shutil.copyfile(log, target)
+    external = read_log(target)
+    cases = [TestCase(external, seed=workspace.seed + number) for number in range(_REPLAYS)]
+    outcomes = system.runner.run(cases)
+    return len(external), sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
+
+
+def _axes(permeable: PermeabilityRecord) -> tuple[str, str] | None:
+    """Return the two most telling external fields: the strongest of each relevant field, then the next strongest."""
+    chosen: list[str] = []
+    edges = sorted((edge for edge in permeable.edges if edge.permeable), key=lambda edge: -edge.strength)
+    for internal in sorted({edge.internal for edge in edges}):
+        best = next(edge.external for edge in edges if edge.internal == internal)
+        if best not in chosen:
+            chosen.append(best)
+    chosen += [name for name in permeable.permeable if name not in chosen]
+    return (chosen[0], chosen[1]) if len(chosen) > 1 else None
+
+
+def _region(system: _System, axes: tuple[str, str], found: Mapping[str, float], step: Step) -> RegionRecord:
+    """Map the failing region over two fields; the others stay nominal if the failure does not need them."""
+    start = {name: found.get(name, system.fields[name].nominal) for name in axes}
+    fixed: dict[str, float] = {}
+    if not system.run([start], "region")[0].failed:
+        fixed = {name: value for name, value in found.items() if name not in axes}
+
+    def ask(points: Sequence[Mapping[str, float]]) -> list[bool]:
+        return [one.failed for one in system.run([{**point, **fixed} for point in points], "region")]
+
+    x, y = (_search_field(system.fields[name]) for name in axes)
+    region = map_region(
+        start,
+        (x, y),
+        ask,
+        seed=step.workspace.seed,
+        budget=_REGION_BUDGET,
+        tolerance=0.02 * min(x.spread, y.spread),
+        parallelism=system.runner.parallelism,
+        progress=step.progress,
+    )
+    return _region_record(region, axes)
+
+
+def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
+    inside = getattr(region, "inside", None)
+    return RegionRecord(
+        x=axes[0],
+        y=axes[1],
+        x_min=region.x_min,
+        x_max=region.x_max,
+        y_min=region.y_min,
+        y_max=region.y_max,
+        inside=ProportionRecord.model_validate(inside, from_attributes=True) if inside is not None else None,
+        text=region.text,
+    )
+
+
+def _summary(text: str, record: ActivationRecord) -> str:
+    parts = [text]
+    if record.replays:
+        parts.append(f"{record.replays_failed} of {record.replays} replays of {record.messages} external messages fail")
+    if record.region is not None:
+        one = record.region
+        parts.append(f"region {one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}")
+    return "; ".join(parts)

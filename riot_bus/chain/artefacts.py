@@ -1,0 +1,284 @@
+"""The files of a finding: versioned JSON for knowledge, MCAP for logs.
+
+finding.json       what failed, how it was found
+failure.mcap       the failing log as found: modified and unmodified messages with provenance
+minimal.json/.mcap the few messages that are needed
+fields.json        relevant fields, each with its two-trial certificate
+rule.json          the rule in one line, and as data
+permeability.json  which external fields reach the relevant ones
+activation.json/.mcap  the external messages that make the whole system fail, and the region around them
+report.html, reproduce.sh
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from riot_bus.errors import ConfigError
+
+__all__ = [
+    "ActivationRecord",
+    "Artefact",
+    "CampaignRecord",
+    "CertificateRecord",
+    "EdgeRecord",
+    "FieldRecord",
+    "FieldsRecord",
+    "FindingRecord",
+    "MinimalRecord",
+    "PermeabilityRecord",
+    "PointRecord",
+    "ProportionRecord",
+    "RegionRecord",
+    "RuleRecord",
+    "RuleSample",
+    "Value",
+]
+
+RecordT = TypeVar("RecordT", bound="Artefact")
+
+Value = bool | int | float | str
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Artefact(_Model):
+    """One JSON file of a finding."""
+
+    FILE: ClassVar[str]
+    version: Literal[1] = 1
+    seed: int = 0
+    trials: int = 0
+    seconds: float = 0.0
+
+    def save(self, directory: Path) -> Path:
+        """Write the file in one step, so that a reader never sees half of it."""
+        path = directory / self.FILE
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(self.model_dump(mode="python"), indent=1, default=str) + "\n", encoding="utf-8")
+        os.replace(partial, path)
+        return path
+
+    @classmethod
+    def load(cls, directory: Path) -> Self:
+        """Read the file.
+
+        Raises:
+            ConfigError: It is missing or not what this version writes.
+        """
+        path = directory / cls.FILE
+        try:
+            return cls.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            raise ConfigError(
+                f"{cls.FILE} is not there yet", where=str(directory), hint=f"run `riot {STEP_OF[cls.FILE]}` first"
+            ) from None
+        except (ValueError, ValidationError) as error:
+            raise ConfigError(
+                f"this file cannot be used: {str(error).splitlines()[0]}",
+                where=str(path),
+                hint=f"delete it and run `riot {STEP_OF[cls.FILE]}` again",
+            ) from None
+
+    @classmethod
+    def exists(cls, directory: Path) -> bool:
+        """Return whether the step that writes this file has finished."""
+        return (directory / cls.FILE).is_file()
+
+
+class CampaignRecord(Artefact):
+    """A finished campaign, in the output folder: what it found, most frequent first."""
+
+    FILE = "campaign.json"
+    unit: str
+    fingerprint: str
+    failing: int = 0
+    findings: tuple[str, ...] = ()
+
+
+class FindingRecord(Artefact):
+    """One distinct failure of a unit."""
+
+    FILE = "finding.json"
+    id: str
+    system: str
+    system_file: str
+    unit: str
+    component: str
+    monitor: str
+    signature: str
+    details: tuple[str, ...] = ()
+    occurrences: int = 1
+    injections: tuple[dict[str, Any], ...] = ()
+    messages: int = 0
+    modified: int = 0
+
+
+class MinimalRecord(Artefact):
+    """The few messages that are needed (RIOT II-B a)."""
+
+    FILE = "minimal.json"
+    before: int
+    kept: tuple[int, ...]
+    topics: tuple[str, ...]
+    one_minimal: bool
+
+
+class CertificateRecord(_Model):
+    """Two trials that differ in one field: the log with `failing` fails, with `passing` it does not.
+
+    `confirmed` counts fresh repetitions (failing side that failed, passing side that passed, of how many each).
+    """
+
+    failing: Value
+    passing: Value
+    others: dict[str, Value] = {}
+    failing_log: str
+    passing_log: str
+    confirmed_failing: int
+    confirmed_passing: int
+    repeats: int
+
+
+class FieldRecord(_Model):
+    """One relevant field: an exceptional value causes the failure, or a nominal one is needed for it."""
+
+    name: str
+    kind: Literal["exceptional", "nominal"]
+    type: str
+    failing: Value
+    certificate: CertificateRecord
+
+
+class FieldsRecord(Artefact):
+    """Relevant fields (RIOT II-B b). `bound`: with 95 % confidence the rest changes the outcome at most so often."""
+
+    FILE = "fields.json"
+    fields: tuple[FieldRecord, ...]
+    considered: tuple[str, ...]
+    bound: float
+    straight: int
+
+
+class ProportionRecord(_Model):
+    """A rate with its Clopper-Pearson 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    count: int = 0
+    total: int = 0
+
+
+class RuleSample(_Model):
+    """One trial that taught the rule."""
+
+    values: dict[str, Value]
+    failed: bool
+    phase: str = ""
+
+
+class RuleRecord(Artefact):
+    """The unit-level rule (RIOT II-B c)."""
+
+    FILE = "rule.json"
+    text: str
+    rule: dict[str, Any]
+    python: str
+    precision: ProportionRecord
+    recall: ProportionRecord
+    balanced_accuracy: float
+    scale: dict[str, float]
+    samples: tuple[RuleSample, ...] = ()
+
+
+class EdgeRecord(_Model):
+    """One external field and what it does to one internal field (RIOT II-C)."""
+
+    external: str
+    internal: str
+    permeable: bool
+    strength: float
+    low: float
+    high: float
+    lag_s: float
+    p_value: float
+
+
+class PermeabilityRecord(Artefact):
+    """Which external fields reach the relevant ones, and how strongly."""
+
+    FILE = "permeability.json"
+    edges: tuple[EdgeRecord, ...]
+    runs: int
+    pruned: tuple[str, ...] = ()
+    nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
+    tree: list[dict[str, Any]] = []
+
+    @property
+    def permeable(self) -> tuple[str, ...]:
+        """External fields that reach any relevant field, strongest first."""
+        best: dict[str, float] = {}
+        for edge in self.edges:
+            if edge.permeable:
+                best[edge.external] = max(best.get(edge.external, 0.0), edge.strength)
+        return tuple(sorted(best, key=lambda name: (-best[name], name)))
+
+
+class PointRecord(_Model):
+    """One run of the whole system: external values, the least distance to the rule, and whether it failed."""
+
+    values: dict[str, float]
+    distance: float | None
+    failed: bool
+    phase: str = "search"
+
+
+class RegionRecord(_Model):
+    """The part of the plane of two external fields in which the whole system fails."""
+
+    x: str
+    y: str
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+    inside: ProportionRecord | None = None
+    text: str = ""
+
+
+class ActivationRecord(Artefact):
+    """External inputs that make the failure happen in the whole system (RIOT II-D)."""
+
+    FILE = "activation.json"
+    found: dict[str, float] | None
+    runs: int
+    best_distance: float | None
+    replays: int = 0
+    replays_failed: int = 0
+    region: RegionRecord | None = None
+    points: tuple[PointRecord, ...] = ()
+    messages: int = 0
+
+    @property
+    def replay_rate(self) -> float | None:
+        """Share of replays of the external messages alone that failed; None if there were none."""
+        return self.replays_failed / self.replays if self.replays else None
+
+
+STEP_OF = {
+    "campaign.json": "test",
+    "finding.json": "test",
+    "minimal.json": "minimize",
+    "fields.json": "relevance",
+    "rule.json": "rules",
+    "permeability.json": "permeability",
+    "activation.json": "activate",
+}

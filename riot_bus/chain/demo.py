@@ -1,0 +1,104 @@
+"""`riot demo`: the whole chain on a system, from nothing to the report (the paper's case study, RIOT III)."""
+
+from __future__ import annotations
+
+import sysconfig
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.chain.analyze import Analysis, Budget, analyze
+from riot_bus.chain.robustness import test_unit, tested
+from riot_bus.errors import ConfigError
+from riot_bus.log.info import log_info
+
+if TYPE_CHECKING:
+    from riot_bus.chain.workspace import Workspace
+
+__all__ = ["demo", "find_example"]
+
+_TRIALS = 60
+
+
+def find_example(name: str) -> Path:
+    """Return the riot.toml of an example: in the source tree beside this package, or where the wheel put it.
+
+    Raises:
+        ConfigError: It is in neither place.
+    """
+    places = [
+        Path(__file__).resolve().parents[2] / "examples",
+        Path(sysconfig.get_path("data")) / "share" / "riot_bus" / "examples",
+    ]
+    for place in places:
+        if (place / name / "riot.toml").is_file():
+            return place / name / "riot.toml"
+    raise ConfigError(f"the example {name!r} is not installed", hint=f"looked in {', '.join(map(str, places))}")
+
+
+def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None = None) -> dict[str, Any]:
+    """Record, test, explain and backchain; return the figures.
+
+    A run that was cut off goes on where it stopped: finished steps are read from their files, and trials of the step
+    that was cut off come from the store.
+
+    Args:
+        workspace: Where to work.
+        trials: Budget of the unit's campaign.
+        seconds: Time budget of the unit's campaign.
+    """
+    started = time.monotonic()
+    unit, _ = workspace.unit(None)
+    with workspace.step("record"):
+        log = workspace.nominal_log()
+        count = log_info(log).count
+        workspace.narrator.end("record", f"nominal run of {workspace.context.file.system.name}: {count} messages")
+    folders = tested(workspace, unit)
+    if folders is None:
+        folders = test_unit(workspace, unit, trials=trials, seconds=seconds)
+    figures = {"seed": workspace.seed, "nominal_messages": count}
+    analyses = [analyze(workspace, folder, budget=Budget()) for folder in folders]
+    if analyses:
+        figures.update(_figures(max(analyses, key=_progress)))
+    return {**figures, "findings": [str(folder) for folder in folders], "seconds": round(time.monotonic() - started, 1)}
+
+
+def _progress(analysis: Analysis) -> tuple[int, int]:
+    steps = (analysis.minimal, analysis.fields, analysis.rule, analysis.permeability, analysis.activation)
+    activated = analysis.activation is not None and analysis.activation.found is not None
+    return sum(step is not None for step in steps) + activated, analysis.finding.occurrences
+
+
+def _figures(one: Analysis) -> dict[str, Any]:
+    region = one.activation.region if one.activation else None
+    steps = {
+        "test": one.finding,
+        "minimize": one.minimal,
+        "relevance": one.fields,
+        "rules": one.rule,
+        "permeability": one.permeability,
+        "activate": one.activation,
+    }
+    return {
+        "seed": one.finding.seed,
+        "minimal_messages": len(one.minimal.kept) if one.minimal else None,
+        "relevant_fields": [field.name for field in one.fields.fields] if one.fields else [],
+        "rule": one.rule.text if one.rule else None,
+        "rule_balanced_accuracy": one.rule.balanced_accuracy if one.rule else None,
+        "permeable_fields": list(one.permeability.permeable) if one.permeability else [],
+        "activation_runs": one.activation.runs if one.activation else None,
+        "activation_replay_rate": (
+            one.activation.replays_failed / one.activation.replays
+            if one.activation and one.activation.replays
+            else None
+        ),
+        "region": (
+            {"x_min": region.x_min, "x_max": region.x_max, "y_min": region.y_min, "y_max": region.y_max}
+            if region
+            else None
+        ),
+        "trials": {name: step.trials for name, step in steps.items() if step is not None},
+        "stopped": one.stopped or None,
+        "report": str(one.report),
+        "finding": str(one.folder),
+    }

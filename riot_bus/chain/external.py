@@ -1,0 +1,131 @@
+"""The external fields of a system: what the outside controls, and how it behaves in the nominal log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from statistics import median, pstdev
+from typing import TYPE_CHECKING
+
+from riot_bus.backchain.graph import Component, TopicGraph
+from riot_bus.campaign.schedule import targets_of
+from riot_bus.chain.logs import nominal_values
+from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.log.reader import read_log
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.sut.system import SystemFile
+
+__all__ = ["ExternalField", "external_fields", "message_rate", "topic_graph"]
+
+_REACH = 2500.0
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalField:
+    """One numeric field of an external topic.
+
+    Attributes:
+        nominal: Median in the nominal log.
+        spread: Standard deviation there; for a constant field a tenth of its size, or 1.
+        low: Smallest nominal value.
+        high: Largest nominal value.
+        range: Values that may be tried, from riot.toml or 2,500 spreads around the nominal value.
+        rate: Messages per second of its topic in the nominal log.
+    """
+
+    name: str
+    topic: str
+    path: str
+    type: str
+    nominal: float
+    spread: float
+    low: float
+    high: float
+    range: tuple[float, float]
+    rate: float
+
+    @property
+    def integer(self) -> bool:
+        """Whether the field holds whole numbers."""
+        return "int" in self.type
+
+
+def topic_graph(file: SystemFile) -> TopicGraph:
+    """Return which topics lead to which inside the system, as riot.toml declares it."""
+    return TopicGraph(
+        {
+            name: Component(frozenset(component.inputs), frozenset(component.outputs))
+            for name, component in file.components.items()
+            if not component.external
+        }
+    )
+
+
+def message_rate(times: Iterable[int]) -> float:
+    """Return messages per second from their times in nanoseconds."""
+    stamps = list(times)
+    return (len(stamps) - 1) / max(1e-9, (stamps[-1] - stamps[0]) / 1e9) if len(stamps) > 1 else 0.0
+
+
+def external_fields(workspace: Workspace) -> list[ExternalField]:
+    """List all numeric external fields, with their behaviour in the nominal log.
+
+    Raises:
+        ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
+    """
+    file, registry = workspace.context.file, workspace.context.registry
+    if not file.external.topics:
+        raise ConfigError(
+            "no external topics", where=f"{file.path}: [external]", hint="list what the outside controls in `topics`"
+        )
+    log = read_log(workspace.nominal_log())
+    messages = [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
+    targets = targets_of(messages, registry, leave=file.external.exclude)
+    targets = {
+        topic: [target for target in fields if target.type not in ("string", "bytes", "bool")]
+        for topic, fields in targets.items()
+    }
+    if not any(targets.values()):
+        present = {registry.topic(one.key) for one in log}
+        raise ConfigError(
+            f"the nominal log holds no numeric field of {', '.join(file.external.topics)}",
+            where=str(workspace.nominal_log()),
+            hint=did_you_mean(file.external.topics[0], present),
+        )
+    values = nominal_values(
+        messages, {topic: [one.path for one in some] for topic, some in targets.items()}, registry=registry
+    )
+    times: dict[str, list[int]] = {}
+    for message in messages:
+        times.setdefault(registry.topic(message.key), []).append(message.time)
+    fields = []
+    for topic, some in targets.items():
+        for target in some:
+            numbers = [float(value) for value in values[f"{topic}:{target.path}"] if _finite(value)]
+            if numbers:
+                fields.append(_described(topic, target.path, target.type, numbers, message_rate(times[topic]), file))
+    return fields
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)
+
+
+def _described(
+    topic: str, path: str, type_name: str, numbers: list[float], rate: float, file: SystemFile
+) -> ExternalField:
+    name = f"{topic}:{path}"
+    nominal = median(numbers)
+    spread = pstdev(numbers)
+    if spread <= 1e-9 * max(1.0, abs(nominal)):
+        spread = abs(nominal) / 10 or 1.0
+    chosen = (nominal - _REACH * spread, nominal + _REACH * spread)
+    for pattern, limits in file.external.ranges.items():
+        if fnmatchcase(name, pattern):
+            chosen = limits
+    return ExternalField(name, topic, path, type_name, nominal, spread, min(numbers), max(numbers), chosen, rate)

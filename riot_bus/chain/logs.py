@@ -1,0 +1,172 @@
+"""Failing logs: the messages as they were delivered, the originals of the modified ones, and their fields by name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.generalize.oracle import same_scalar
+from riot_bus.log.reader import LogReader
+from riot_bus.log.writer import LogWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.message import Message
+    from riot_bus.pipeline.event import Change
+    from riot_bus.sut.context import Context
+    from riot_bus.trial import Scalar
+    from riot_bus.types.model import Leaf
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["FailingLog", "NamedField", "NamedFields", "nominal_values"]
+
+_ELEMENTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class FailingLog:
+    """A log and, by message number, what modified messages were before."""
+
+    messages: tuple[Message, ...]
+    originals: Mapping[int, Message]
+
+    def keep(self, indices: Iterable[int]) -> FailingLog:
+        """Return the part of the log with these positions."""
+        kept = tuple(self.messages[index] for index in indices)
+        numbers = {message.sequence for message in kept}
+        return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
+
+    def save(
+        self,
+        path: Path,
+        *,
+        context: Context,
+        metadata: Mapping[str, str],
+        changes: Mapping[int, Sequence[Change]] | None = None,
+    ) -> None:
+        """Write the log with its originals and provenance."""
+        with LogWriter(path, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
+            for message in self.messages:
+                original = self.originals.get(message.sequence)
+                if original is not None:
+                    writer.write(original, role="original", changes=(changes or {}).get(message.sequence, ()))
+                writer.write(message)
+
+    @classmethod
+    def load(cls, path: Path, *, registry: TypeRegistry) -> FailingLog:
+        """Read a log that `save` or a recorder wrote.
+
+        Raises:
+            ConfigError: The file is missing or not MCAP.
+        """
+        with LogReader(path) as reader:
+            for topic, (schema, encoding) in reader.schemas.items():
+                if registry.type_of(topic) is None:
+                    registry.add_schema(topic, schema, encoding)
+            messages = tuple(reader.messages())
+            originals = {message.sequence: message for message in reader.originals()}
+        return cls(messages, originals)
+
+
+@dataclass(frozen=True, slots=True)
+class NamedField:
+    """One scalar field of one message of a short log.
+
+    Attributes:
+        name: `topic:path`, or `topic[i]:path` where the log holds several messages of the topic.
+        position: Which message.
+        original: Value before the injection, None if the field was not changed.
+    """
+
+    name: str
+    topic: str
+    position: int
+    leaf: Leaf
+    original: Scalar | None
+
+
+class NamedFields:
+    """The fields of a short log by name, and the log with some of them replaced."""
+
+    def __init__(self, log: FailingLog, *, registry: TypeRegistry) -> None:
+        self.log = log
+        self.registry = registry
+        topics = [registry.topic(message.key) for message in log.messages]
+        several = {topic for topic, count in Counter(topics).items() if count > 1}
+        seen: Counter[str] = Counter()
+        self.fields: dict[str, NamedField] = {}
+        for position, (topic, message) in enumerate(zip(topics, log.messages, strict=True)):
+            prefix = f"{topic}[{seen[topic]}]" if topic in several else topic
+            seen[topic] += 1
+            for leaf, original in self._leaves(message):
+                name = f"{prefix}:{leaf.path}"
+                self.fields[name] = NamedField(name, topic, position, leaf, original)
+
+    def _leaves(self, message: Message) -> Iterable[tuple[Leaf, Scalar | None]]:
+        kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        if kind is None or message.kind == "delete":
+            return
+        before = self.log.originals.get(message.sequence)
+        try:
+            leaves = kind.leaves(message.payload, elements=_ELEMENTS)
+        except PayloadError:
+            return
+        for leaf in leaves:
+            if leaf.path.startswith("len("):
+                continue
+            original: Scalar | None = None
+            if before is not None:
+                try:
+                    value = kind.read(before.payload, leaf.path)
+                    original = None if same_scalar(value, leaf.value) else value
+                except PayloadError:
+                    original = None
+            yield leaf, original
+
+    def with_values(self, values: Mapping[str, Scalar]) -> tuple[Message, ...]:
+        """Return the log's messages with fields set by name; fields that keep their value keep their bytes.
+
+        Raises:
+            ConfigError: No such field.
+        """
+        changes: dict[int, dict[str, Scalar]] = {}
+        for name, value in values.items():
+            field = self.fields.get(name)
+            if field is None:
+                raise ConfigError(f"the minimal log has no field {name!r}")
+            if not same_scalar(value, field.leaf.value):
+                changes.setdefault(field.position, {})[field.leaf.path] = value
+        messages = list(self.log.messages)
+        for position, patch in changes.items():
+            message = messages[position]
+            kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            assert kind is not None
+            messages[position] = message.with_(payload=kind.patch(message.payload, patch))
+        return tuple(messages)
+
+
+def nominal_values(
+    messages: Sequence[Message], paths: Mapping[str, Iterable[str]], *, registry: TypeRegistry, at_most: int = 2000
+) -> dict[str, list[Scalar]]:
+    """Return the values that fields (by topic, then path) took in a log, evenly thinned out."""
+    values: dict[str, list[Scalar]] = {f"{topic}:{path}": [] for topic, some in paths.items() for path in some}
+    by_topic: dict[str, list[Message]] = {topic: [] for topic in paths}
+    for message in messages:
+        topic = registry.topic(message.key)
+        if topic in by_topic:
+            by_topic[topic].append(message)
+    for topic, carried in by_topic.items():
+        for message in carried[:: max(1, -(-len(carried) // at_most))]:
+            kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            if kind is None:
+                break
+            for path in paths[topic]:
+                try:
+                    values[f"{topic}:{path}"].append(kind.read(message.payload, path))
+                except PayloadError:
+                    continue
+    return values

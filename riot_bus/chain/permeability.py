@@ -1,0 +1,142 @@
+"""Step `permeability`: which external fields reach the relevant ones (RIOT II-C)."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from typing import TYPE_CHECKING
+
+from riot_bus.backchain.permeability import Drive, PermeabilityResult, Run, analyse
+from riot_bus.chain.artefacts import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
+from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
+from riot_bus.errors import InconclusiveError
+from riot_bus.injection import Injection, Signal
+from riot_bus.trial import Outcome, Series, TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.workspace import Workspace
+
+__all__ = ["internal_name", "permeability"]
+
+_HOLD = 5
+
+
+def internal_name(name: str) -> str:
+    """Return the bus-wide name of a field of a minimal log (`topic[2]:path` is `topic:path`)."""
+    topic, _, path = name.rpartition(":")
+    return re.sub(r"\[\d+\]$", "", topic) + ":" + path
+
+
+def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
+    """Perturb the external fields of the whole system and write `permeability.json`.
+
+    Args:
+        workspace: Where to work.
+        folder: The finding.
+        runs: Long runs of the whole system.
+        prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
+
+    Raises:
+        ConfigError: The step before has not been done, or nothing external is described.
+        InconclusiveError: Nothing external can reach the relevant fields.
+    """
+    finding, relevant = FindingRecord.load(folder), FieldsRecord.load(folder)
+    file = workspace.context.file
+    internals = sorted({internal_name(record.name) for record in relevant.fields})
+    graph = topic_graph(file)
+    topics = sorted({name.rpartition(":")[0] for name in internals})
+    reaching = frozenset().union(*(graph.reaching(topic) for topic in topics))
+    fields = external_fields(workspace)
+    driven = [field for field in fields if not prune or field.topic in reaching]
+    pruned = tuple(field.name for field in fields if field not in driven)
+    if not internals or not driven:
+        raise InconclusiveError(
+            "no external topic leads to the relevant fields by the inputs and outputs that riot.toml declares",
+            where=str(file.path),
+            hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
+        )
+    rate = _slowest_internal(workspace, topics)
+    with workspace.step("permeability") as step:
+        runner = step.system_runner(
+            observe=(*internals, *sorted({field.topic for field in driven})), duration=file.system.perturbed_duration
+        )
+        plans = [{field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven} for run in range(runs)]
+        outcomes: list[Outcome] = []
+        for start in range(0, runs, runner.parallelism):
+            cases = [
+                TestCase(
+                    injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
+                    seed=workspace.seed + start + number,
+                )
+                for number, plan in enumerate(plans[start : start + runner.parallelism])
+            ]
+            outcomes += runner.run(cases)
+            step.progress(len(outcomes), runs, f"{len(driven)} external fields perturbed at once")
+        result = analyse(
+            [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
+            seed=workspace.seed,
+        )
+        record = PermeabilityRecord(
+            edges=_edges(result),
+            runs=runs,
+            pruned=pruned,
+            nominal={field.name: (field.nominal, field.spread) for field in driven},
+            tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
+            seed=workspace.seed,
+            trials=step.trials,
+            seconds=step.seconds,
+        )
+        record.save(folder)
+        names = ", ".join(record.permeable) or "none"
+        workspace.narrator.end(
+            "permeability", f"{len(driven)} external fields in {runs} runs of {finding.system} -> {names}"
+        )
+    return record
+
+
+def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
+    """Return the lowest message rate of the relevant topics in the nominal log."""
+    registry = workspace.context.registry
+    times: dict[str, list[int]] = {topic: [] for topic in topics}
+    from riot_bus.log.reader import read_log
+
+    for message in read_log(workspace.nominal_log()):
+        topic = registry.topic(message.key)
+        if topic in times:
+            times[topic].append(message.time)
+    return min(message_rate(some) for some in times.values())
+
+
+def _signal(field: ExternalField, rate: float, *, seed: int, run: int) -> Signal:
+    """Return a signal over the field's nominal range, held for about five samples of the internal series."""
+    half = (field.high - field.low) / 2 or field.spread
+    hold = max(1, round(_HOLD * field.rate / rate)) if rate else _HOLD
+    own = zlib.crc32(f"{seed}:{run}:{field.name}".encode())
+    return Signal((field.high + field.low) / 2, half, hold=hold, seed=own, integer=field.integer)
+
+
+def _run(plan: Mapping[ExternalField, Signal], outcome: Outcome, internals: Sequence[str]) -> Run:
+    inputs = {}
+    for field, signal in plan.items():
+        times = outcome.observed[field.topic].times
+        inputs[field.name] = Drive(Series(times, tuple(signal.value(index) for index in range(len(times)))), signal)
+    return Run(inputs, {name: outcome.observed[name] for name in internals})
+
+
+def _edges(result: PermeabilityResult) -> tuple[EdgeRecord, ...]:
+    return tuple(
+        EdgeRecord(
+            external=edge.external,
+            internal=edge.internal,
+            permeable=edge.permeable,
+            strength=edge.strength,
+            low=edge.low,
+            high=edge.high,
+            lag_s=edge.lag_s,
+            p_value=edge.p_value,
+        )
+        for edge in result.edges
+    )

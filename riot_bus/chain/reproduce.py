@@ -1,0 +1,83 @@
+"""Does a finding still fail? Fresh trials of its shortest log, never answers from the store."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.chain.artefacts import ActivationRecord, FindingRecord, MinimalRecord
+from riot_bus.chain.logs import FailingLog
+from riot_bus.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.log.reader import read_log
+from riot_bus.sut.local import LocalRunner
+from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.trial import TestCase, Verdict
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from riot_bus.chain.workspace import Workspace
+
+__all__ = ["Reproduction", "reproduce"]
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """The answer: in how many of how many fresh trials the same failure came again."""
+
+    answer: Literal["still failing", "fixed"]
+    failed: int
+    trials: int
+    log: str
+    detail: str = ""
+
+
+def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_system: bool = False) -> Reproduction:
+    """Play a finding's log to fresh components.
+
+    Args:
+        workspace: Where to work.
+        folder: The finding.
+        times: Fresh trials.
+        whole_system: Play the external messages of `activation.mcap` to the whole system instead of the minimal log
+            to the unit.
+
+    Raises:
+        InconclusiveError: It fails in some trials and passes in others, or fails in another way.
+        ConfigError: There is no log to play.
+        EnvironmentFaultError: The components do not start.
+    """
+    finding = FindingRecord.load(folder)
+    registry = workspace.context.registry
+    trial: SystemTrial | UnitTrial
+    if whole_system:
+        if not ActivationRecord.exists(folder) or not (folder / "activation.mcap").is_file():
+            raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
+        path = folder / "activation.mcap"
+        messages = read_log(path)
+        trial = SystemTrial(workspace.context, duration=workspace.context.file.system.trial_duration)
+    else:
+        path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
+        messages = FailingLog.load(path, registry=registry).messages
+        trial = UnitTrial(workspace.context, finding.unit, idle_rate=workspace.idle_rate(finding.unit))
+    runner = LocalRunner(trial, workspace.pool)
+    outcomes = runner.run([TestCase(messages, seed=workspace.seed + number) for number in range(times)])
+    for outcome in outcomes:
+        if outcome.verdict is Verdict.ERROR:
+            raise EnvironmentFaultError(outcome.detail)
+    failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
+    others = sorted(
+        {outcome.violations[0].signature for outcome in outcomes if outcome.verdict is Verdict.FAIL}
+        - {finding.signature}
+    )
+    if failed == len(outcomes):
+        detail = next(one.violations[0].detail for one in outcomes if one.failed_as(finding.signature))
+        return Reproduction("still failing", failed, len(outcomes), path.name, detail)
+    if failed == 0 and not others:
+        return Reproduction("fixed", 0, len(outcomes), path.name)
+    raise InconclusiveError(
+        f"{failed} of {len(outcomes)} trials of {path.name} fail as before"
+        + (f", others fail differently: {', '.join(others)}" if others else ""),
+        hint="repeat with --times for a clearer picture",
+    )

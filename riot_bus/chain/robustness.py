@@ -1,0 +1,136 @@
+"""Step `test`: a campaign on one unit, its failures grouped into findings (RIOT II-A)."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.campaign import CampaignResult, run_campaign
+from riot_bus.campaign.schedule import Schedule, targets_of
+from riot_bus.campaign.triage import Failure, finding_id
+from riot_bus.chain.artefacts import CampaignRecord, FindingRecord
+from riot_bus.chain.logs import FailingLog
+from riot_bus.inject.apply import inject_log
+from riot_bus.inject.dictionary import Dictionary, load_dictionary
+from riot_bus.report.reproduce import write_reproduce
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.workspace import Step, Workspace
+    from riot_bus.message import Message
+    from riot_bus.trial import TestCase
+
+__all__ = ["dictionary_of", "test_unit", "tested"]
+
+
+def dictionary_of(workspace: Workspace, unit: str) -> Dictionary:
+    """Return the dictionaries that apply to a unit: the installed ones and those that riot.toml names."""
+    file = workspace.context.file
+    return load_dictionary([file.root / name for name in file.unit[unit].dictionaries])
+
+
+def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None) -> list[Path]:
+    """Run a campaign and write one folder per finding, most frequent first.
+
+    Args:
+        workspace: Where to work.
+        unit: The unit to test.
+        trials: At most so many injected trials.
+        seconds: At most so much time; None for no limit.
+
+    Raises:
+        RiotError: The unit does not start, its log holds nothing for it, or nothing can be injected.
+    """
+    registry = workspace.context.registry
+    settings = workspace.context.file.unit[unit]
+    log = workspace.unit_log(unit)
+    schedule = Schedule(
+        targets_of(log, registry, leave=settings.leave, include=settings.include),
+        dictionary_of(workspace, unit),
+        seed=workspace.seed,
+    )
+
+    def modified(messages: Sequence[Message], case: TestCase) -> int:
+        return len(inject_log(messages, case.injections, registry=registry, seed=case.seed)[1])
+
+    with workspace.step("test") as step:
+        result = run_campaign(
+            log,
+            schedule,
+            step.unit_runner(unit),
+            seed=workspace.seed,
+            trials=trials,
+            seconds=seconds,
+            modified=modified,
+            progress=step.progress,
+        )
+        folders = [
+            _save(workspace, unit, failure, log, step)
+            for failure in sorted(result.failures.values(), key=lambda one: (-one.occurrences, one.trial))
+        ]
+        CampaignRecord(
+            unit=unit,
+            fingerprint=workspace.fingerprint,
+            failing=result.failing,
+            findings=tuple(folder.name for folder in folders),
+            seed=workspace.seed,
+            trials=step.trials,
+            seconds=step.seconds,
+        ).save(workspace.out)
+        workspace.narrator.end("test", _summary(unit, log, result))
+    return folders
+
+
+def tested(workspace: Workspace, unit: str) -> list[Path] | None:
+    """Return the findings of a finished campaign on this very system, unit and seed; None if there was none."""
+    if not CampaignRecord.exists(workspace.out):
+        return None
+    record = CampaignRecord.load(workspace.out)
+    if (record.unit, record.fingerprint, record.seed) != (unit, workspace.fingerprint, workspace.seed):
+        return None
+    return [workspace.findings / name for name in record.findings]
+
+
+def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
+    return (
+        f"{result.trials} trials of {unit} with {len(log)} messages each: {result.failing} failed, "
+        f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
+    )
+
+
+def _save(workspace: Workspace, unit: str, failure: Failure, log: Sequence[Message], step: Step) -> Path:
+    context = workspace.context
+    numbered = [message.with_(sequence=number) for number, message in enumerate(log)]
+    delivered, touched = inject_log(numbered, failure.injections, registry=context.registry, seed=workspace.seed)
+    prefix = delivered[: failure.played] if failure.played else delivered
+    numbers = {message.sequence for message in prefix}
+    originals = {original.sequence: original for _, original, _ in touched if original.sequence in numbers}
+    changes = {original.sequence: made for _, original, made in touched}
+    name = finding_id(failure.violation)
+    folder = workspace.findings / name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    metadata = {"finding": name, "signature": failure.violation.signature, "seed": str(workspace.seed)}
+    FailingLog(prefix, originals).save(folder / "failure.mcap", context=context, metadata=metadata, changes=changes)
+    FindingRecord(
+        id=name,
+        system=context.file.system.name,
+        system_file=str(context.file.path),
+        unit=unit,
+        component=failure.violation.component,
+        monitor=failure.violation.monitor,
+        signature=failure.violation.signature,
+        details=tuple(failure.details),
+        occurrences=failure.occurrences,
+        injections=tuple(asdict(injection) for injection in failure.injections),
+        messages=len(prefix),
+        modified=len(originals),
+        seed=workspace.seed,
+        trials=step.trials,
+        seconds=step.seconds,
+    ).save(folder)
+    write_reproduce(folder)
+    return folder

@@ -1,0 +1,29 @@
+"""Options that several commands share, declared once."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["Finding", "Format", "Jobs", "Out", "OutputFormat", "Seed", "System", "UnitName"]
+
+
+class OutputFormat(StrEnum):
+    """How results are written to stdout."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
+Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folder for everything that is written.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor.")
+]
+Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
+UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]
+Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")]
+Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds one.")]

@@ -1,0 +1,95 @@
+"""Errors that say what, where, which value, and what to do.
+
+One root, few children: each child stands for one exit code of the command line (`riot_bus.cli`).
+"""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "ConfigError",
+    "DataLossError",
+    "EnvironmentFaultError",
+    "InconclusiveError",
+    "MissingExtraError",
+    "PayloadError",
+    "RiotError",
+    "did_you_mean",
+]
+
+
+class RiotError(Exception):
+    """Root of every error that riot_bus raises on purpose.
+
+    Args:
+        message: What went wrong, with the offending value.
+        where: Place of the problem (file:line, key, field path), if there is one.
+        hint: What the user can do about it.
+    """
+
+    exit_code = 2
+
+    def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        self.hint = hint
+
+    def __str__(self) -> str:
+        text = f"{self.where}: {self.message}" if self.where else self.message
+        return f"{text}\n  hint: {self.hint}" if self.hint else text
+
+
+class ConfigError(RiotError):
+    """A file, option, plan or selector that a person wrote is not usable: mend it and run again."""
+
+
+class MissingExtraError(ConfigError):
+    """An optional dependency is not installed: install the extra named in the hint."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"the Python package {package!r} is not installed", hint=f"pip install 'riot-bus[{extra}]'")
+
+
+class PayloadError(RiotError, ValueError):
+    """A payload does not decode as its type says, or a field path does not exist in it."""
+
+
+class DataLossError(RiotError):
+    """The work was finished, but messages were lost or a log is damaged; the numbers are in the message."""
+
+    exit_code = 3
+
+
+class EnvironmentFaultError(RiotError):
+    """The surroundings failed: a port is in use, a component does not start, a router is unreachable."""
+
+    exit_code = 4
+
+
+class InconclusiveError(RiotError):
+    """The outcome is too flaky for a statement within the budget: raise the budget or look at the component."""
+
+    exit_code = 5
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str | None:
+    """Return a hint that names the nearest known words, or lists a few of them.
+
+    Args:
+        word: What the user wrote.
+        known: What would have been accepted.
+    """
+    options = sorted(set(known))
+    near = get_close_matches(word, options, n=3, cutoff=0.6)
+    if near:
+        return "did you mean " + " or ".join(repr(option) for option in near) + "?"
+    if not options:
+        return None
+    shown = ", ".join(options[:12]) + (", ..." if len(options) > 12 else "")
+    return f"known: {shown}"

@@ -1,0 +1,207 @@
+"""The learner: a small disjunctive rule of least description length, by beam search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from riot_bus.generalize.features import Array
+from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.table import Candidate, concrete
+
+__all__ = ["Learnt", "learn"]
+
+ERROR_BITS = 12.0
+"""Cost of one sample that the rule gets wrong."""
+
+RARE = 4
+"""With fewer failing samples than this, each one missed costs more: a rule for a rare failure must not be "never"."""
+
+MOST_TERMS = 4
+MOST_LITERALS = 3
+POOL = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Learnt:
+    """A rule with the intervals its thresholds came from, its description length and its mistakes on the samples."""
+
+    terms: tuple[tuple[Candidate, ...], ...]
+    bits: float
+    mistakes: int
+
+    @property
+    def rule(self) -> Rule:
+        """The rule with the simplest thresholds."""
+        return Rule(tuple(tuple(concrete(candidate) for candidate in term) for term in self.terms))
+
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """The rule without its thresholds."""
+        return tuple(sorted(tuple(sorted((c.feature, c.operator) for c in term)) for term in self.terms))
+
+
+@dataclass(frozen=True, slots=True)
+class _Term:
+    literals: tuple[int, ...]
+    mask: Array
+    bits: float
+
+
+def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width: int = 3, beam: int = 24) -> Learnt:
+    """Return the disjunction of at most 4 terms of at most 3 literals with the least description length.
+
+    Args:
+        candidates: The literals to choose from.
+        masks: (candidates, samples): where each literal holds.
+        failed: (samples,): the outcomes.
+        width: Partial rules kept per step.
+        beam: Partial terms kept per step.
+    """
+    bits = np.array([candidate.bits for candidate in candidates]) + np.log2(2.0 + len(candidates)) / 4
+    keep = _distinct(masks, bits)
+    masks, bits = masks[keep], bits[keep]
+    matrix = masks.astype(np.float32)
+    states: list[tuple[float, tuple[_Term, ...]]] = [(float(_weights(failed)[failed].sum()), ())]
+    best = states[0]
+    pool: dict[bytes, _Term] = {}
+    for _ in range(MOST_TERMS):
+        grown: list[tuple[float, tuple[_Term, ...]]] = []
+        for _, terms in states:
+            covered = _union(terms, failed)
+            if not (failed & ~covered).any():
+                continue
+            found = _terms(matrix, masks, bits, failed, covered, beam)
+            for size in range(1, MOST_LITERALS + 1):
+                for term in [term for term in found if len(term.literals) == size][:POOL]:
+                    pool.setdefault(np.packbits(term.mask).tobytes(), term)
+            for term in _different(found, width):
+                wrong = (covered | term.mask) != failed
+                cost = float(_weights(failed)[wrong].sum()) + sum(t.bits for t in terms) + term.bits
+                grown.append((cost, (*terms, term)))
+        grown.sort(key=lambda state: (state[0], [term.literals for term in state[1]]))
+        if not grown or grown[0][0] >= best[0] + 2 * ERROR_BITS:
+            break
+        states = grown[:width]
+        best = min(best, states[0], key=lambda state: state[0])
+    cost, chosen_terms = _improve(best, list(pool.values()), failed)
+    covered = _union(chosen_terms, failed)
+    ordered = sorted(chosen_terms, key=lambda term: (term.bits, term.literals))
+    chosen = tuple(tuple(candidates[keep[index]] for index in term.literals) for term in ordered)
+    return Learnt(chosen, cost, int((covered != failed).sum()))
+
+
+def _weights(failed: Array) -> Array:
+    """Return the cost of getting each sample wrong."""
+    missed = ERROR_BITS * max(1.0, RARE / max(float(failed.sum()), 1.0))
+    return np.asarray(np.where(failed, missed, ERROR_BITS))
+
+
+def _different(terms: Sequence[_Term], count: int) -> list[_Term]:
+    """Return the first terms that hold on different samples."""
+    chosen: dict[bytes, _Term] = {}
+    for term in terms:
+        chosen.setdefault(term.mask.tobytes(), term)
+        if len(chosen) == count:
+            break
+    return list(chosen.values())
+
+
+def _improve(
+    best: tuple[float, tuple[_Term, ...]], pool: list[_Term], failed: Array
+) -> tuple[float, tuple[_Term, ...]]:
+    """Drop, add and exchange single terms, from the best rule so far and from the best pair, while that is shorter."""
+    if not pool:
+        return best
+    masks = np.array([term.mask for term in pool])
+    costs = np.array([term.bits for term in pool])
+    # Wrong samples of a | b from counts of a, b and a & b.
+    weights = _weights(failed)
+    sign = np.where(failed, -weights, weights)
+    none = float(weights[failed].sum())
+    alone = masks @ sign
+    both = (masks * sign) @ masks.T.astype(np.float64)
+    pairs = none + alone[:, None] + alone[None, :] - both + costs[:, None] + costs[None, :]
+    np.fill_diagonal(pairs, none + alone + costs)
+    left, right = divmod(int(np.argmin(pairs)), len(pool))
+    pair = (float(pairs[left, right]), tuple(pool[index] for index in sorted({left, right})))
+    best = min(best, pair, key=lambda state: state[0])
+    while True:
+        cost, terms = best
+        smaller = [terms[:index] + terms[index + 1 :] for index in range(len(terms))]
+        for rest in [*smaller, terms]:
+            covered = _union(rest, failed)
+            spent = sum(term.bits for term in rest)
+            bare = float(weights[covered != failed].sum()) + spent
+            best = min(best, (bare, rest), key=lambda state: state[0])
+            if len(rest) < MOST_TERMS:
+                grown = ((covered[None, :] | masks) != failed) @ weights + spent + costs
+                index = int(np.argmin(grown))
+                best = min(best, (float(grown[index]), (*rest, pool[index])), key=lambda state: state[0])
+        if best[0] >= cost - 1e-6:
+            return best
+
+
+def _union(terms: tuple[_Term, ...], failed: Array) -> Array:
+    covered = np.zeros(len(failed), dtype=bool)
+    for term in terms:
+        covered |= term.mask
+    return covered
+
+
+def _distinct(masks: Array, bits: Array) -> Array:
+    """Return the cheapest candidate of each distinct mask, without those that hold nowhere or everywhere."""
+    packed = np.packbits(masks, axis=1)
+    count = masks.sum(axis=1)
+    some: Array = (count > 0) & (count < masks.shape[1])
+    chosen: dict[bytes, int] = {}
+    for index in np.argsort(bits, kind="stable").tolist():
+        if some[index]:
+            chosen.setdefault(packed[index].tobytes(), index)
+    return np.array(sorted(chosen.values()), dtype=np.int64)
+
+
+def _terms(matrix: Array, masks: Array, bits: Array, failed: Array, covered: Array, beam: int) -> list[_Term]:
+    """Return terms by falling value: bits saved on failing samples not covered yet, minus passing ones included."""
+    weight = float(_weights(failed).max())
+    want = (failed & ~covered).astype(np.float32)
+    avoid = (~failed).astype(np.float32)
+    base = want.sum() / (want.sum() + avoid.sum())
+    frontier = [_Term((), np.ones(len(failed), dtype=bool), 1.0)]
+    found: dict[tuple[int, ...], tuple[float, _Term]] = {}
+    for _ in range(MOST_LITERALS):
+        rows = np.array([term.mask for term in frontier], dtype=np.float32)
+        hits = (rows * want) @ matrix.T
+        misses = (rows * avoid) @ matrix.T
+        costs = np.array([term.bits for term in frontier])[:, None] + bits[None, :]
+        value = weight * hits - ERROR_BITS * misses - costs
+        promise = hits * (np.log2((hits + 0.1) / (hits + misses + 0.2)) - np.log2(base)) - 0.1 * costs
+        promise[hits < 1] = -np.inf
+        value[hits < 1] = -np.inf
+        picks = {*_top(value, 8), *_top(promise, beam)}
+        following: dict[tuple[int, ...], _Term] = {}
+        for parent, literal in sorted(picks):
+            if not np.isfinite(value[parent, literal]) or literal in frontier[parent].literals:
+                continue
+            term = _Term(
+                tuple(sorted((*frontier[parent].literals, literal))),
+                frontier[parent].mask & masks[literal],
+                float(costs[parent, literal]),
+            )
+            found[term.literals] = (float(value[parent, literal]), term)
+            if misses[parent, literal] > 0:
+                following[term.literals] = term
+        frontier = list(following.values())
+        if not frontier:
+            break
+    ranked = sorted(found.values(), key=lambda item: (-item[0], item[1].literals))
+    return [term for _, term in ranked]
+
+
+def _top(score: Array, count: int) -> list[tuple[int, int]]:
+    flat = score.ravel()
+    count = min(count, flat.size)
+    best = np.argpartition(-flat, count - 1)[:count]
+    return [(int(index) // score.shape[1], int(index) % score.shape[1]) for index in best]

@@ -1,0 +1,128 @@
+"""Rules: readable predicates over fields that predict the failure, and a distance to it (RIOT II-B c, II-D)."""
+
+from __future__ import annotations
+
+import json
+import keyword
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from riot_bus.errors import ConfigError
+from riot_bus.generalize import rule_json
+from riot_bus.generalize.features import Array
+from riot_bus.generalize.literals import FAR, Literal
+
+__all__ = ["Rule"]
+
+_DIVISION = """\
+    def _div(a, b):
+        if b:
+            return a / b if isinstance(a, float) or isinstance(b, float) else float(a) / float(b)
+        if not a or a != a or b != b:
+            return math.nan
+        return math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A disjunction of conjunctions of literals: `a and b or c`. Without terms it never holds."""
+
+    terms: tuple[tuple[Literal, ...], ...]
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of the variables it reads, sorted."""
+        return tuple(sorted({name for term in self.terms for literal in term for name in literal.feature.args}))
+
+    def predict(self, columns: Mapping[str, Array]) -> Array:
+        """Return for each row whether the failure is predicted.
+
+        Args:
+            columns: One array of equal length per variable; strings and bytes as object arrays.
+
+        Raises:
+            ConfigError: If a variable has no column.
+        """
+        result = np.zeros(_shape(columns), dtype=bool)
+        for term in self.terms:
+            inside = np.ones(_shape(columns), dtype=bool)
+            for literal in term:
+                inside &= literal.holds(columns)
+            result |= inside
+        return result
+
+    def distance(self, columns: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
+        """Return how far each row is from the predicted failure: negative inside, never NaN, at most 1e18 in size.
+
+        The largest over the literals of a term, the smallest over the terms; an objective for an optimiser.
+
+        Args:
+            columns: One array of equal length per variable.
+            scale: Nominal spread of each variable, the unit of the distance.
+
+        Raises:
+            ConfigError: If a variable has no column.
+        """
+        result = np.full(_shape(columns), FAR)
+        for term in self.terms:
+            worst = np.full(_shape(columns), -FAR)
+            for literal in term:
+                worst = np.maximum(worst, literal.distance(columns, scale))
+            result = np.minimum(result, worst)
+        return result
+
+    def text(self) -> str:
+        """Return the rule in one line, such as `x * y < 0 or x * y > 4194304`."""
+        if not self.terms:
+            return "never"
+        several = len(self.terms) > 1
+        terms = []
+        for term in self.terms:
+            line = " and ".join(literal.text() for literal in term) or "always"
+            terms.append(f"({line})" if several and len(term) > 1 else line)
+        return " or ".join(terms)
+
+    def python(self, name: str = "rule") -> str:
+        """Return the source of a standalone predicate `name(v)` over a dict of variables.
+
+        Raises:
+            ConfigError: If `name` is not a Python identifier.
+        """
+        if not name.isidentifier() or keyword.iskeyword(name):
+            raise ConfigError(f"{name!r} is not a name for a Python function")
+        terms = [" and ".join(literal.python("v") for literal in term) or "True" for term in self.terms]
+        body = "\n        or ".join(f"({term})" for term in terms) or "False"
+        uses_division = any(literal.feature.kind == "div" for term in self.terms for literal in term)
+        division = _DIVISION if uses_division else ""
+        uses_math = division or "math." in body
+        return (
+            "import math\n\n\n" if uses_math else ""
+        ) + f"def {name}(v):\n    {self.text()!r}\n{division}    return (\n        {body}\n    )\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the versioned JSON object, to be embedded in other files."""
+        return rule_json.encode(self.terms)
+
+    def to_json(self) -> str:
+        """Return the rule as versioned JSON text."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, source: str | bytes | Mapping[str, Any]) -> Rule:
+        """Read a rule from JSON text or from the object within another file.
+
+        Raises:
+            ConfigError: If it is not a rule of a known version.
+        """
+        return cls(rule_json.decode(source))
+
+
+def _shape(columns: Mapping[str, Array]) -> tuple[int, ...]:
+    for column in columns.values():
+        return np.asarray(column).shape
+    return (0,)

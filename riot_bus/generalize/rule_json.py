@@ -1,0 +1,100 @@
+"""The JSON form of rules. What is read here may come from strangers: everything is checked, nothing is evaluated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from riot_bus.errors import ConfigError
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
+from riot_bus.trial import Scalar
+
+__all__ = ["VERSION", "decode", "encode"]
+
+VERSION = 1
+MOST_TERMS = 64
+LONGEST_NAME = 1024
+LARGEST_INTEGER = 2**130
+
+Terms = tuple[tuple[Literal, ...], ...]
+
+
+def encode(terms: Terms) -> dict[str, Any]:
+    """Return the JSON object of a rule's terms."""
+    return {
+        "format": "riot-rule",
+        "version": VERSION,
+        "terms": [[_encode_literal(literal) for literal in term] for term in terms],
+    }
+
+
+def _encode_literal(literal: Literal) -> dict[str, Any]:
+    value = {"bytes": literal.value.hex()} if isinstance(literal.value, bytes) else literal.value
+    return {
+        "feature": literal.feature.kind,
+        "args": list(literal.feature.args),
+        "operator": literal.operator,
+        "value": value,
+    }
+
+
+def decode(source: str | bytes | Mapping[str, Any]) -> Terms:
+    """Return the terms of a rule.
+
+    Raises:
+        ConfigError: If the source is not a rule of a known version.
+    """
+    data: Any = source
+    if isinstance(source, str | bytes):
+        try:
+            data = json.loads(source)
+        except (ValueError, RecursionError) as error:
+            raise ConfigError(f"the rule is not JSON: {error}") from error
+    if not isinstance(data, Mapping) or data.get("format") != "riot-rule":
+        raise ConfigError("this is not a rule", hint='a rule is a JSON object with "format": "riot-rule"')
+    if type(data.get("version")) is not int or data["version"] != VERSION:
+        raise ConfigError(f"rule version {data.get('version')!r} is not known", hint=f"this release reads {VERSION}")
+    terms = _list(data.get("terms"), "terms")
+    return tuple(
+        tuple(_decode_literal(item, f"terms[{row}][{column}]") for column, item in enumerate(_list(term, "term")))
+        for row, term in enumerate(terms)
+    )
+
+
+def _list(value: Any, what: str) -> list[Any]:
+    if not isinstance(value, list) or len(value) > MOST_TERMS:
+        raise ConfigError(f"{what} of a rule must be a list of at most {MOST_TERMS} entries")
+    return value
+
+
+def _decode_literal(data: Any, where: str) -> Literal:
+    if not isinstance(data, Mapping) or set(data) != {"feature", "args", "operator", "value"}:
+        raise ConfigError("a literal has exactly feature, args, operator and value", where=where)
+    kind, args, operator = data["feature"], data["args"], data["operator"]
+    names = isinstance(args, list) and all(isinstance(name, str) and len(name) <= LONGEST_NAME for name in args)
+    if not isinstance(kind, str) or not isinstance(operator, str) or not names:
+        raise ConfigError("feature and operator are strings, args a list of names", where=where)
+    try:
+        return Literal(Feature(kind, tuple(args)), operator, _decode_value(data["value"]))
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from error
+
+
+def _decode_value(value: Any) -> Scalar | None:
+    if isinstance(value, Mapping):
+        text = value.get("bytes")
+        if set(value) != {"bytes"} or not isinstance(text, str) or len(text) > 2 * LONGEST_NAME:
+            raise ConfigError("an object as value can only be bytes in hexadecimal")
+        try:
+            return bytes.fromhex(text)
+        except ValueError as error:
+            raise ConfigError(f"not hexadecimal: {text[:40]!r}") from error
+    if value is None or isinstance(value, bool | float):
+        return value
+    if isinstance(value, int) and abs(value) <= LARGEST_INTEGER:
+        return value
+    if isinstance(value, str) and len(value) <= LONGEST_NAME:
+        return value
+    raise ConfigError("the value is too long, too large or of the wrong type")

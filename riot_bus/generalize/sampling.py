@@ -1,0 +1,170 @@
+"""Where the values of trials come from: nominal range, dictionary, log-uniform over the type, and known samples."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from riot_bus.generalize.features import Array
+from riot_bus.generalize.oracle import scalar_key
+from riot_bus.trial import Scalar
+
+__all__ = ["Sampler", "Variable", "columns_of", "fit", "integer_range", "interesting"]
+
+Assignment = Mapping[str, Scalar]
+
+_FLOAT32_MAX = 3.4028234663852886e38
+_DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One relevant field as a variable of the rule.
+
+    `type` is one of bool, int8 .. int64, uint8 .. uint64, float32, float64, string, bytes. `failing` is its value in
+    the failing log, `passing` values that heal (from certificates), `nominal` observed ones, `dictionary` exceptional
+    ones.
+    """
+
+    name: str
+    type: str
+    failing: Scalar
+    passing: tuple[Scalar, ...] = ()
+    nominal: tuple[Scalar, ...] = ()
+    dictionary: tuple[Scalar, ...] = ()
+
+
+def integer_range(type_: str) -> tuple[int, int] | None:
+    """Return the smallest and largest value of an integer type, None for other types."""
+    if type_.startswith("uint"):
+        return 0, 2 ** int(type_[4:]) - 1
+    if type_.startswith("int"):
+        return -(2 ** (int(type_[3:]) - 1)), 2 ** (int(type_[3:]) - 1) - 1
+    return None
+
+
+def fit(value: Scalar, type_: str) -> Scalar | None:
+    """Return the value as this type can hold it, or None when it cannot."""
+    limits = integer_range(type_)
+    if limits is not None:
+        if isinstance(value, str | bytes) or (isinstance(value, float) and not math.isfinite(value)):
+            return None
+        whole = int(value)
+        return whole if limits[0] <= whole <= limits[1] else None
+    if type_.startswith("float"):
+        if isinstance(value, str | bytes):
+            return None
+        number = float(value)
+        if type_ == "float32" and math.isfinite(number):
+            if abs(number) > _FLOAT32_MAX:
+                return None
+            narrowed: float = struct.unpack("<f", struct.pack("<f", number))[0]
+            return narrowed
+        return number
+    kinds = {"bool": bool, "string": str, "bytes": bytes}
+    return value if isinstance(value, kinds[type_]) else None
+
+
+def interesting(variable: Variable) -> list[Scalar]:
+    """Return the distinct known values of a variable: failing, passing, dictionary, edges of the type, some nominal."""
+    limits = integer_range(variable.type)
+    edges: list[Scalar] = []
+    if limits is not None:
+        edges = [0, 1, *limits, limits[1] // 2, *([-1] if limits[0] else [])]
+    elif variable.type.startswith("float"):
+        edges = [0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 1e6, -1e6]
+    elif variable.type == "bool":
+        edges = [False, True]
+    elif variable.type == "string":
+        edges = [""]
+    elif variable.type == "bytes":
+        edges = [b""]
+    known = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
+    fitted = [value for value in (fit(value, variable.type) for value in known) if value is not None]
+    return list({scalar_key(value): value for value in fitted}.values())
+
+
+def _spread(values: Sequence[Scalar]) -> list[Scalar]:
+    """Return up to seven of the values, the smallest and largest among them."""
+    try:
+        ordered = sorted({scalar_key(value): value for value in values}.values())
+    except TypeError:
+        ordered = list(values)
+    count = min(7, len(ordered))
+    return [ordered[index * (len(ordered) - 1) // max(count - 1, 1)] for index in range(count)]
+
+
+class Sampler:
+    """Draws assignments: nominal, interesting, log-uniform over the type, or near an interesting value.
+
+    Args:
+        variables: The variables; each draw gives all of them a value.
+    """
+
+    def __init__(self, variables: Sequence[Variable]) -> None:
+        self.variables = tuple(variables)
+        self.known = {variable.name: interesting(variable) for variable in variables}
+
+    def assignment(self, chance: random.Random) -> dict[str, Scalar]:
+        """Draw a value for every variable."""
+        return {variable.name: self.value(variable, chance) for variable in self.variables}
+
+    def value(self, variable: Variable, chance: random.Random) -> Scalar:
+        """Draw one value of one variable."""
+        kind = chance.random()
+        known = self.known[variable.name]
+        if variable.type in ("bool", "string", "bytes"):
+            return chance.choice(list(variable.nominal) if variable.nominal and kind < 0.4 else known)
+        if kind < 0.3 and variable.nominal:
+            return _nominal(variable, chance)
+        if kind < 0.55:
+            return chance.choice(known)
+        if kind < 0.65:
+            base = chance.choice(known)
+            near = fit(base + chance.choice((-2, -1, 1, 2)), variable.type) if isinstance(base, int) else None
+            return base if near is None else near
+        return _log_uniform(variable.type, chance)
+
+
+def _nominal(variable: Variable, chance: random.Random) -> Scalar:
+    """Draw from the nominal range: an observed value, or any between two observed ones."""
+    left, right = chance.choice(variable.nominal), chance.choice(variable.nominal)
+    if isinstance(left, str | bytes) or isinstance(right, str | bytes) or chance.random() < 0.5:
+        return left
+    if not (math.isfinite(left) and math.isfinite(right)):
+        return left
+    value = fit(left + (right - left) * chance.random(), variable.type)
+    return left if value is None else value
+
+
+def _log_uniform(type_: str, chance: random.Random) -> Scalar:
+    limits = integer_range(type_)
+    sign = -1 if chance.random() < 0.5 else 1
+    if limits is not None:
+        sign = sign if limits[0] else 1
+        size = int(2 ** (chance.random() * limits[1].bit_length()))
+        return min(max(sign * (size - 1), limits[0]), limits[1])
+    top = 38.0 if type_ == "float32" else 100.0
+    # Half of the draws within the sizes that engineers use, the others over (nearly) the whole type.
+    power = chance.uniform(-3.0, 9.0) if chance.random() < 0.6 else chance.uniform(-top, top)
+    value = fit(sign * 10**power, type_)
+    return 0.0 if value is None else value
+
+
+def columns_of(variables: Sequence[Variable], assignments: Sequence[Assignment]) -> dict[str, Array]:
+    """Return assignments as one array per variable."""
+    columns: dict[str, Array] = {}
+    for variable in variables:
+        dtype = _DTYPES.get(variable.type)
+        if dtype is None:
+            dtype = np.uint64 if variable.type == "uint64" else np.int64
+        column: Array = np.empty(len(assignments), dtype=dtype)
+        for row, assignment in enumerate(assignments):
+            column[row] = assignment[variable.name]
+        columns[variable.name] = column
+    return columns

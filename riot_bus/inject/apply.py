@@ -1,0 +1,59 @@
+"""Inject into a log: the same pipeline as on the live bus, with the log's own time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import RiotError
+from riot_bus.inject.interceptor import Injector
+from riot_bus.pipeline.queue import EmissionQueue
+from riot_bus.pipeline.runner import Pipeline
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.injection import Injection
+    from riot_bus.message import Message
+    from riot_bus.pipeline.event import Change
+    from riot_bus.pipeline.runner import Emission
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["inject_log"]
+
+
+def inject_log(
+    messages: Sequence[Message], injections: Sequence[Injection], *, registry: TypeRegistry, seed: int = 0
+) -> tuple[tuple[Message, ...], list[tuple[int, Message, tuple[Change, ...]]]]:
+    """Carry out injections on a log, in its order.
+
+    Args:
+        messages: The log.
+        injections: What to do to it.
+        registry: Names topics and knows their types.
+        seed: Seed of the choices.
+
+    Returns:
+        The messages as a receiver would get them (a delayed one carries its new time), and for every touched message
+        its index in the log, the original and what was done to it.
+    """
+    pipeline = Pipeline([Injector(injections, seed=seed)], registry=registry)
+    queue = EmissionQueue()
+    out: list[Message] = []
+    touched: list[tuple[int, Message, tuple[Change, ...]]] = []
+    for index, message in enumerate(messages):
+        result = pipeline.feed(message)
+        queue.push(*result.emissions)
+        out.extend(_delivered(queue.pop_due(message.time)))
+        if result.changes:
+            touched.append((index, message, result.changes))
+    out.extend(_delivered(queue.pop_due()))
+    pipeline.close()
+    for name, errors in pipeline.errors.items():
+        raise RiotError(f"{name} failed on {errors.count} messages:\n{errors.first}")
+    return tuple(out), touched
+
+
+def _delivered(emissions: Sequence[Emission]) -> Iterator[Message]:
+    for emission in emissions:
+        message = emission.message
+        yield message if message.time == emission.due else message.with_(time=emission.due)

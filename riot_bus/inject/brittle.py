@@ -1,0 +1,48 @@
+"""Fields that are better left alone.
+
+A wrong stamp, sequence number, checksum or signature makes a component reject the message at its door, which hides the
+faults behind it. Such fields are injected only when the user names them.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["is_brittle"]
+
+_REASONS = {
+    "header stamp": r"stamps?",
+    "timestamp": r"(\w+_)?timestamps?(_\w+)?|time_((boot|unix|since_boot)_)?(ns|us|usec|ms|msec|nsec)|utc_?time",
+    "sequence number": r"seq|seq(uence)?_?(no|nr|num|number|id|count|counter)|sequence|message_id|msg_id",
+    "frame id": r"(\w+_)?frame_?id",
+    "checksum": r"(\w+_)?(checksum|crc(8|16|32|64)?|md5|sha(1|256|512)?|hmac|digest)",
+    "version": r"(\w+_)?version(_\w+)?",
+    "protocol signature": r"(\w+_)?(signature|magic(_number)?|protocol(_id)?)",
+}
+_PATTERNS = {reason: re.compile(pattern) for reason, pattern in _REASONS.items()}
+_TYPES = {
+    "builtin_interfaces/Time": "timestamp",
+    "std_msgs/Header": "header stamp",
+    "rosgraph_msgs/Clock": "timestamp",
+}
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+def is_brittle(path: str, type_name: str | None = None) -> str | None:
+    """Return why a field should be left alone unless it was asked for, None if it may be injected.
+
+    Args:
+        path: Field path; every part counts, so `header.stamp.sec` is brittle because of `stamp`.
+        type_name: Type of the message, where the type says it all (`rosgraph_msgs/msg/Clock`).
+    """
+    if type_name is not None:
+        reason = _TYPES.get(type_name.replace("/msg/", "/"))
+        if reason is not None:
+            return reason
+    inner = path[4:-1] if path.startswith("len(") else path
+    for part in re.sub(r"\[[^]]*\]", "", inner).split("."):
+        word = _CAMEL.sub("_", part).lower().strip("_")
+        for reason, pattern in _PATTERNS.items():
+            if pattern.fullmatch(word):
+                return reason
+    return None

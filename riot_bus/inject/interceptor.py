@@ -1,0 +1,160 @@
+"""The interceptor that carries out injections."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import re
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.inject.predicate import parse_predicate
+from riot_bus.injection import Signal
+from riot_bus.pipeline.event import Change
+from riot_bus.selector import key_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.injection import Injection
+    from riot_bus.pipeline.event import Event
+    from riot_bus.trial import Scalar
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Injector"]
+
+_LOG = logging.getLogger(__name__)
+_ALL_ELEMENTS = 1 << 20
+_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
+
+
+class Injector:
+    """Carries out injections, the same ones for the same seed whatever the timing.
+
+    A share of messages (`probability`) is chosen by the seeds, the injection's number, the message's content and its
+    per-topic index, never by arrival order across topics. A message whose payload does not decode, or that lacks the
+    field, is passed on, counted in `skipped` and reported once per topic (`problems`).
+
+    Args:
+        injections: Carried out in this order.
+        seed: The trial's seed; each injection's own seed is added to it.
+
+    Raises:
+        ConfigError: An injection sets nothing, or its predicate does not parse.
+    """
+
+    name = "inject"
+
+    def __init__(self, injections: Sequence[Injection], *, seed: int = 0) -> None:
+        self.injections = tuple(injections)
+        self.seed = seed
+        self.topics = [injection.topic for injection in self.injections]
+        self.hits: Counter[int] = Counter()
+        """How often each injection (by number) was carried out."""
+        self.skipped: Counter[str] = Counter()
+        self.problems: dict[str, PayloadError] = {}
+        for number, each in enumerate(self.injections):
+            if each.fault == "set" and (each.field is None or each.value is None):
+                raise ConfigError("this injection sets nothing", where=f"inject[{number}]", hint="give field and value")
+        self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
+        self._registry: TypeRegistry | None = None
+        self._routes: dict[str, list[int]] = {}
+
+    def load(self, registry: TypeRegistry) -> None:
+        """Take the registry that says which topics an expression means."""
+        self._registry = registry
+        self._routes.clear()
+
+    def message(self, event: Event) -> None:
+        """Apply every injection that selects this message."""
+        original, digest = event.message, b""
+        key = original.key
+        numbers = self._routes.get(key)
+        if numbers is None:
+            numbers = self._routes[key] = [n for n in range(len(self.injections)) if self._wants(n, event)]
+        for number in numbers:
+            injection = self.injections[number]
+            if not _in_window(injection, event):
+                continue
+            try:
+                condition = self._conditions[number]
+                if condition is not None and not condition(event.read):
+                    continue
+                if injection.probability < 1.0:
+                    digest = digest or original.digest()
+                    if self._draw(number, digest, event.index) >= injection.probability:
+                        continue
+                _apply(injection, event)
+            except PayloadError as error:
+                self._skip(event.topic, error)
+            else:
+                self.hits[number] += 1
+            if event.dropped:
+                return
+
+    def _wants(self, number: int, event: Event) -> bool:
+        topic, key = self.injections[number].topic, event.message.key
+        if self._registry is not None:
+            return self._registry.matches(topic, key)
+        return topic == event.topic or key_matches(topic, key)
+
+    def _draw(self, number: int, digest: bytes, index: int) -> float:
+        text = f"{self.seed}:{self.injections[number].seed}:{number}:{index}:".encode()
+        return int.from_bytes(hashlib.sha256(text + digest).digest()[:8], "big") / 2**64
+
+    def _skip(self, topic: str, error: PayloadError) -> None:
+        self.skipped[topic] += 1
+        if topic not in self.problems:
+            self.problems[topic] = error
+            _LOG.warning("%s: an injection cannot be carried out, messages pass as they are: %s", topic, error)
+
+
+def _in_window(injection: Injection, event: Event) -> bool:
+    return (
+        injection.start <= event.seconds
+        and (injection.end is None or event.seconds < injection.end)
+        and injection.first <= event.index
+        and (injection.last is None or event.index <= injection.last)
+    )
+
+
+def _apply(injection: Injection, event: Event) -> None:
+    match injection.fault:
+        case "drop":
+            event.drop()
+        case "delay":
+            event.delay(injection.delay)
+        case "duplicate":
+            event.duplicate(injection.copies)
+        case "set" if injection.field is not None and injection.value is not None:
+            value = injection.value
+            _set(event, injection.field, value.value(event.index) if isinstance(value, Signal) else value)
+
+
+def _set(event: Event, path: str, value: Scalar) -> None:
+    if "[*]" not in path:
+        event.set(path, _fit(value, event.read(path)))
+        return
+    kind, payload = event.type, event.message.payload
+    if kind is None:
+        event.read(path)  # raises the right error
+        return
+    pattern = re.compile(re.escape(path).replace(r"\[\*\]", r"\[\d+\]"))
+    leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
+    patched = kind.patch(payload, {leaf.path: _fit(value, leaf.value) for leaf in leaves})
+    event.message = event.message.with_(payload=patched)
+    event.changes.append(Change(event.interceptor, "set", path, None, value))
+
+
+def _fit(value: Scalar, before: Scalar) -> Scalar:
+    """Bring a plan's value into the field's kind: `"nan"` is a number where the field is one."""
+    if isinstance(before, float):
+        if isinstance(value, str) and value.strip().lower() in _NUMBERS:
+            return float(value)
+        return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
+    if isinstance(before, bool):
+        return bool(value) if isinstance(value, int) else value
+    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value

@@ -1,0 +1,210 @@
+"""Injection plans: TOML files that people write.
+
+seed = 7
+
+[[inject]]
+topic = "/odom"
+field = "twist.twist.linear.x"
+value = nan                      # a number, true/false, text, {hex = "00ff"} for bytes
+where = "pose.pose.position.x > 3"
+start = 2.0                      # seconds since the first message
+end = 4.0
+
+[[inject]]
+topic = "/scan"
+fault = "drop"
+probability = 0.1
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.inject.predicate import parse_predicate
+from riot_bus.injection import Injection, Signal
+from riot_bus.selector import parse_selector
+from riot_bus.trial import Scalar
+
+__all__ = ["plan_to_toml", "read_plan"]
+
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_STRICT = ConfigDict(extra="forbid", strict=True)
+
+
+class _Bytes(BaseModel):
+    model_config = _STRICT
+    hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
+
+
+class _Signal(BaseModel):
+    model_config = _STRICT
+    center: _Finite
+    amplitude: Annotated[_Finite, Field(ge=0)]
+    hold: Annotated[int, Field(ge=1)] = 5
+    seed: int | None = None
+    integer: bool = False
+
+
+class _Inject(BaseModel):
+    model_config = _STRICT
+    topic: Annotated[str, Field(min_length=1)]
+    field: Annotated[str, Field(min_length=1)] | None = None
+    value: bool | int | float | str | _Bytes | None = None
+    signal: _Signal | None = None
+    fault: Literal["set", "drop", "delay", "duplicate"] = "set"
+    start: _Seconds = 0.0
+    end: _Seconds | None = None
+    first: Annotated[int, Field(ge=0)] = 0
+    last: Annotated[int, Field(ge=0)] | None = None
+    where: str | None = None
+    probability: Annotated[float, Field(ge=0, le=1)] = 1.0
+    delay: _Seconds = 0.0
+    copies: Annotated[int, Field(ge=1)] = 1
+    seed: int | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> _Inject:
+        if self.fault == "set":
+            if self.field is None:
+                raise ValueError("which field is to be set? add field = \"...\", or fault = 'drop', 'delay', ...")
+            if (self.value is None) == (self.signal is None):
+                raise ValueError("give either value or signal")
+        elif (self.field, self.value, self.signal) != (None, None, None):
+            raise ValueError(f"fault = {self.fault!r} takes no field, value or signal")
+        if (self.fault == "delay") != (self.delay > 0):
+            raise ValueError("delay = SECONDS (> 0) belongs to fault = 'delay', and only there")
+        if self.fault != "duplicate" and "copies" in self.model_fields_set:
+            raise ValueError("copies belongs to fault = 'duplicate'")
+        if self.end is not None and self.end <= self.start:
+            raise ValueError(f"end = {self.end} is not later than start = {self.start}")
+        if self.last is not None and self.last < self.first:
+            raise ValueError(f"last = {self.last} is before first = {self.first}")
+        return self
+
+
+class _Plan(BaseModel):
+    model_config = _STRICT
+    seed: int = 0
+    inject: list[_Inject] = []
+
+
+def read_plan(path: Path | str) -> tuple[Injection, ...]:
+    """Read an injection plan.
+
+    Raises:
+        ConfigError: The file is missing, is not TOML, or a key or value in it is wrong.
+    """
+    try:
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(path)) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"not a TOML file: {error}", where=str(path)) from error
+    try:
+        plan = _Plan.model_validate(document)
+    except ValidationError as error:
+        raise _explain(error, str(path)) from None
+    return tuple(_injection(each, plan.seed, f"{path}: inject[{index}]") for index, each in enumerate(plan.inject))
+
+
+def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
+    """Return the plan as TOML; `read_plan` gives the same injections back."""
+    blocks = []
+    for injection in injections:
+        lines = ["[[inject]]"]
+        for field in fields(Injection):
+            value = getattr(injection, field.name)
+            if isinstance(value, Signal):
+                inside = ", ".join(f"{each.name} = {_toml(getattr(value, each.name))}" for each in fields(Signal))
+                lines.append(f"signal = {{ {inside} }}")
+            elif value is not None and (value != field.default or field.name == "value"):
+                lines.append(f"{field.name} = {_toml(value)}")
+        blocks.append("\n".join(lines) + "\n")
+    return "\n".join(blocks)
+
+
+def _injection(entry: _Inject, seed: int, where: str) -> Injection:
+    selector = parse_selector(entry.topic)
+    if selector.topic != entry.topic:
+        raise ConfigError(
+            f"topic = {entry.topic!r} is more than a topic",
+            where=f"{where}.topic",
+            hint=f"write topic = {selector.topic!r}, and the rest as field = ... and where = ...",
+        )
+    if entry.field is not None:
+        try:
+            parse_selector(f"x:{entry.field}")
+        except ConfigError as error:
+            raise ConfigError(error.message, where=f"{where}.field", hint=error.hint) from None
+    if entry.where is not None:
+        try:
+            parse_predicate(entry.where)
+        except ConfigError as error:
+            raise ConfigError(error.message, where=f"{where}.where", hint=error.hint) from None
+    value: Scalar | Signal | None
+    if entry.signal is not None:
+        signal = entry.signal
+        own = seed if signal.seed is None else signal.seed
+        value = Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer)
+    else:
+        value = bytes.fromhex(entry.value.hex) if isinstance(entry.value, _Bytes) else entry.value
+    return Injection(
+        topic=entry.topic,
+        field=entry.field,
+        value=value,
+        fault=entry.fault,
+        start=entry.start,
+        end=entry.end,
+        first=entry.first,
+        last=entry.last,
+        where=entry.where,
+        probability=entry.probability,
+        delay=entry.delay,
+        copies=entry.copies,
+        seed=seed if entry.seed is None else entry.seed,
+    )
+
+
+def _explain(error: ValidationError, path: str) -> ConfigError:
+    problems = error.errors()
+    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
+    place: list[str | int] = [part for part in first["loc"] if part not in ("bool", "int", "float", "str", "_Bytes")]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+    where = f"{path}: {key}" if key else path
+    if first["type"] == "extra_forbidden":
+        word = str(place[-1])
+        models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
+        model = models.get(len(place)) or (_Signal if "signal" in place else _Bytes)
+        return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
+    given = first["input"]
+    shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
+    hint = None
+    if first["type"] == "literal_error":
+        hint = did_you_mean(str(given), ("set", "drop", "delay", "duplicate"))
+    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where, hint=hint)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, bytes):
+        return f'{{ hex = "{value.hex()}" }}'
+    if isinstance(value, str):
+        return '"' + "".join(_escape(letter) for letter in value) + '"'
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return repr(value)
+
+
+def _escape(letter: str) -> str:
+    if letter in '"\\':
+        return "\\" + letter
+    return letter if letter.isprintable() or letter == " " else f"\\U{ord(letter):08x}"

@@ -1,0 +1,1 @@
+"""Logs are MCAP: writer, reader, player."""

@@ -1,0 +1,212 @@
+"""What riot_bus puts into an MCAP file beyond messages; docs/log-format.md describes it for people.
+
+An MCAP message has a channel, two times, a number and data. What else a message on the bus has is kept by the channel
+when it is the same for all messages, and in *extras* otherwise: one MCAP attachment before each chunk that needs it.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgpack  # type: ignore[import-untyped]
+import zstandard
+
+from riot_bus.message import Qos
+from riot_bus.pipeline.event import Change
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.message import Message
+    from riot_bus.trial import Scalar
+
+__all__ = ["Constants", "Provenance", "Role"]
+
+Role = Literal["delivered", "original"]
+
+KEY, TOPIC, ROLE, SEGMENT = "riot.key", "riot.topic", "riot.role", "riot.segment"
+ENCODING, QOS = "riot.encoding", "riot.qos"
+ORIGINAL_PREFIX = "riot/original/"
+RUN, PROVENANCE, EXTRAS = "riot_bus.run", "riot_bus.provenance", "riot_bus.extras"
+EXTRAS_TYPE = "application/msgpack+zstd"
+LIBRARY = "riot_bus"
+MAX_BLOCK = 1 << 30
+"""Largest chunk or attachment in bytes, uncompressed, that is read: a damaged size must not take the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What was done to one message: ground truth for everything that is learnt from the log."""
+
+    sequence: int
+    key: str
+    time: int
+    role: Role
+    changes: tuple[Change, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """What a channel's messages have in common."""
+
+    encoding: str = ""
+    segment: str = ""
+    qos: Qos = field(default_factory=Qos)
+
+    @classmethod
+    def of(cls, message: Message) -> Constants:
+        """Return what a message says."""
+        return cls(message.encoding, message.segment, message.qos)
+
+    def to_metadata(self) -> dict[str, str]:
+        """Return channel metadata."""
+        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: json.dumps(_qos_list(self.qos))}
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str]) -> Constants:
+        """Read channel metadata of a file that may be anybody's."""
+        try:
+            qos = _qos(json.loads(metadata.get(QOS, "null")))
+        except ValueError:
+            qos = Qos()
+        return cls(metadata.get(ENCODING, ""), metadata.get(SEGMENT, ""), qos)
+
+
+def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
+    """Return what neither the MCAP message nor the channel can say about a message, None if that is nothing."""
+    extras: dict[str, Any] = {}
+    if message.attachment is not None:
+        extras["a"] = message.attachment
+    if message.encoding != constants.encoding:
+        extras["e"] = message.encoding
+    if message.segment != constants.segment:
+        extras["s"] = message.segment
+    if message.qos is not constants.qos and message.qos != constants.qos:
+        extras["q"] = _qos_list(message.qos)
+    if message.kind == "delete":
+        extras["d"] = True
+    published = message.publish_time
+    if published is not None and (published == message.time or not 0 <= published < 1 << 64):
+        extras["p"] = str(published)
+    if not 0 <= message.sequence < 1 << 32:
+        extras["n"] = message.sequence
+    return extras or None
+
+
+def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
+    """Put extras into the arguments of a `Message`; unknown or damaged ones are left out."""
+    for name, attribute, kind in (("a", "attachment", bytes), ("e", "encoding", str), ("s", "segment", str)):
+        if isinstance(extras.get(name), kind):
+            fields[attribute] = extras[name]
+    if "q" in extras:
+        fields["qos"] = _qos(extras["q"])
+    if extras.get("d") is True:
+        fields["kind"] = "delete"
+    if isinstance(extras.get("p"), str) and re.fullmatch(r"-?\d{1,20}", extras["p"]):
+        fields["publish_time"] = int(extras["p"])
+    if isinstance(extras.get("n"), int):
+        fields["sequence"] = extras["n"]
+
+
+def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
+    """Encode the extras of one chunk: pairs of a message's place in the chunk (0, 1, ...) and its extras."""
+    return zstandard.compress(msgpack.packb([list(pair) for pair in extras]), 1)
+
+
+def unpack_extras(data: bytes) -> dict[int, dict[str, Any]]:
+    """Decode the extras of one chunk; raises ValueError on damage."""
+    try:
+        size = zstandard.frame_content_size(data)
+        if not 0 <= size <= MAX_BLOCK:
+            raise ValueError(f"size {size}")
+        pairs = msgpack.unpackb(zstandard.decompress(data), strict_map_key=False)
+        return {int(place): dict(extras) for place, extras in pairs}
+    except (zstandard.ZstdError, TypeError, msgpack.UnpackException) as error:
+        raise ValueError(str(error)) from error
+
+
+def pack_provenance(entries: Sequence[Provenance]) -> str:
+    """Encode provenance as JSON text."""
+    rows = [
+        {
+            "sequence": entry.sequence,
+            "key": entry.key,
+            "time": entry.time,
+            "role": entry.role,
+            "changes": [
+                {
+                    "interceptor": change.interceptor,
+                    "action": change.action,
+                    "field": change.field,
+                    "before": _to_json(change.before),
+                    "after": _to_json(change.after),
+                }
+                for change in entry.changes
+            ],
+        }
+        for entry in entries
+    ]
+    return json.dumps(rows, separators=(",", ":"))
+
+
+def unpack_provenance(text: str) -> list[Provenance]:
+    """Decode provenance; raises ValueError on damage."""
+    try:
+        return [
+            Provenance(
+                int(row["sequence"]),
+                str(row["key"]),
+                int(row["time"]),
+                "original" if row["role"] == "original" else "delivered",
+                tuple(
+                    Change(
+                        str(each["interceptor"]),
+                        str(each["action"]),
+                        each["field"],
+                        _from_json(each["before"]),
+                        _from_json(each["after"]),
+                    )
+                    for each in row["changes"]
+                ),
+            )
+            for row in json.loads(text)
+        ]
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"not provenance: {error!r}") from error
+
+
+def _to_json(value: Scalar | None) -> Any:
+    if isinstance(value, bytes):
+        return {"bytes": base64.b64encode(value).decode()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"float": str(value)}
+    if isinstance(value, str) and not value.isprintable():
+        return {"text": base64.b64encode(value.encode("utf-8", "surrogatepass")).decode()}
+    return value
+
+
+def _from_json(value: Any) -> Scalar | None:
+    if isinstance(value, dict):
+        if "bytes" in value:
+            return base64.b64decode(value["bytes"])
+        if "text" in value:
+            return base64.b64decode(value["text"]).decode("utf-8", "surrogatepass")
+        return float(value["float"])
+    return value  # type: ignore[no-any-return]
+
+
+def _qos_list(qos: Qos) -> list[Any]:
+    return [qos.priority, qos.congestion, qos.express]
+
+
+def _qos(value: Any) -> Qos:
+    match value:
+        case [int(priority), "drop" | "block" | "block_first" as congestion, bool(express)]:
+            return Qos(priority, congestion, express)
+        case _:
+            return Qos()

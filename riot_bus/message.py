@@ -1,0 +1,58 @@
+"""A message on the bus: one put or delete on a key, with everything that must survive re-publication."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+__all__ = ["Message", "Qos"]
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Delivery settings of one message, by Zenoh's names (priority 1 = real time ... 7 = background)."""
+
+    priority: int = 5
+    congestion: Literal["drop", "block", "block_first"] = "drop"
+    express: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One put or delete.
+
+    Attributes:
+        time: Reception, nanoseconds since the Unix epoch.
+        key: Zenoh key without wildcards.
+        payload: Bytes exactly as on the wire.
+        kind: `put` or `delete`.
+        encoding: Zenoh's encoding string, empty for the default.
+        attachment: Bytes that travel with the payload, or None.
+        segment: Segment of the bus on which it was published; empty if unknown.
+        sequence: Number given by the recorder or router, unique within one log.
+        publish_time: Time at the source in nanoseconds, None if unknown.
+    """
+
+    time: int
+    key: str
+    payload: bytes
+    kind: Literal["put", "delete"] = "put"
+    encoding: str = ""
+    attachment: bytes | None = None
+    qos: Qos = Qos()
+    segment: str = ""
+    sequence: int = 0
+    publish_time: int | None = None
+
+    def with_(self, **changes: Any) -> Message:
+        """Return a copy with some attributes replaced."""
+        return replace(self, **changes)
+
+    def digest(self) -> bytes:
+        """Return a hash of what a receiver can see (not of times and numbers)."""
+        digest = hashlib.sha256(self.key.encode())
+        for part in (self.kind.encode(), self.encoding.encode(), self.attachment or b"", self.payload):
+            digest.update(len(part).to_bytes(8, "little"))
+            digest.update(part)
+        return digest.digest()

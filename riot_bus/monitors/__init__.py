@@ -1,0 +1,1 @@
+"""Oracles that watch one trial and may report a violation."""

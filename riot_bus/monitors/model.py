@@ -1,0 +1,79 @@
+"""What a monitor sees of one finished trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.message import Message
+    from riot_bus.trial import Violation
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["ComponentView", "Monitor", "TrialView", "judge"]
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentView:
+    """One component at the end of a trial.
+
+    Attributes:
+        status: Exit status, negative for a signal, None if it still ran.
+        errors: What it wrote to stderr.
+        root: Folder of its code; frames outside it are somebody else's.
+        tracebacks: Whether a traceback in stderr of a live process counts as a crash.
+    """
+
+    name: str
+    status: int | None
+    errors: str
+    root: Path
+    tracebacks: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class TrialView:
+    """A finished trial.
+
+    Attributes:
+        settled: False when components were still busy at the deadline.
+        waited: That deadline, seconds.
+        outputs: Messages of the watched outputs, in order of reception.
+        end: When watching ended, nanoseconds since the epoch.
+    """
+
+    components: Sequence[ComponentView]
+    settled: bool
+    waited: float
+    registry: TypeRegistry
+    outputs: Sequence[Message] = ()
+    begin: int = 0
+    end: int = 0
+    stalled: Sequence[str] = field(default_factory=list)
+
+
+class Monitor(Protocol):
+    """An oracle over one finished trial."""
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return what was violated."""
+        ...
+
+
+def judge(view: TrialView, monitors: Sequence[Monitor]) -> tuple[tuple[Violation, ...], tuple[str, ...]]:
+    """Ask all monitors; one that raises is isolated and reported.
+
+    Returns:
+        The violations in the order of the monitors, and one line per monitor that failed itself.
+    """
+    violations: list[Violation] = []
+    broken: list[str] = []
+    for monitor in monitors:
+        try:
+            violations.extend(monitor.judge(view))
+        except Exception as error:
+            broken.append(f"{type(monitor).__name__}: {type(error).__name__}: {error}")
+    return tuple(violations), tuple(broken)

@@ -1,0 +1,1 @@
+"""Interceptors and their runner, sans-I/O: message in, messages out with due times."""

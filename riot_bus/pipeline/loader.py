@@ -1,0 +1,76 @@
+"""Load an interceptor that the user named on the command line."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+
+from riot_bus.errors import ConfigError, did_you_mean
+
+__all__ = ["load_interceptor"]
+
+
+def load_interceptor(path: str) -> object:
+    """Return an instance of the interceptor class in `FILE.py[:NAME]`.
+
+    The file's code is executed: call this only with what the user wrote on the command line. Without `NAME` the file
+    must define exactly one class with a `message` method.
+
+    Raises:
+        ConfigError: The file is missing or does not run, the class is missing, or the choice is ambiguous.
+    """
+    file, name = _split(path)
+    classes = _classes(file)
+    if name is None:
+        if len(classes) > 1:
+            found = ", ".join(f"{each.__name__} (line {_line(each)})" for each in classes.values())
+            hint = f"choose one, such as {file}:{next(iter(classes))}"
+            raise ConfigError(f"several interceptors in one file: {found}", where=str(file), hint=hint)
+        if not classes:
+            hint = "define a class with a method message(self, event)"
+            raise ConfigError("no interceptor class in this file", where=str(file), hint=hint)
+        (name,) = classes
+    elif name not in classes:
+        hint = did_you_mean(name, classes) or "an interceptor is a class with a method message(self, event)"
+        raise ConfigError(f"no interceptor class {name!r} in this file", where=str(file), hint=hint)
+    try:
+        return classes[name]()
+    except Exception as error:
+        raise ConfigError(f"{name}() raised {error!r}", where=_place(error, file)) from error
+
+
+def _split(path: str) -> tuple[Path, str | None]:
+    head, colon, name = path.rpartition(":")
+    named = bool(colon) and name.isidentifier()
+    file = Path(head if named else path)
+    if not file.is_file():
+        raise ConfigError(f"no such file: {str(file)!r}", where=path, hint="write FILE.py or FILE.py:NAME")
+    return file, name if named else None
+
+
+def _classes(file: Path) -> dict[str, type]:
+    module = ModuleType(f"riot_bus_user_{file.stem}")
+    module.__file__ = str(file)
+    sys.modules[module.__name__] = module  # dataclasses and inspect look their module up there
+    try:
+        code = compile(file.read_bytes(), str(file), "exec")
+        exec(code, module.__dict__)  # noqa: S102 - the user asked for this file
+    except SyntaxError as error:
+        raise ConfigError(f"syntax error: {error.msg}", where=f"{file}:{error.lineno}") from error
+    except Exception as error:
+        raise ConfigError(f"this file raised {error!r}", where=_place(error, file)) from error
+    own = (each for each in vars(module).values() if inspect.isclass(each) and each.__module__ == module.__name__)
+    return {each.__name__: each for each in own if callable(getattr(each, "message", None))}
+
+
+def _line(kind: type) -> int:
+    method = getattr(kind, "message", None)
+    return int(method.__code__.co_firstlineno) if inspect.isfunction(method) else 0
+
+
+def _place(error: Exception, file: Path) -> str:
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+    return f"{file}:{lines[-1]}" if lines else str(file)

@@ -1,0 +1,159 @@
+"""One self-contained page about one finding, for the maintainer who does not believe it yet."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import platform
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import riot_bus
+from riot_bus.chain.artefacts import EdgeRecord, FieldRecord
+from riot_bus.errors import MissingExtraError
+from riot_bus.report import words
+from riot_bus.report.picture import links
+from riot_bus.report.plots import region_plots, rule_plot
+from riot_bus.report.statements import not_tried, statements
+from riot_bus.report.story import Severity, Story, load
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = ["PAGE", "write_report"]
+
+PAGE = "report.html"
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_LONGEST = 20_000
+_ROWS = 60
+_SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
+_MEANING: dict[Severity, str] = {
+    "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
+    "permeable": "The outside world influences the inputs that the unit fails on. No confirmed run has made it fail.",
+    "activated": "Inputs at the external interface alone make the whole system fail.",
+}
+
+
+def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path:
+    """Write `report.html` from the records that exist.
+
+    Args:
+        directory: The finding's directory.
+        open_questions: What else was not tried; listed at the end.
+
+    Raises:
+        ConfigError: `finding.json` is missing or unusable.
+        MissingExtraError: jinja2 or matplotlib is not installed.
+    """
+    story = load(directory)
+    html = _environment().get_template("report.html.j2").render(_context(story, open_questions))
+    path = directory / PAGE
+    partial = path.with_suffix(".partial")
+    partial.write_text(html, encoding="utf-8")
+    os.replace(partial, path)
+    return path
+
+
+def _environment() -> Environment:
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError:
+        raise MissingExtraError("jinja2", "report") from None
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_finalize,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "interval": lambda one: words.share_interval(one.low, one.high),
+        "link": _link,
+        "number": words.number,
+        "plural": words.plural,
+        "seconds": words.seconds,
+        "share": words.share,
+        "short": lambda text, limit=200: words.clean(str(text), limit=limit),
+        "value": words.value,
+    }
+    return environment
+
+
+def _finalize(what: Any) -> Any:
+    """Keep what is printed visible and bounded, whichever record it comes from."""
+    from markupsafe import Markup
+
+    return (
+        words.clean(what, limit=_LONGEST, lines=True)
+        if isinstance(what, str) and not isinstance(what, Markup)
+        else what
+    )
+
+
+def _link(name: str) -> str | None:
+    """Return a reference to a file below the page, or nothing if the name leads elsewhere."""
+    path = PurePosixPath(name)
+    if not name or path.is_absolute() or ".." in path.parts or len(name) > 500:
+        return None
+    return "./" + quote(str(path), errors="replace")
+
+
+def _context(story: Story, open_questions: Sequence[str]) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    css = (_TEMPLATES / "report.css").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii")
+    plot = rule_plot(story.rule) if story.rule else None
+    activation, nominal = story.activation, story.permeability.nominal if story.permeability else {}
+    maps = (
+        region_plots(activation.points, activation.region, nominal=nominal) if activation and activation.region else []
+    )
+    return {
+        "story": story,
+        "finding": story.finding,
+        "meaning": _MEANING[story.severity],
+        "css": Markup(css),  # noqa: S704 - our own file
+        "digest": digest,
+        "links": links(story),
+        "rule_plot": plot and {"svg": Markup(plot.svg), "caption": plot.caption},  # noqa: S704 - serialised from a tree
+        "maps": [{"svg": Markup(one.svg), "caption": one.caption} for one in maps],  # noqa: S704 - as above
+        "messages": _messages(story),
+        "trees": _trees(story),
+        "nominal": nominal,
+        "statements": statements(story),
+        "gaps": not_tried(story, open_questions=open_questions),
+        "rows": _ROWS,
+        "files": [name for name in _SHARED if (story.directory / name).is_file()],
+        "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
+    }
+
+
+def _messages(story: Story) -> list[tuple[str, list[FieldRecord]]]:
+    """Return the topics of the minimal messages with their relevant fields."""
+    topics = story.minimal.topics if story.minimal else ()
+    fields = story.fields.fields if story.fields else ()
+    return [
+        (topic, [one for one in fields if one.name == topic or one.name.startswith(f"{topic}:")])
+        for topic in topics[:_ROWS]
+    ]
+
+
+def _trees(story: Story) -> list[dict[str, Any]]:
+    """Return per internal field the external ones that reach it, and those that do not."""
+    edges: Iterable[EdgeRecord] = story.permeability.edges if story.permeability else ()
+    grouped: dict[str, list[EdgeRecord]] = {}
+    for edge in edges:
+        grouped.setdefault(edge.internal, []).append(edge)
+    return [
+        {
+            "root": internal,
+            "leaves": sorted((one for one in found if one.permeable), key=lambda one: -one.strength)[:_ROWS],
+            "others": [one for one in found if not one.permeable],
+        }
+        for internal, found in sorted(grouped.items())[:_ROWS]
+    ]

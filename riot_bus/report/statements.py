@@ -1,0 +1,151 @@
+"""Every statement of a report with what it rests on, and what was not tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from riot_bus.chain.artefacts import ProportionRecord
+from riot_bus.report.story import Story
+from riot_bus.report.words import clean, exact_interval, number, plural, share, share_interval
+
+__all__ = ["Statement", "not_tried", "statements"]
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """A claim, the evidence for it, and how sure that makes it."""
+
+    claim: str
+    evidence: str
+    confidence: str
+
+
+def statements(story: Story) -> list[Statement]:
+    """Return the claims of the finished steps."""
+    found = [
+        Statement(
+            f"{clean(story.finding.component)} {story.failure}",
+            f"seen in {plural(story.finding.occurrences, 'trial')} of the test with this signature",
+            "observed" if story.fields is None else "observed; repeated below",
+        )
+    ]
+    if story.minimal:
+        kept = plural(len(story.minimal.kept), "message")
+        needed = "each of them was left out once, and the failure went away"
+        found.append(
+            Statement(
+                f"{kept} of {story.minimal.before} cause the failure",
+                needed if story.minimal.one_minimal else "the search ended before each of them was left out once",
+                "minimal as to single messages" if story.minimal.one_minimal else "perhaps fewer would do",
+            )
+        )
+    return found + _fields(story) + _rule(story) + _outside(story)
+
+
+def _fields(story: Story) -> list[Statement]:
+    if story.fields is None:
+        return []
+    found = []
+    for one in story.fields.fields[:20]:
+        proof = one.certificate
+        low, _ = exact_interval(proof.confirmed_failing, proof.repeats)
+        clear, _ = exact_interval(proof.confirmed_passing, proof.repeats)
+        sure = f"95 %: fails at least {share(low)} of the time with it, passes at least {share(clear)} without"
+        evidence = (
+            f"two trials that differ in it alone; {proof.confirmed_failing} of {proof.repeats} failed, "
+            f"{proof.confirmed_passing} of {proof.repeats} passed"
+        )
+        found.append(
+            Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
+        )
+    rest = len(story.fields.considered) - len(story.fields.fields)
+    if rest > 0:
+        found.append(
+            Statement(
+                f"the other {plural(rest, 'field')} of these messages do not matter",
+                f"{plural(story.fields.straight, 'trial')} in a row with all of them varied, none changed the outcome",
+                f"95 %: they change the outcome at most {share(story.fields.bound)} of the time",
+            )
+        )
+    return found
+
+
+def _proportion(what: ProportionRecord) -> tuple[str, str]:
+    of = f"{what.count} of {plural(what.total, 'fresh trial')}" if what.total else share(what.value)
+    return of, f"95 %: {share_interval(what.low, what.high)}"
+
+
+def _rule(story: Story) -> list[Statement]:
+    if story.rule is None:
+        return []
+    return [
+        Statement("what the rule calls a failure, fails (precision)", *_proportion(story.rule.precision)),
+        Statement("what fails, the rule calls a failure (recall)", *_proportion(story.rule.recall)),
+    ]
+
+
+def _outside(story: Story) -> list[Statement]:
+    found: list[Statement] = []
+    if story.permeability:
+        reaching = [edge for edge in story.permeability.edges if edge.permeable]
+        found += [
+            Statement(
+                f"{clean(edge.external)} reaches {clean(edge.internal)}",
+                f"{plural(story.permeability.runs, 'run')} of the whole system with random inputs; "
+                f"explains {share(edge.strength)} of the variance",
+                f"p = {number(edge.p_value)}; strength 95 %: {share_interval(edge.low, edge.high)}",
+            )
+            for edge in reaching[:20]
+        ]
+        if not reaching:
+            found.append(
+                Statement(
+                    "no external field that was tested reaches a relevant one",
+                    f"{plural(story.permeability.runs, 'run')} of the whole system with random inputs",
+                    "absence of evidence: a weak or rare effect can be missed",
+                )
+            )
+    activation = story.activation
+    if activation and activation.found:
+        low, high = exact_interval(activation.replays_failed, activation.replays)
+        replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
+        sure = f"95 %: {share_interval(low, high)} of replays fail" if activation.replays else "seen once"
+        found.append(Statement("external inputs alone make the whole system fail", replays, sure))
+    elif activation:
+        found.append(
+            Statement(
+                "no external inputs were found that make the whole system fail",
+                f"{plural(activation.runs, 'run')} of the whole system",
+                "a search that ended, not a proof",
+            )
+        )
+    region = activation.region if activation else None
+    if region and region.inside:
+        inside = region.inside
+        found.append(Statement("the whole system fails inside the crash region", *_proportion(inside)))
+    return found
+
+
+def not_tried(story: Story, *, open_questions: Sequence[str] = ()) -> list[str]:
+    """Return what a reader must not conclude from the page.
+
+    Args:
+        story: The finding.
+        open_questions: What the caller knows to be open.
+    """
+    gaps = [clean(question, limit=600) for question in open_questions[:50]]
+    gaps += [f"The step `{step}` has not been run." for step, record in story.steps if record is None]
+    gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in story.broken.items()]
+    if story.fields:
+        gaps.append("The relevant fields and the rule are about values, not about the order or timing of messages.")
+    if story.permeability and story.permeability.pruned:
+        gaps.append(
+            f"{plural(len(story.permeability.pruned), 'external field')} without a path to the unit on the bus "
+            "not driven: " + ", ".join(clean(name, limit=80) for name in story.permeability.pruned[:12])
+        )
+    if story.activation and story.activation.region:
+        gaps.append(
+            "The crash region is a box in two external fields: failures outside of it, or by others, may exist."
+        )
+    return gaps

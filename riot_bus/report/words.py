@@ -1,0 +1,114 @@
+"""How values, rates and untrusted texts are written, for the page and the console alike."""
+
+from __future__ import annotations
+
+import json
+import math
+import unicodedata
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["clean", "exact_interval", "number", "plural", "seconds", "share", "share_interval", "value"]
+
+_KEPT = "\n\t"
+_HIDDEN = {"Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp"}
+_EXACT = 2.0**53
+
+
+def clean(text: str, *, limit: int = 200, lines: bool = False) -> str:
+    """Return the text without anything that could move a cursor, reorder a line or flood the reader.
+
+    Args:
+        text: Text from a log, a signature or a payload.
+        limit: Longest result; the middle is left out.
+        lines: Keep line ends and tabs instead of writing them as escapes.
+    """
+    if len(text) > limit:
+        head = (limit * 2) // 3
+        tail = max(limit - head - 5, 0)
+        text = f"{text[:head]} ... {text[len(text) - tail :]}"
+    return "".join(_visible(character, lines=lines) for character in text)
+
+
+def _visible(character: str, *, lines: bool) -> str:
+    if lines and character in _KEPT:
+        return character
+    if unicodedata.category(character) in _HIDDEN:
+        return character.encode("unicode_escape", "backslashreplace").decode("ascii")
+    return character
+
+
+def value(what: Any) -> str:
+    """Return a value of a field as exactly as it can be read back."""
+    if isinstance(what, str):
+        return clean(json.dumps(what, ensure_ascii=False))
+    if isinstance(what, Mapping):
+        return clean(json.dumps(what, ensure_ascii=False, default=str), limit=600)
+    return clean(str(what))
+
+
+def number(what: float) -> str:
+    """Return a measured number, short: integers in full as long as they are exact."""
+    if math.isfinite(what) and what == int(what) and abs(what) < _EXACT:
+        return str(int(what))
+    return f"{what:.3g}" if abs(what) < 1000 else f"{what:.6g}"
+
+
+def share(rate: float) -> str:
+    """Return a rate in percent that never rounds to a certainty it is not."""
+    percent = 100 * rate
+    if not math.isfinite(percent) or percent in (0.0, 100.0):
+        return f"{percent:.0f} %"
+    if percent > 99.95 or 0 < percent < 0.05:
+        return "> 99.9 %" if percent > 50 else "< 0.1 %"
+    return f"{percent:.1f} %" if percent > 99 or percent < 10 else f"{percent:.0f} %"
+
+
+def share_interval(low: float, high: float) -> str:
+    """Return an interval of a rate in percent."""
+    return f"{share(low).removesuffix(' %')} to {share(high)}"
+
+
+def plural(count: int, noun: str) -> str:
+    """Return `1 message`, `2 messages`, `12 345 messages`."""
+    plain = f"{count:,}".replace(",", "\N{NO-BREAK SPACE}")
+    ending = "" if count == 1 else "s"
+    return f"{plain} {noun}{ending}"
+
+
+def seconds(duration: float) -> str:
+    """Return a duration as people say it."""
+    if not math.isfinite(duration):
+        return "?"
+    if duration < 60:
+        return f"{duration:.1f} s" if duration < 10 else f"{duration:.0f} s"
+    minutes, rest = divmod(round(duration), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
+
+
+def exact_interval(hits: int, trials: int) -> tuple[float, float]:
+    """Return the Clopper-Pearson 95 % interval of a rate seen as `hits` of `trials`."""
+    if trials < 1:
+        return 0.0, 1.0
+    hits = min(max(hits, 0), trials)
+    low = _crossing(hits, trials) if hits else 0.0
+    high = 1.0 - _crossing(trials - hits, trials) if hits < trials else 1.0
+    return low, high
+
+
+def _crossing(hits: int, trials: int) -> float:
+    """Return the rate at which `hits` or more of `trials` have a chance of 2.5 %."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        chance = math.fsum(_chance(count, trials, middle) for count in range(hits, trials + 1))
+        low, high = (middle, high) if chance < 0.025 else (low, middle)
+    return low
+
+
+def _chance(count: int, trials: int, rate: float) -> float:
+    choices = math.lgamma(trials + 1) - math.lgamma(count + 1) - math.lgamma(trials - count + 1)
+    return math.exp(choices + count * math.log(rate) + (trials - count) * math.log1p(-rate))

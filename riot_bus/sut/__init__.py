@@ -1,0 +1,1 @@
+"""The system under test: its file, its processes, and trials."""

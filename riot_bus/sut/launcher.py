@@ -1,0 +1,160 @@
+"""Starting and supervising components from riot's side (see `supervisor` for the other)."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from riot_bus.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["Launcher", "Process"]
+
+_SUPERVISOR = Path(__file__).with_name("supervisor.py")
+
+
+@dataclass(slots=True)
+class Process:
+    """One started component.
+
+    Attributes:
+        status: Exit status, negative for a signal, None while it runs.
+    """
+
+    name: str
+    pid: int
+    stdout: Path
+    stderr: Path
+    status: int | None = None
+
+    def errors(self) -> str:
+        """Return what it has written to stderr (at most the last 256 KiB)."""
+        with self.stderr.open("rb") as stream:
+            stream.seek(0, 2)
+            stream.seek(max(0, stream.tell() - (256 << 10)))
+            return stream.read().decode(errors="replace")
+
+
+class Launcher:
+    """Starts components and sees to it that none is left behind. Usable from several threads."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
+        self._link = ours
+        self._pending: bytes = b""
+        self._lock = threading.RLock()
+        self._processes: dict[int, Process] = {}
+        self._replies: list[dict[str, object]] = []
+        self._exited: list[tuple[int, int]] = []
+        self._supervisor = subprocess.Popen(
+            [sys.executable, "-S", "-E", str(_SUPERVISOR)],
+            stdin=theirs.fileno(),
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def start(self, name: str, argv: Sequence[str], *, env: Mapping[str, str], cwd: Path, directory: Path) -> Process:
+        """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
+
+        Raises:
+            EnvironmentFaultError: The command cannot be executed.
+        """
+        stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
+        request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd)}
+        with self._lock:
+            self._send({**request, "stdout": str(stdout), "stderr": str(stderr)})
+            reply = self._reply()
+            if reply["event"] == "refused":
+                raise EnvironmentFaultError(
+                    f"component {name!r} does not start: {reply['error']}",
+                    hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
+                )
+            process = Process(name, int(str(reply["pid"])), stdout, stderr)
+            self._processes[process.pid] = process
+            self._settle_exits()
+        return process
+
+    def alive(self, process: Process) -> bool:
+        """Return whether the component still runs."""
+        with self._lock:
+            self._pump(0.0)
+        return process.status is None
+
+    def wait(self, processes: Sequence[Process], *, timeout: float) -> bool:
+        """Wait until all of them have ended; return False when `timeout` seconds were not enough."""
+        deadline = time.monotonic() + timeout
+        while any(process.status is None for process in processes):
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
+                return False
+            with self._lock:
+                self._pump(min(remaining, 0.05))
+        return True
+
+    def interrupt(self, process: Process, number: signal.Signals = signal.SIGTERM) -> None:
+        """Send a signal to a component's process group."""
+        with self._lock:
+            self._send({"do": "signal", "pid": process.pid, "signal": int(number)})
+
+    def kill_all(self) -> None:
+        """Kill everything that was started, descendants included."""
+        with self._lock:
+            self._send({"do": "kill_all"})
+            self._reply()
+            self._processes.clear()
+
+    def close(self) -> None:
+        """Kill everything and end the supervisor."""
+        self._link.close()
+        self._supervisor.wait(timeout=30)
+
+    def _send(self, request: dict[str, object]) -> None:
+        try:
+            self._link.sendall(json.dumps(request).encode() + b"\n")
+        except OSError as error:
+            raise EnvironmentFaultError(f"the supervisor of the components is gone: {error}") from None
+
+    def _reply(self) -> dict[str, object]:
+        while not self._replies:
+            self._pump(30.0)
+        return self._replies.pop(0)
+
+    def _pump(self, timeout: float) -> None:
+        readable, _, _ = select.select([self._link], [], [], timeout)
+        if not readable:
+            return
+        received = self._link.recv(1 << 16)
+        if not received:
+            raise EnvironmentFaultError("the supervisor of the components is gone")
+        *lines, self._pending = (self._pending + received).split(b"\n")
+        for line in lines:
+            event = json.loads(line)
+            if event["event"] == "exited":
+                self._exited.append((event["pid"], event["status"]))
+            else:
+                self._replies.append(event)
+        self._settle_exits()
+
+    def _settle_exits(self) -> None:
+        for pid, status in list(self._exited):
+            if pid in self._processes:
+                self._processes[pid].status = status
+                self._exited.remove((pid, status))

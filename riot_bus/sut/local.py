@@ -1,0 +1,101 @@
+"""The local runner: trials in parallel on this machine, behind `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import tempfile
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, Self
+
+from riot_bus.sut.launcher import Launcher
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.trial import Outcome, TestCase
+
+__all__ = ["LocalRunner", "Pool", "Trial"]
+
+
+class Trial(Protocol):
+    """Something that executes one test case: `UnitTrial` or `SystemTrial`."""
+
+    def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
+        """Execute the case; files may be left in `directory`."""
+        ...
+
+
+class Pool:
+    """As many launchers as trials may run at once, and the executor that uses them.
+
+    Args:
+        jobs: Trials at once.
+        keep: Folder under which the files of failing trials are kept.
+        executor: Where trials run; a thread pool of this process by default (components are processes anyway).
+    """
+
+    def __init__(self, jobs: int, *, keep: Path, executor: Executor | None = None) -> None:
+        self.jobs = jobs
+        self.keep = keep
+        self._executor = executor or ThreadPoolExecutor(jobs, thread_name_prefix="riot-trial")
+        self._launchers: queue.SimpleQueue[Launcher] = queue.SimpleQueue()
+        self._all = [Launcher() for _ in range(jobs)]
+        for launcher in self._all:
+            self._launchers.put(launcher)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Kill what still runs and give everything back; trials that have not begun are dropped."""
+        for launcher in self._all:
+            launcher.close()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    @contextmanager
+    def _launcher(self) -> Iterator[Launcher]:
+        launcher = self._launchers.get()
+        try:
+            yield launcher
+        finally:
+            self._launchers.put(launcher)
+
+    def execute(self, trial: Trial, case: TestCase) -> Outcome:
+        """Run one trial here and now, with a launcher and a folder of its own."""
+        self.keep.mkdir(parents=True, exist_ok=True)
+        directory = Path(tempfile.mkdtemp(prefix="trial-", dir=self.keep))
+        outcome = None
+        try:
+            with self._launcher() as launcher:
+                outcome = trial.run(case, launcher, directory)
+        finally:
+            if outcome is None or outcome.log is None:
+                shutil.rmtree(directory, ignore_errors=True)
+        return outcome
+
+    def map(self, trial: Trial, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Run many trials, as many at once as there are jobs; outcomes in the order of the cases."""
+        return list(self._executor.map(lambda case: self.execute(trial, case), cases))
+
+
+class LocalRunner:
+    """A `Runner` over a pool."""
+
+    def __init__(self, trial: Trial, pool: Pool) -> None:
+        self._trial = trial
+        self._pool = pool
+
+    @property
+    def parallelism(self) -> int:
+        """How many trials run at once."""
+        return self._pool.jobs
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Execute all cases and return their outcomes in the same order."""
+        return self._pool.map(self._trial, cases)

@@ -1,0 +1,197 @@
+"""One trial's stage: fresh segments, fresh components, and the view that monitors judge."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Self
+
+from riot_bus.bus.graph import declared
+from riot_bus.bus.keys import intersects
+from riot_bus.bus.router import Bus
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus.monitors.model import ComponentView, TrialView
+from riot_bus.sut.settling import Activity, activity, wait_settled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.message import Message
+    from riot_bus.pipeline.runner import Pipeline
+    from riot_bus.sut.context import Context
+    from riot_bus.sut.launcher import Launcher, Process
+    from riot_bus.sut.system import Component
+
+__all__ = ["Stage"]
+
+_ANY_PORT = ("tcp/127.0.0.1:0",)
+
+
+class Stage:
+    """Fresh segments and the components on them; a context manager that leaves nothing behind.
+
+    Args:
+        context: The system.
+        launcher: Owner of the processes.
+        directory: Folder for their output and whatever they write by `{trial_dir}`.
+        segments: Names of the segments to open.
+        intercept: Key expressions that are cut and passed through `pipeline`.
+        pipeline: Interceptors.
+        stall: Seconds after which a component that takes no messages loses its link.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        launcher: Launcher,
+        directory: Path,
+        *,
+        segments: Sequence[str],
+        intercept: Sequence[str] = (),
+        pipeline: Pipeline | None = None,
+        stall: float = 10.0,
+    ) -> None:
+        self.context = context
+        self.launcher = launcher
+        self.directory = directory
+        self.processes: dict[str, Process] = {}
+        self.outputs: list[Message] = []
+        self.bus = Bus(
+            dict.fromkeys(segments, _ANY_PORT),
+            intercept=intercept,
+            pipeline=pipeline,
+            registry=context.registry,
+            wait_before_close_s=stall,
+        )
+        self._begin = time.time_ns()
+
+    def __enter__(self) -> Self:
+        self.bus.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            for name, process in self.processes.items():
+                if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
+                    self.launcher.interrupt(process, signal.SIGTERM)
+                    self.launcher.wait([process], timeout=3.0)
+            self.launcher.kill_all()
+        finally:
+            self.bus.close()
+
+    def start(self, name: str, *, seed: int, duration: float = 0.0, segment: str | None = None) -> Process:
+        """Start a component on its segment (or on the one given)."""
+        component = self.context.file.components[name]
+        segment = segment or self.context.file.segment_of(component)
+        words = {
+            "{python}": sys.executable,
+            "{endpoint}": self.bus.endpoint(segment),
+            "{segment}": segment,
+            "{trial_dir}": str(self.directory),
+            "{seed}": str(seed),
+            "{duration}": f"{duration:g}",
+        }
+        env = {**os.environ, **_filled(component.env, words)}
+        argv = [_fill(part, words) for part in component.command]
+        cwd = (self.context.file.root / component.cwd).resolve()
+        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory)
+        self.processes[name] = process
+        return process
+
+    def wait_ready(self, names: Iterable[str]) -> None:
+        """Wait until components have subscribed to all their declared inputs.
+
+        Raises:
+            EnvironmentFaultError: One died before, or did not subscribe in time.
+        """
+        names = list(names)
+        components = {name: self.context.file.components[name] for name in names}
+        deadline = time.monotonic() + max(component.ready.timeout for component in components.values())
+        while missing := self._not_subscribed(components):
+            for name in names:
+                if not self.launcher.alive(self.processes[name]):
+                    raise self._did_not_start(name, f"ended with status {self.processes[name].status}")
+            if time.monotonic() > deadline:
+                name, topic = missing[0]
+                timeout = components[name].ready.timeout
+                raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
+            time.sleep(0.002)
+
+    def _not_subscribed(self, components: Mapping[str, Component]) -> list[tuple[str, str]]:
+        """Return (component, topic) where fewer sessions have subscribed to a topic than components declare it."""
+        file, registry = self.context.file, self.context.registry
+        missing = []
+        for segment in sorted({file.segment_of(component) for component in components.values()}):
+            here = {name: part for name, part in components.items() if file.segment_of(part) == segment}
+            session = self.bus.sessions[segment]
+            found = declared(session, segment, kind="subscriber", ours=self.bus.ids)
+            for topic in sorted({topic for component in here.values() for topic in component.inputs}):
+                wanting = [name for name, component in here.items() if topic in component.inputs]
+                sessions = {one.zid for one in found if intersects(registry.key_expression(topic), one.key)}
+                if len(sessions) < len(wanting):
+                    missing.append((wanting[-1], topic))
+        return missing
+
+    def _did_not_start(self, name: str, what: str) -> EnvironmentFaultError:
+        errors = self.processes[name].errors().strip().splitlines()
+        tail = "\n    ".join(errors[-6:])
+        hint = f"its last words on stderr:\n    {tail}" if errors else "it wrote nothing to stderr"
+        return EnvironmentFaultError(f"component {name!r} {what}", where=str(self.context.file.path), hint=hint)
+
+    def watch_outputs(self, topics: Iterable[str], *, segment: str) -> None:
+        """Collect the messages of some topics for the monitors."""
+        for expression in self.context.topics(*topics):
+            self.bus.subscribe(segment, expression, self.outputs.append)
+
+    def activity(self, names: Iterable[str]) -> Activity:
+        """Return how busy components have been so far."""
+        return activity([self.processes[name].pid for name in names])
+
+    def settle(
+        self,
+        names: Sequence[str],
+        *,
+        window: float,
+        timeout: float,
+        idle_rate: float = 0.0,
+        since: Activity | None = None,
+    ) -> bool:
+        """Wait until components stand still or one has died; False if they were busy to the end."""
+        processes = [self.processes[name] for name in names]
+        return wait_settled(
+            [process.pid for process in processes],
+            window=window,
+            timeout=timeout,
+            idle_rate=idle_rate,
+            since=since,
+            alive=lambda: all(map(self.launcher.alive, processes)),
+        )
+
+    def view(self, names: Sequence[str], *, settled: bool, waited: float) -> TrialView:
+        """Return what the monitors judge, for these components."""
+        views = []
+        for name in names:
+            component = self.context.file.components[name]
+            process = self.processes[name]
+            self.launcher.alive(process)
+            root = (self.context.file.root / component.cwd).resolve()
+            traced = component.tracebacks == "fail"
+            views.append(ComponentView(name, process.status, process.errors(), root, traced))
+        broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}
+        stalled = [name for name in names if self.context.file.segment_of(self.context.file.components[name]) in broken]
+        return TrialView(
+            views, settled, waited, self.context.registry, tuple(self.outputs), self._begin, time.time_ns(), stalled
+        )
+
+
+def _fill(text: str, words: Mapping[str, str]) -> str:
+    for word, value in words.items():
+        text = text.replace(word, value)
+    return text
+
+
+def _filled(table: Mapping[str, str], words: Mapping[str, str]) -> dict[str, str]:
+    return {key: _fill(value, words) for key, value in table.items()}

@@ -1,0 +1,202 @@
+"""One trial of the whole system: external topics intercepted, the inside observed (RIOT II-C, II-D)."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.clock import SystemClock
+from riot_bus.errors import EnvironmentFaultError, PayloadError
+from riot_bus.inject.apply import inject_log
+from riot_bus.inject.interceptor import Injector
+from riot_bus.log.player import play
+from riot_bus.log.writer import LogWriter
+from riot_bus.message import Message, Qos
+from riot_bus.monitors.model import judge
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.selector import parse_selector
+from riot_bus.sut.stage import Stage
+from riot_bus.trial import Outcome, Series, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.pipeline.event import Event
+    from riot_bus.sut.context import Context
+    from riot_bus.sut.launcher import Launcher
+    from riot_bus.trial import TestCase
+
+__all__ = ["SystemTrial", "write_log"]
+
+_SETTLED = 0.03
+_SETTLE_TIMEOUT = 10.0
+_TICK = 0.02
+
+
+class _Tap:
+    """The last interceptor: keeps what is delivered."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+
+    def message(self, event: Event) -> None:
+        if not event.dropped:
+            self.messages.append(event.message)
+
+
+@dataclass(frozen=True, slots=True)
+class SystemTrial:
+    """Runs test cases against the whole system.
+
+    A case without messages lets the system's own external components drive it, with injections applied to what they
+    publish; a case with messages plays those instead of starting the external components.
+
+    Attributes:
+        observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
+        duration: Simulated or real seconds that external components run ({duration} in their commands).
+        record: File that gets every message of the run; None for none.
+    """
+
+    context: Context
+    observe: tuple[str, ...] = ()
+    duration: float = 10.0
+    record: Path | None = None
+
+    def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
+        """Run the system once and judge it."""
+        started = time.monotonic()
+        try:
+            return self._run(case, launcher, directory, started)
+        except EnvironmentFaultError as error:
+            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
+
+    def _run(self, case: TestCase, launcher: Launcher, directory: Path, started: float) -> Outcome:
+        file, registry = self.context.file, self.context.registry
+        inside = [name for name, component in file.components.items() if not component.external]
+        outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
+        home = file.segment_of(file.components[inside[0]])
+        intercept = [] if case.messages or self.record else self.context.topics(*file.external.topics)
+        tap, seen = _Tap(), list[Message]()
+        begin = time.time_ns()
+        with ExitStack() as stack:
+            stage = stack.enter_context(
+                Stage(
+                    self.context,
+                    launcher,
+                    directory,
+                    segments=file.system.segments,
+                    intercept=intercept,
+                    pipeline=Pipeline([Injector(case.injections, seed=case.seed), tap], registry=registry),
+                    stall=file.system.deadline,
+                )
+            )
+            internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
+            for expression in self.context.topics(*sorted(internal)):
+                stage.bus.subscribe(home, expression, seen.append)
+            stage.watch_outputs(self.context.watched, segment=home)
+            if self.record:
+                writer = stack.enter_context(
+                    LogWriter(
+                        self.record, registry=registry, profile=self.context.profile, metadata=self._metadata(case)
+                    )
+                )
+                stage.bus.subscribe(home, "**", writer.write)
+            for name in inside:
+                stage.start(name, seed=case.seed, duration=self.duration)
+            stage.wait_ready(inside)
+            if case.messages:
+                messages, _ = inject_log(case.messages, case.injections, registry=registry, seed=case.seed)
+                self._play(messages, stage)
+            else:
+                self._drive(outside, inside, stage, case.seed)
+            settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT)
+            stage.bus.drain(_SETTLE_TIMEOUT)
+            view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
+        violations, broken = judge(view, self.context.monitors)
+        external = case.messages or tuple(tap.messages)
+        keep = violations and not self.record and not case.messages
+        log = self._keep(external, case, directory) if keep else None
+        return Outcome(
+            Verdict.FAIL if violations else Verdict.PASS,
+            violations,
+            seconds=time.monotonic() - started,
+            detail="; ".join(broken),
+            observed=self._observed([*external, *seen], begin) if self.observe else {},
+            log=log,
+            statistics={"external_messages": len(external)},
+        )
+
+    def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: Stage, seed: int) -> None:
+        """Let the external components run to their end, or until something inside has died."""
+        drivers = [stage.start(name, seed=seed, duration=self.duration) for name in outside]
+        watched = [stage.processes[name] for name in inside]
+        ends = all(any("{duration}" in word for word in self.context.file.components[name].command) for name in outside)
+        limit = self.context.file.system.deadline if ends else min(self.duration, self.context.file.system.deadline)
+        deadline = time.monotonic() + limit
+        while time.monotonic() < deadline:
+            if stage.launcher.wait(drivers, timeout=_TICK) or not all(map(stage.launcher.alive, watched)):
+                return
+
+    def _play(self, messages: Sequence[Message], stage: Stage) -> None:
+        file, registry = self.context.file, self.context.registry
+        segments = {
+            topic: file.segment_of(component)
+            for component in file.components.values()
+            if component.external
+            for topic in component.outputs
+        }
+        elsewhere = next(iter(segments.values()), file.system.segments[0])
+        processes = list(stage.processes.values())
+
+        def publish(message: Message) -> None:
+            qos = Qos(message.qos.priority, "block", message.qos.express)
+            stage.bus.put(segments.get(registry.topic(message.key), elsewhere), message.with_(qos=qos))
+
+        def stop() -> bool:
+            return not all(map(stage.launcher.alive, processes))
+
+        play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
+
+    def _metadata(self, case: TestCase) -> dict[str, str]:
+        return {"system": self.context.file.system.name, "seed": str(case.seed), "duration": f"{self.duration:g}"}
+
+    def _keep(self, external: Sequence[Message], case: TestCase, directory: Path) -> str:
+        path = directory / "external.mcap"
+        write_log(path, external, context=self.context, metadata=self._metadata(case))
+        return str(path)
+
+    def _observed(self, messages: Iterable[Message], begin: int) -> dict[str, Series]:
+        """Return the observed fields over time; a payload that does not decode leaves its value out."""
+        registry = self.context.registry
+        wanted: dict[str, list[str | None]] = {}
+        for text in self.observe:
+            selector = parse_selector(text)
+            wanted.setdefault(selector.topic, []).append(selector.field)
+        times: dict[str, list[float]] = {text: [] for text in self.observe}
+        values: dict[str, list[float]] = {text: [] for text in self.observe}
+        for message in messages:
+            topic = registry.topic(message.key)
+            kind = None
+            for path in wanted.get(topic, ()):
+                if path is None:
+                    times[topic].append((message.time - begin) / 1e9)
+                    continue
+                kind = kind or registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+                try:
+                    value = kind.read(message.payload, path) if kind else None
+                except PayloadError:
+                    continue
+                if isinstance(value, (bool, int, float)):
+                    times[f"{topic}:{path}"].append((message.time - begin) / 1e9)
+                    values[f"{topic}:{path}"].append(float(value))
+        return {text: Series(tuple(times[text]), tuple(values[text])) for text in self.observe}
+
+
+def write_log(path: Path, messages: Iterable[Message], *, context: Context, metadata: Mapping[str, str]) -> None:
+    """Write messages to a log as they are."""
+    with LogWriter(path, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
+        for message in messages:
+            writer.write(message)

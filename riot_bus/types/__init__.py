@@ -1,0 +1,1 @@
+"""Message types: what fields a payload has, reading them, and patching scalars in place."""

@@ -1,0 +1,169 @@
+"""JSON payloads: scalars are read by the standard library and patched by splicing their span of text.
+
+Keys that are no identifiers appear quoted (`a["odd key"]`); a payload that is no object is called `value`. Of duplicate
+keys the last one counts, as in Python's `json`. Grammar: RFC 8259, plus the tokens NaN, Infinity and -Infinity.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.types.model import ROOT, FieldPath, Leaf, Schema, member_path, parse_path, wrap_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.trial import Scalar
+
+__all__ = ["JsonType"]
+
+_MAX_BYTES = 1 << 24
+_MAX_DEPTH = 64
+_INT64 = range(-(1 << 63), 1 << 63)
+_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[{}\[\],:]|[^\s{}\[\],:"]+')
+
+Span = tuple[int, int]
+Spans = Span | dict[str, "Spans"] | list["Spans"]
+
+
+class JsonType:
+    """Every JSON document: the payload describes itself."""
+
+    name = "json"
+    encoding = "json"
+    schema: Schema | None = None
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """List the scalar fields in payload order; `null` is no field."""
+        document = _parse(payload)[1]
+        found: list[Leaf] = []
+        _collect(document, "" if isinstance(document, dict) else ROOT, elements, 0, found)
+        return found
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Return one field's value (`len(path)` for the length of an array)."""
+        field = parse_path(path)
+        value = _walk(_parse(payload)[1], field, path)
+        if field.length:
+            if not isinstance(value, list):
+                raise PayloadError("only arrays have a length", where=path)
+            return len(value)
+        return _scalar(value, path)
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced; every byte outside of their tokens stays as it is.
+
+        A number written into an integer may be a float, for JSON does not tell them apart; integers wrap to 64 bits.
+        """
+        text, document = _parse(payload)
+        spans = _spans(text)
+        splices: dict[Span, str] = {}
+        for path, value in changes.items():
+            field = parse_path(path)
+            if field.length:
+                raise PayloadError("a length cannot be patched in place", where=path)
+            old = _scalar(_walk(document, field, path), path)
+            span = _walk(spans, field, path)
+            splices[span] = _token(old, value, path)
+        for (start, end), token in sorted(splices.items(), reverse=True):
+            text = text[:start] + token + text[end:]
+        return text.encode()
+
+
+def _parse(payload: bytes) -> tuple[str, Any]:
+    if len(payload) > _MAX_BYTES:
+        raise PayloadError(f"JSON of {len(payload)} bytes is over the limit of {_MAX_BYTES}")
+    try:
+        text = payload.decode()
+        return text, json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PayloadError(f"not JSON: {error}") from error
+
+
+def _walk(document: Any, field: FieldPath, path: str) -> Any:
+    steps = field.steps
+    if not isinstance(document, dict):
+        if steps[0] != ROOT:
+            raise PayloadError(f"the payload is no object; its path begins with {ROOT!r}", where=path)
+        steps = steps[1:]
+    for step in steps:
+        if isinstance(document, list) and isinstance(step, int):
+            if not 0 <= step < len(document):
+                raise PayloadError(f"no element {step} in an array of {len(document)}", where=path)
+            document = document[step]
+        elif isinstance(document, dict) and step in document:
+            document = document[step]
+        else:
+            known = document if isinstance(document, dict) else ()
+            raise PayloadError(f"no field {step!r}", where=path, hint=did_you_mean(str(step), known))
+    return document
+
+
+def _scalar(value: Any, path: str) -> Scalar:
+    if isinstance(value, bool | float | str):
+        return value
+    if isinstance(value, int):
+        return value if value in _INT64 else _float(value)
+    kind = "an object" if isinstance(value, dict) else "an array" if isinstance(value, list) else "null"
+    raise PayloadError(f"{kind} is no scalar field", where=path)
+
+
+def _float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf") if value > 0 else float("-inf")
+
+
+def _collect(value: Any, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
+    if depth > _MAX_DEPTH:
+        raise PayloadError(f"JSON is nested deeper than {_MAX_DEPTH}")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _collect(item, member_path(path, key), elements, depth + 1, found)
+    elif isinstance(value, list):
+        found.append(Leaf(f"len({path})", "uint32", len(value)))
+        for index, item in enumerate(value[:elements]):
+            _collect(item, f"{path}[{index}]", elements, depth + 1, found)
+    elif value is not None:
+        scalar = _scalar(value, path)
+        kinds = {bool: "bool", int: "int64", float: "float64", str: "string"}
+        found.append(Leaf(path, kinds[type(scalar)], scalar))
+
+
+def _token(old: Scalar, new: Scalar, path: str) -> str:
+    if isinstance(new, bytes):
+        raise PayloadError("JSON has no bytes", where=path)
+    if isinstance(new, int) and not isinstance(new, bool):
+        new = _float(new) if isinstance(old, float) else wrap_integer(new, bits=64, signed=True)
+    return json.dumps(new)
+
+
+def _spans(text: str) -> Spans:
+    """Return the document with each scalar replaced by where it stands; `text` is known to be JSON."""
+    root: list[Spans] = []
+    stack: list[dict[str, Spans] | list[Spans]] = [root]
+    key: str | None = None
+    for match in _TOKEN.finditer(text):
+        part = match.group()
+        if part in ",:":
+            continue
+        if part in "]}":
+            stack.pop()
+            continue
+        top = stack[-1]
+        if isinstance(top, dict) and key is None:
+            key = json.loads(part)
+            continue
+        node: Spans = {} if part == "{" else [] if part == "[" else match.span()
+        if isinstance(top, dict):
+            top[str(key)] = node
+            key = None
+        else:
+            top.append(node)
+        if not isinstance(node, tuple):
+            stack.append(node)
+    return root[0]

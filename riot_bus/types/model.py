@@ -1,0 +1,183 @@
+"""What a message type can do, whatever its encoding, and what an adapter brings."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from riot_bus.errors import PayloadError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.trial import Scalar
+
+__all__ = [
+    "ROOT",
+    "Adapter",
+    "FieldPath",
+    "Leaf",
+    "MessageType",
+    "Schema",
+    "TopicName",
+    "member_path",
+    "parse_path",
+    "wrap_integer",
+]
+
+ROOT = "value"
+"""What the whole of a payload is called that is no map: `value`, `value[3]`, `len(value)`."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_STEP = re.compile(r'(?:^|\.)([A-Za-z_][A-Za-z0-9_]*)|\[(-?[0-9]{1,20})\]|\[("(?:[^"\\]|\\.)*")\]')
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One scalar field of one payload.
+
+    `type` is one of bool, int8 ... uint64, float32, float64, string, bytes.
+    """
+
+    path: str
+    type: str
+    value: Scalar
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """A type's definition as MCAP stores it: name, encoding (`ros2msg`, `jsonschema`, ...) and text."""
+
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class TopicName:
+    """What people call a key, and the type that the key itself names."""
+
+    name: str
+    type_name: str | None = None
+
+
+@runtime_checkable
+class MessageType(Protocol):
+    """Reads and patches the payloads of one type. Never raises on hostile bytes but `PayloadError`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the type, such as `nav_msgs/msg/Odometry` or `json`."""
+        ...
+
+    @property
+    def encoding(self) -> str:
+        """MCAP message encoding: `cdr`, `json`, `msgpack`."""
+        ...
+
+    @property
+    def schema(self) -> Schema | None:
+        """Definition for the log, None where the encoding describes itself."""
+        ...
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """List the scalar fields in payload order.
+
+        Args:
+            payload: One message.
+            elements: Of each array or sequence at most so many elements are listed; for sequences of variable
+                length also the pseudo-field `len(path)`.
+        """
+        ...
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Return one field's value (`len(path)` for a length)."""
+        ...
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced in place; every other byte stays as it is.
+
+        Integers outside the type's range wrap to its bit width; floats that overflow become infinite.
+        """
+        ...
+
+
+class Adapter(Protocol):
+    """What a middleware or protocol brings: naming of topics and types of messages."""
+
+    name: str
+
+    def topic(self, key: str) -> TopicName | None:
+        """Return how people call this key, None if it is not of this adapter's kind."""
+        ...
+
+    def key_expression(self, topic: str) -> str | None:
+        """Return the key expression that a topic name stands for, None if the name is not of this adapter's kind."""
+        ...
+
+    def load(self, files: Sequence[Path]) -> None:
+        """Take in type definitions that the user named; raises ConfigError with the place of an error."""
+        ...
+
+    def type_named(self, type_name: str) -> MessageType | None:
+        """Return the type of this name, None if unknown."""
+        ...
+
+    def type_of_schema(self, schema: Schema) -> MessageType | None:
+        """Return a type from a log's schema, None if it is of another kind or cannot be parsed."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FieldPath:
+    """A parsed field path: member names and element numbers, and whether the length of that field is meant."""
+
+    steps: tuple[str | int, ...]
+    length: bool = False
+
+
+@lru_cache(maxsize=4096)
+def parse_path(path: str) -> FieldPath:
+    """Parse `pose.position.x`, `ranges[3]`, `len(ranges)` or `["odd key"].x`.
+
+    Raises:
+        PayloadError: The text is not the path of one field.
+    """
+    length = path.startswith("len(") and path.endswith(")")
+    body = path[4:-1] if length else path
+    steps: list[str | int] = []
+    position = 0
+    while position < len(body):
+        match = _STEP.match(body, position)
+        if match is None:
+            raise PayloadError(f"{path!r} is not a field path", hint="write it like 'pose.position.x' or 'ranges[3]'")
+        name, index, quoted = match.groups()
+        steps.append(name if name is not None else int(index) if index is not None else _unquote(quoted, path))
+        position = match.end()
+    if not steps:
+        raise PayloadError(f"{path!r} names no field")
+    return FieldPath(tuple(steps), length)
+
+
+def _unquote(text: str, path: str) -> str:
+    try:
+        return str(json.loads(text))
+    except ValueError as error:
+        raise PayloadError(f"{text} in {path!r} is not a quoted key") from error
+
+
+def member_path(parent: str, key: str) -> str:
+    """Return the path of a member; keys that are no identifiers are quoted as in JSON: `a["odd key"]`."""
+    if _NAME.fullmatch(key) is None:
+        return f"{parent}[{json.dumps(key, ensure_ascii=False)}]"
+    return f"{parent}.{key}" if parent else key
+
+
+def wrap_integer(value: int, *, bits: int, signed: bool) -> int:
+    """Return what is left of an integer in so many bits of two's complement."""
+    value &= (1 << bits) - 1
+    return value - (1 << bits) if signed and value >> (bits - 1) else value

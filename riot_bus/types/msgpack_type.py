@@ -1,0 +1,288 @@
+"""MessagePack payloads: a scanner finds each scalar's span of bytes, so that a patch touches nothing else.
+
+Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Map keys that are integers are written `[3]`; entries
+with keys of other kinds than string and integer, nil and extension types are no fields. Of duplicate keys the last one
+counts; a payload that is no map is called `value`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.types.model import ROOT, Leaf, Schema, member_path, parse_path, wrap_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.trial import Scalar
+
+__all__ = ["MsgpackType", "is_container"]
+
+_MAX_DEPTH = 64
+
+# Code -> (kind, size of the number that follows the code); the number is a count for everything but numbers.
+_CODES: dict[int, tuple[str, int]] = {
+    0xC0: ("nil", 0), 0xC2: ("bool", 0), 0xC3: ("bool", 0),
+    0xC4: ("bin", 1), 0xC5: ("bin", 2), 0xC6: ("bin", 4), 0xC7: ("ext", 1), 0xC8: ("ext", 2), 0xC9: ("ext", 4),
+    0xCA: ("float", 4), 0xCB: ("float", 8),
+    0xCC: ("uint", 1), 0xCD: ("uint", 2), 0xCE: ("uint", 4), 0xCF: ("uint", 8),
+    0xD0: ("int", 1), 0xD1: ("int", 2), 0xD2: ("int", 4), 0xD3: ("int", 8),
+    0xD9: ("str", 1), 0xDA: ("str", 2), 0xDB: ("str", 4),
+    0xDC: ("array", 2), 0xDD: ("array", 4), 0xDE: ("map", 2), 0xDF: ("map", 4),
+}  # fmt: skip
+_FIXEXT = {0xD4: 1, 0xD5: 2, 0xD6: 4, 0xD7: 8, 0xD8: 16}
+
+
+def _whole_size(code: int) -> int:
+    """Return how many bytes an item has if its first byte alone tells, else 0."""
+    if 0xA0 <= code < 0xC0:
+        return 1 + (code & 31)
+    kind, size = _CODES.get(code, ("fixint" if code < 0x80 or code >= 0xE0 else "", 0))
+    return 1 + size if kind in ("nil", "bool", "uint", "int", "float", "fixint") else 0
+
+
+_SIZES = tuple(map(_whole_size, range(256)))
+
+
+class Item(NamedTuple):
+    """One item's head: from `start`, a scalar from `body` to `end`, `entries` of a container."""
+
+    kind: str
+    start: int
+    body: int
+    end: int
+    entries: int = 0
+
+
+class MsgpackType:
+    """Every MessagePack document: the payload describes itself."""
+
+    name = "msgpack"
+    encoding = "msgpack"
+    schema: Schema | None = None
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """List the scalar fields in payload order."""
+        root = _head(payload, 0)
+        if _skip(payload, 0) != len(payload):
+            raise PayloadError("bytes follow the MessagePack document")
+        found: list[Leaf] = []
+        _collect(payload, root, "" if root.kind == "map" else ROOT, elements, 0, found)
+        return found
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Return one field's value (`len(path)` for the length of an array)."""
+        item = _find(payload, path)
+        if parse_path(path).length:
+            if item.kind != "array":
+                raise PayloadError("only arrays have a length", where=path)
+            _skip(payload, item.start)
+            return item.entries
+        value = _value(payload, item)
+        if value is None:
+            raise PayloadError(f"{item.kind} is no scalar field", where=path)
+        return value
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced; every byte outside of them stays as it is.
+
+        Numbers keep their format where the new value fits, else they get the next wider one; integers outside of
+        MessagePack's 64 bits wrap. A float may be written into an integer, as encoders shorten 1.0 to 1.
+        """
+        splices: dict[tuple[int, int], bytes] = {}
+        for path, value in changes.items():
+            if parse_path(path).length:
+                raise PayloadError("a length cannot be patched in place", where=path)
+            item = _find(payload, path)
+            if _value(payload, item) is None:
+                raise PayloadError(f"{item.kind} is no scalar field", where=path)
+            splices[item.start, item.end] = _encode(payload[item.start], item.kind, value, path)
+        for (start, end), data in sorted(splices.items(), reverse=True):
+            payload = payload[:start] + data + payload[end:]
+        return payload
+
+
+def is_container(payload: bytes) -> bool:
+    """Return whether the payload is one MessagePack map or array, not empty, and nothing else."""
+    try:
+        return _head(payload, 0).entries > 0 and _skip(payload, 0) == len(payload)
+    except PayloadError:
+        return False
+
+
+def _head(payload: bytes, at: int) -> Item:
+    try:
+        code = payload[at]
+        if code < 0x80 or code >= 0xE0:
+            return Item("int" if code >= 0xE0 else "uint", at, at + 1, at + 1)
+        if code < 0x90:
+            return Item("map", at, at + 1, at + 1, code & 15)
+        if code < 0xA0:
+            return Item("array", at, at + 1, at + 1, code & 15)
+        if code < 0xC0:
+            return _checked(payload, Item("str", at, at + 1, at + 1 + (code & 31)))
+        if code in _FIXEXT:
+            return _checked(payload, Item("ext", at, at + 2, at + 2 + _FIXEXT[code]))
+        kind, size = _CODES[code]
+    except (IndexError, KeyError) as error:
+        raise PayloadError(f"no MessagePack item at byte {at}") from error
+    body = at + 1 + size
+    if kind in ("nil", "bool", "uint", "int", "float"):
+        return _checked(payload, Item(kind, at, at + 1, body))
+    count = int.from_bytes(payload[at + 1 : body], "big")
+    if kind in ("map", "array"):
+        return _checked(payload, Item(kind, at, body, body, count))
+    return _checked(payload, Item(kind, at, body, body + count + (kind == "ext")))
+
+
+def _checked(payload: bytes, item: Item) -> Item:
+    if item.end > len(payload):
+        raise PayloadError(f"MessagePack item at byte {item.start} ends beyond the payload of {len(payload)} bytes")
+    return item
+
+
+def _skip(payload: bytes, at: int) -> int:
+    """Return where the item ends, with everything in it."""
+    pending = 1
+    while pending:
+        size = _SIZES[payload[at]] if at < len(payload) else 0
+        if size:
+            at += size
+            pending -= 1
+        else:
+            kind, _, _, at, entries = _head(payload, at)
+            pending += (2 * entries if kind == "map" else entries) - 1
+    if at > len(payload):
+        raise PayloadError(f"MessagePack ends beyond the payload of {len(payload)} bytes")
+    return at
+
+
+def _members(payload: bytes, item: Item) -> Iterator[tuple[str | int | None, int]]:
+    """Yield each entry of a map: its key (None if of another kind) and where its value begins."""
+    at = item.body
+    for _ in range(item.entries):
+        key = _head(payload, at)
+        value = _value(payload, key) if key.kind in ("str", "int", "uint") else None
+        at = _skip(payload, at)
+        yield (value if isinstance(value, str | int) else None), at
+        at = _skip(payload, at)
+
+
+def _find(payload: bytes, path: str) -> Item:
+    item = _head(payload, 0)
+    steps = parse_path(path).steps
+    if item.kind != "map":
+        if steps[0] != ROOT:
+            raise PayloadError(f"the payload is no map; its path begins with {ROOT!r}", where=path)
+        steps = steps[1:]
+    for step in steps:
+        if item.kind == "array" and isinstance(step, int):
+            if not 0 <= step < item.entries:
+                raise PayloadError(f"no element {step} in an array of {item.entries}", where=path)
+            at = item.body
+            for _ in range(step):
+                at = _skip(payload, at)
+        else:
+            members = dict(_members(payload, item)) if item.kind == "map" else {}
+            if step not in members:
+                known = [key for key in members if isinstance(key, str)]
+                raise PayloadError(f"no field {step!r}", where=path, hint=did_you_mean(str(step), known))
+            at = members[step]
+        item = _head(payload, at)
+    return item
+
+
+def _value(payload: bytes, item: Item) -> Scalar | None:
+    code = payload[item.start]
+    data = payload[item.body : item.end]
+    match item.kind:
+        case "bool":
+            return code == 0xC3
+        case "uint":
+            return int.from_bytes(data, "big") if data else code
+        case "int":
+            return int.from_bytes(data, "big", signed=True) if data else code - 0x100
+        case "float":
+            return float(struct.unpack(">f" if code == 0xCA else ">d", data)[0])
+        case "str":
+            return data.decode(errors="surrogateescape")
+        case "bin":
+            return data
+    return None
+
+
+def _collect(payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
+    if depth > _MAX_DEPTH:
+        raise PayloadError(f"MessagePack is nested deeper than {_MAX_DEPTH}")
+    if item.kind == "map":
+        for key, at in dict(_members(payload, item)).items():
+            if key is not None:
+                name = f"{path}[{key}]" if isinstance(key, int) else member_path(path, key)
+                _collect(payload, _head(payload, at), name, elements, depth + 1, found)
+    elif item.kind == "array":
+        found.append(Leaf(f"len({path})", "uint32", item.entries))
+        at = item.body
+        for index in range(min(elements, item.entries)):
+            _collect(payload, _head(payload, at), f"{path}[{index}]", elements, depth + 1, found)
+            at = _skip(payload, at)
+    elif (value := _value(payload, item)) is not None:
+        found.append(Leaf(path, _leaf_type(payload[item.start], item.kind, value), value))
+
+
+def _leaf_type(code: int, kind: str, value: Scalar) -> str:
+    if kind == "float":
+        return "float32" if code == 0xCA else "float64"
+    if isinstance(value, int) and kind != "bool":
+        return "uint64" if value >> 63 > 0 else "int64"
+    return {"bool": "bool", "str": "string", "bin": "bytes"}[kind]
+
+
+def _encode(code: int, kind: str, value: Scalar, path: str) -> bytes:
+    if isinstance(value, bool):
+        return b"\xc3" if value else b"\xc2"
+    if isinstance(value, int) and kind != "float":
+        return _integer(code, kind, value)
+    if isinstance(value, int | float):
+        return _float(code, value)
+    try:
+        data = value.encode(errors="surrogateescape") if isinstance(value, str) else value
+    except UnicodeEncodeError as error:
+        raise PayloadError(f"{value!r} cannot be encoded: {error}", where=path) from error
+    return _sized(code, "str" if isinstance(value, str) else "bin", data)
+
+
+def _integer(code: int, kind: str, value: int) -> bytes:
+    if not -(1 << 63) <= value < 1 << 64:
+        value = wrap_integer(value, bits=64, signed=value < 0)
+    old_size = _CODES[code][1] if kind in ("uint", "int") and code in _CODES else 0
+    if not old_size and -32 <= value < 128:
+        return value.to_bytes(1, "big", signed=value < 0)
+    signed = value < 0 or (kind == "int" and old_size > 0 and value < 1 << 63)
+    for new_code, (new_kind, size) in _CODES.items():
+        if new_kind == ("int" if signed else "uint") and size >= old_size:
+            half = 1 << (8 * size - signed)
+            if (-half if signed else 0) <= value < half:
+                return bytes([new_code]) + value.to_bytes(size, "big", signed=signed)
+    raise AssertionError(value)
+
+
+def _float(code: int, value: float) -> bytes:
+    form, code = (">f", 0xCA) if code == 0xCA else (">d", 0xCB)
+    try:
+        return bytes([code]) + struct.pack(form, float(value))
+    except OverflowError:
+        return bytes([code]) + struct.pack(form, math.inf if value > 0 else -math.inf)
+
+
+def _sized(code: int, kind: str, data: bytes) -> bytes:
+    """Return a string or binary with the old head's size of count where the new count fits."""
+    old_kind, old_size = _CODES.get(code, ("str", 0))
+    if kind == "str" and len(data) < 32 and not (old_kind == "str" and old_size):
+        return bytes([0xA0 | len(data)]) + data
+    for new_code, (new_kind, size) in _CODES.items():
+        if new_kind == kind and len(data) < 1 << (8 * size) and (old_kind != kind or size >= old_size):
+            return bytes([new_code]) + len(data).to_bytes(size, "big") + data
+    raise PayloadError(f"{len(data)} bytes are too many for MessagePack")

@@ -1,0 +1,426 @@
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from riot_bus.bus.client import open_client
+from riot_bus.bus.graph import Declared, graph
+from riot_bus.bus.recorder import Recorder
+from riot_bus.bus.router import Bus
+from riot_bus.bus.runtime import wait_until
+from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.message import Message, Qos
+from riot_bus.pipeline.event import Event
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.registry import TypeRegistry
+from tests.integration.bus_puppet import Puppet
+
+pytestmark = pytest.mark.integration
+
+SEGMENTS = {"system": [], "unit": []}
+
+
+def pipeline(*interceptors: object) -> Pipeline:
+    return Pipeline(interceptors, registry=TypeRegistry())
+
+
+class Script:
+    """Does to each message what its text says."""
+
+    def message(self, event: Event) -> None:
+        match event.message.payload:
+            case b"drop":
+                event.drop()
+            case b"late":
+                event.delay(0.15)
+            case b"twice":
+                event.duplicate()
+            case b"change":
+                event.replace(b"changed")
+            case b"more":
+                event.add(event.message.with_(payload=b"added"))
+            case b"elsewhere":
+                event.add(event.message.with_(key="free/added", payload=b"added"))
+            case b"raise":
+                raise RuntimeError("on purpose")
+
+
+@contextlib.contextmanager
+def pair(bus: Bus, *, subscribe: str = "**") -> Iterator[tuple[Puppet, Puppet]]:
+    """A component in each segment; the one in `unit` has subscribed."""
+    with Puppet(bus.endpoint("system")) as source, Puppet(bus.endpoint("unit")) as sink:
+        sink.do("subscribe", key=subscribe)
+        assert bus.wait_subscribed("unit", [subscribe], timeout=5) == []
+        yield source, sink
+
+
+def texts(samples: list[dict[str, str]]) -> list[str]:
+    return [bytes.fromhex(sample["payload"]).decode() for sample in samples]
+
+
+def routed(bus: Bus, key: str) -> None:
+    """Wait until subscriptions of `unit` are known in `system`."""
+    session = bus.sessions["system"]
+    path = f"@/{bus.segment('system').zid}/router/subscriber/{key}"
+    assert wait_until(lambda: any(reply.ok for reply in session.get(path)), 5)
+
+
+def test_what_is_not_intercepted_passes_natively() -> None:
+    with Bus(SEGMENTS) as bus, pair(bus, subscribe="a/**") as (source, sink):
+        source.do("queryable", key="service/x")
+        source.do("token", key="alive/me")
+        sink.do("tokens", key="alive/**")
+        routed(bus, "a/**")
+        source.do("put", key="a/b", payload="01", encoding="application/json")
+        samples = sink.do("wait", count=2)
+        assert {sample["key"] for sample in samples} == {"a/b", "alive/me"}
+        assert sink.do("get", key="service/x") == [b"ask".hex()]
+        assert bus.counts() == {}
+        assert not bus.losses
+
+
+def test_services_on_intercepted_keys_still_work() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus, pair(bus) as (source, sink):
+        source.do("queryable", key="cut/service")
+        assert wait_until(lambda: sink.do("get", key="cut/service") == [b"ask".hex()], 5)
+
+
+def test_nothing_leaks_around_the_interceptors() -> None:
+    class Nothing:
+        def message(self, event: Event) -> None:
+            event.drop()
+
+    with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Nothing())) as bus, pair(bus) as (source, sink):
+        source.do("publish_advanced", key="cut/cached", payloads=["old1", "old2"])
+        sink.do("subscribe_advanced", key="cut/cached")
+        source.do("put_texts", key="cut/x", payloads=["secret"] * 50, congestion="BLOCK")
+        source.do("put_texts", key="free/x", payloads=["end"], congestion="BLOCK")
+        assert texts(sink.do("wait", count=1)) == ["end"]
+        assert bus.drain(5)
+        assert texts(sink.do("wait", count=2, timeout=0.3)) == ["end"]
+        assert bus.counts()["cut/x"].dropped == 50
+        assert bus.counts()["cut/cached"].dropped == 2
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"do": "put", "payload": "00ff"},
+        {"do": "put", "payload": "", "encoding": "application/json", "attachment": "00112233"},
+        {"do": "put", "payload": "7b", "encoding": "zenoh/bytes;schema", "attachment": ""},
+        {"do": "put", "payload": "01", "priority": "REAL_TIME", "congestion": "BLOCK", "express": True},
+        {"do": "put", "payload": "01", "priority": "BACKGROUND", "congestion": "BLOCK_FIRST"},
+        {"do": "delete", "attachment": "aa", "priority": "DATA_LOW", "congestion": "BLOCK"},
+    ],
+    ids=["plain", "encoding+attachment", "schema", "urgent", "background", "delete"],
+)
+def test_an_intercepted_message_is_equal_at_the_receiver(order: dict[str, str]) -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus, pair(bus) as (source, sink):
+        with Puppet(bus.endpoint("system")) as neighbour:
+            neighbour.do("subscribe", key="cut/**")
+            assert bus.wait_subscribed("system", ["cut/**"], timeout=5) == []
+            source.do(**order, key="cut/a/b")
+            (native,) = neighbour.do("wait", count=1)
+        assert sink.do("wait", count=1) == [native]
+
+
+def test_interceptors_drop_delay_copy_change_and_add() -> None:
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script())) as bus,
+        pair(bus) as (source, sink),
+    ):
+        routed(bus, "**")
+        payloads = ["drop", "late", "twice", "change", "more", "elsewhere", "raise", "same"]
+        source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
+        samples = sink.do("wait", count=10)
+        expected = ["twice", "twice", "changed", "more", "added", "elsewhere", "raise", "same", "late"]
+        assert texts([sample for sample in samples if sample["key"] == "cut/x"]) == expected
+        assert [sample["key"] for sample in samples].count("free/added") == 1
+        assert bus.drain(5)
+        counts = bus.counts()["cut/x"]
+        assert (counts.seen, counts.dropped, counts.delivered, counts.lost) == (8, 1, 9, 0)
+
+
+def test_advanced_subscribers_get_copies_and_delayed_messages() -> None:
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script())) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit")) as sink,
+    ):
+        sink.do("subscribe_advanced", key="cut/x")
+        assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
+        source.do("publish_advanced", key="cut/x", payloads=["late", "twice", "same"])
+        assert texts(sink.do("wait", count=4)) == ["twice", "twice", "same", "late"]
+
+
+def test_both_directions_under_load_lose_nothing_and_keep_the_order() -> None:
+    count = 20_000
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"]) as bus,
+        Puppet(bus.endpoint("system")) as one,
+        Puppet(bus.endpoint("unit")) as two,
+    ):
+        one.do("subscribe_numbers", key="cut/back")
+        two.do("subscribe_numbers", key="cut/forth")
+        assert bus.wait_subscribed("system", ["cut/back"], timeout=5) == []
+        assert bus.wait_subscribed("unit", ["cut/forth"], timeout=5) == []
+        one.start("flood", key="cut/forth", count=count)
+        two.start("flood", key="cut/back", count=count)
+        one.answer(), two.answer()
+        everything = {"count": count, "ordered": True, "different": count}
+        assert one.do("wait_numbers", count=count) == everything
+        assert two.do("wait_numbers", count=count) == everything
+        assert not bus.losses
+        assert {name: each.delivered for name, each in bus.counts().items()} == {"cut/back": count, "cut/forth": count}
+
+
+def test_a_slow_interceptor_slows_block_publishers_but_counts_what_drop_publishers_lose() -> None:
+    release = threading.Event()
+
+    class Stuck:
+        def message(self, event: Event) -> None:
+            release.wait(20)
+
+    with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Stuck()), capacity=100) as bus, pair(bus) as (source, _):
+        source.do("put_texts", key="cut/x", payloads=["x"] * 500)
+        assert wait_until(lambda: bus.losses.messages.get("cut/x", 0) == 399, 5), bus.losses
+        release.set()
+        assert bus.drain(5)
+        assert bus.counts()["cut/x"].delivered == 101
+
+
+def test_wait_subscribed_names_what_is_missing_and_notices_a_dead_component() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus, Puppet(bus.endpoint("unit")) as unit:
+        with Puppet(bus.endpoint("system")) as elsewhere:
+            elsewhere.do("subscribe", key="**")
+            bus.subscribe("unit", "**", lambda message: None)
+            unit.do("subscribe", key="cut/*")
+            began = time.monotonic()
+            assert bus.wait_subscribed("unit", ["cut/a", "other"], timeout=0.1) == ["other"]
+            unit.kill()
+            assert bus.wait_subscribed("unit", ["cut/a", "other"], timeout=30, alive=unit.alive)
+            assert time.monotonic() - began < 10
+
+
+def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script())) as bus,
+        pair(bus) as (source, sink),
+    ):
+        source.do("subscribe", key="cut/**")
+        assert bus.wait_subscribed("system", ["cut/**"], timeout=5) == []
+        seen: list[Message] = []
+        bus.subscribe("unit", "cut/**", seen.append)
+        bus.put("system", Message(0, "cut/x", b"change", attachment=b"a", qos=Qos(congestion="block")))
+        bus.publisher("system", "cut/y", qos=Qos(2)).put(b"plain", encoding="text/plain")
+        assert texts(source.do("wait", count=2)) == ["change", "plain"]
+        samples = sink.do("wait", count=2)
+        assert texts(samples) == ["changed", "plain"]
+        assert [sample["priority"] for sample in samples] == [5, 2]
+        assert wait_until(lambda: len(seen) == 2, 5)
+        assert [(each.payload, each.attachment, each.segment) for each in seen] == [
+            (b"changed", b"a", "unit"),
+            (b"plain", None, "unit"),
+        ]
+
+
+def test_overlapping_expressions_deliver_once() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**", "cut/x", "*/x"]) as bus, pair(bus) as (source, sink):
+        source.do("put_texts", key="cut/x", payloads=["one", "two"], congestion="BLOCK")
+        assert texts(sink.do("wait", count=2)) == ["one", "two"]
+        assert bus.drain(5)
+        assert texts(sink.do("wait", count=3, timeout=0.2)) == ["one", "two"]
+
+
+def test_the_cut_can_be_changed_while_components_stay() -> None:
+    with (
+        Bus(SEGMENTS, intercept=["a/**"], pipeline=pipeline(Script())) as bus,
+        pair(bus) as (source, sink),
+    ):
+        first = bus.ids
+        bus.set_intercept(["b/**"])
+        assert len(first & bus.ids) == 2
+        routed(bus, "**")
+        for key in ("a/x", "b/x"):
+            source.do("put_texts", key=key, payloads=["change"], congestion="BLOCK")
+        samples = sink.do("wait", count=2)
+        assert sorted(zip([each["key"] for each in samples], texts(samples), strict=True)) == [
+            ("a/x", "change"),
+            ("b/x", "changed"),
+        ]
+        assert not bus.losses
+
+
+def test_two_buses_in_one_process_do_not_meet() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as one, Bus(SEGMENTS, intercept=["cut/**"]) as two:
+        assert len(one.ids | two.ids) == 6
+        with pair(one) as (source, sink), pair(two) as (_, other):
+            routed(one, "**")
+            source.do("put_texts", key="cut/x", payloads=["mine"])
+            source.do("put_texts", key="free/x", payloads=["mine"])
+            assert len(sink.do("wait", count=2)) == 2
+            assert other.do("wait", count=1, timeout=0.2) == []
+
+
+def test_graph_names_components_and_not_the_bus() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus, pair(bus, subscribe="cut/*") as (source, sink):
+        source.do("declare", key="cut/x")
+        source.do("queryable", key="service/x")
+        expected = [
+            Declared("system", source.zid, "publisher", "cut/x"),
+            Declared("system", source.zid, "queryable", "service/x"),
+            Declared("unit", sink.zid, "subscriber", "cut/*"),
+        ]
+        assert wait_until(lambda: graph(bus) == expected, 5), graph(bus)
+
+
+def test_peers_of_different_segments_stay_apart() -> None:
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script())) as bus,
+        Puppet(bus.endpoint("system"), mode="peer") as source,
+        Puppet(bus.endpoint("unit"), mode="peer") as sink,
+    ):
+        sink.do("subscribe", key="cut/x")
+        assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
+        source.do("declare", key="cut/x")
+        assert wait_until(lambda: any(each.kind == "publisher" for each in graph(bus)), 5)
+        source.do("put_texts", key="cut/x", payloads=["drop", "change"], congestion="BLOCK")
+        assert texts(sink.do("wait", count=1)) == ["changed"]
+
+
+def test_a_link_that_breaks_under_load_is_reported() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"], wait_before_close_s=0.2) as bus, pair(bus) as (source, sink):
+        os.kill(sink.process.pid, signal.SIGSTOP)
+        try:
+            source.start("flood", key="cut/x", count=3000, padding=10_000)
+            assert wait_until(lambda: bool(bus.losses.links), 20)
+        finally:
+            os.kill(sink.process.pid, signal.SIGCONT)
+        (link, *_) = bus.losses.links
+        assert (link.segment, link.peer, link.reason) == ("unit", sink.zid, "stalled")
+
+
+def test_components_that_leave_are_no_loss() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus:
+        with pair(bus) as (source, sink):
+            source.do("put_texts", key="cut/x", payloads=["a"])
+            sink.do("wait", count=1)
+        assert wait_until(lambda: bus.departures == 2, 5)
+        assert not bus.losses
+
+
+def test_port_in_use_names_the_endpoint_and_a_way_out() -> None:
+    with Bus({"only": []}) as bus:
+        endpoint = bus.endpoint("only")
+        with pytest.raises(EnvironmentFaultError) as caught:
+            Bus({"a": [], "b": [endpoint]}).open()
+        assert f"{endpoint} is in use" in str(caught.value)
+        assert "segment 'b'" in str(caught.value)
+        assert "--segment" in str(caught.value)
+
+
+def test_nobody_at_an_endpoint() -> None:
+    with pytest.raises(EnvironmentFaultError, match="nobody answers at tcp/127.0.0.1:1"):
+        open_client("tcp/127.0.0.1:1")
+
+
+def test_wrong_configuration_is_explained() -> None:
+    with pytest.raises(ConfigError, match="no/such/key"):
+        Bus({"only": []}, config={"no/such/key": 1}).open()
+    with pytest.raises(ConfigError, match="a//b"):
+        Bus(SEGMENTS, intercept=["a//b"])
+    with pytest.raises(ConfigError, match="at least one segment"):
+        Bus({})
+    with Bus({"only": []}) as bus, pytest.raises(ConfigError, match="did you mean 'only'"):
+        bus.endpoint("onli")
+
+
+def test_client_speaks_in_messages() -> None:
+    with Bus({"only": []}) as bus, open_client(bus.endpoint("only")) as one, open_client(bus.endpoint("only")) as two:
+        seen: list[Message] = []
+        two.subscribe("a/**", seen.append)
+        assert bus.wait_subscribed("only", ["a/x"], timeout=5) == []
+        one.declare("a/x", Qos(3, "block", express=True))
+        one.put(Message(0, "a/x", b"p", encoding="text/plain", attachment=b"q", qos=Qos(3, "block", express=True)))
+        one.put(Message(0, "a/x", b"", kind="delete"))
+        assert wait_until(lambda: len(seen) == 2, 5)
+        assert seen[0].with_(time=0, sequence=0) == Message(
+            0, "a/x", b"p", encoding="text/plain", attachment=b"q", qos=Qos(3, "block", express=True)
+        )
+        assert seen[1].kind == "delete"
+
+
+class MemoryWriter:
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, Message, tuple[str, ...]]] = []
+        self.ticks = 0
+        self.closed = False
+
+    def write(self, message: Message, *, role: str = "delivered", changes: tuple[object, ...] = ()) -> None:
+        if message.payload == b"unwritable":
+            raise OSError("disk full")
+        self.rows.append((role, message, tuple(getattr(change, "action", "") for change in changes)))
+
+    def tick(self) -> None:
+        self.ticks += 1
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_recorder_keeps_originals_and_what_was_delivered_under_one_number() -> None:
+    writer = MemoryWriter()
+    recorder = Recorder(writer)
+    bus = Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script()), recorder=recorder, record=["**", "free/x"])
+    with bus, pair(bus) as (source, sink):
+        routed(bus, "**")
+        payloads = ["same", "change", "drop", "late", "unwritable"]
+        source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
+        source.do("put_texts", key="free/x", payloads=["native"], congestion="BLOCK")
+        sink.do("wait", count=5)
+        assert bus.drain(5)
+    recorder.close()
+    assert writer.closed
+    rows = [(role, each.payload.decode(), actions) for role, each, actions in writer.rows if each.key == "cut/x"]
+    assert sorted(rows) == [
+        ("delivered", "changed", ("replace",)),
+        ("delivered", "late", ("delay",)),
+        ("delivered", "same", ()),
+        ("original", "change", ("replace",)),
+        ("original", "drop", ("drop",)),
+        ("original", "late", ("delay",)),
+    ]
+    numbers = {each.payload: each.sequence for role, each, _ in writer.rows}
+    assert numbers[b"change"] == numbers[b"changed"]
+    late = {role: each for role, each, _ in writer.rows if each.payload == b"late"}
+    assert late["delivered"].time - late["original"].time == 150_000_000
+    assert [each.payload for _, each, _ in writer.rows if each.key == "free/x"] == [b"native"]
+    assert bus.losses.recordings == {"cut/x": 1}
+    assert (bus.counts()["cut/x"].recorded, bus.counts()["free/x"].recorded) == (3, 1)
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_opening_and_closing_leaves_nothing_behind() -> None:
+    def cycle() -> None:
+        with Bus(SEGMENTS, intercept=["cut/**"]) as bus:
+            bus.subscribe("unit", "**", lambda message: None)
+
+    cycle()
+    before = descriptors(), threading.active_count()
+    for _ in range(10):
+        cycle()
+    assert wait_until(lambda: descriptors() <= before[0] + 2 and threading.active_count() <= before[1], 5), (
+        before,
+        descriptors(),
+        threading.active_count(),
+    )

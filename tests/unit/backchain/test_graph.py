@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from riot_bus.backchain.graph import Component, TopicGraph
+
+
+@pytest.fixture
+def graph():
+    return TopicGraph(
+        {
+            "planner": Component(frozenset({"goal", "odom", "map"}), frozenset({"cmd", "plan"})),
+            "base": Component(frozenset({"cmd"}), frozenset({"odom"})),
+            "mapper": Component(frozenset({"scan", "odom"}), frozenset({"map"})),
+            "logger": Component(frozenset({"plan", "battery"}), frozenset({"log"})),
+        }
+    )
+
+
+def test_reaching_and_reached(graph):
+    assert graph.reaching("map") == {"map", "scan", "odom", "cmd", "goal"}
+    assert graph.reached("battery") == {"battery", "log"}
+    assert graph.reaching("unknown") == {"unknown"}
+
+
+def test_backtrack_tree_ends_at_externals_and_cuts_loops(graph):
+    tree = graph.backtrack_tree("map", {"goal", "scan", "battery"})
+    text = tree.text()
+    assert "goal via planner [external]" in text
+    assert "scan via mapper [external]" in text
+    assert "battery" not in text
+    assert "map via planner [loop]" in text
+    assert "odom via planner [loop]" in text
+    assert json.loads(json.dumps(tree.as_json()))["topic"] == "map"
+
+
+def test_branches_without_external_are_left_out(graph):
+    assert graph.backtrack_tree("map", {"battery"}).hops == ()
+    assert graph.backtrack_tree("map", set()).hops == ()
+
+
+def test_trace_tree_goes_forward(graph):
+    tree = graph.trace_tree("goal", {"map"})
+    assert tree.external
+    assert "map via mapper" in tree.text()
+    assert "log" not in tree.text()
+
+
+def test_large_trees_are_cut_and_say_so():
+    topics = frozenset(f"t{at}" for at in range(9))
+    dense = TopicGraph({"all": Component(topics | {"in"}, topics)})
+    tree = dense.backtrack_tree("t0", {"in"}, most=500)
+    text = tree.text()
+    assert "cut" in text
+    assert len(text.splitlines()) <= 500

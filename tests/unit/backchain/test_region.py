@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from riot_bus.backchain.encoding import SearchField
+from riot_bus.backchain.region import map_region
+
+AXES = (SearchField("goal.x", 2.0, 1.0, -5000, 5000), SearchField("goal.y", 3.0, 1.0, -5000, 5000))
+
+
+def zone(noise, rng):
+    def ask(points):
+        edges = [-80 + noise * rng.uniform(-1, 1) for _ in points]
+        return [
+            abs(one["goal.x"]) < 100 and -100 < one["goal.y"] < edge for one, edge in zip(points, edges, strict=True)
+        ]
+
+    return ask
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+@pytest.mark.parametrize("parallelism", [1, 4])
+def test_crash_zone_of_the_paper_within_five_metres(noise, parallelism):
+    asked = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        start = {"goal.x": rng.uniform(-99, 99), "goal.y": rng.uniform(-99, -83), "vx": 0.5}
+        found = map_region(start, AXES, zone(noise, rng), seed=seed, tolerance=5.0, parallelism=parallelism)
+        sides = (found.x_min, found.x_max, found.y_min, found.y_max)
+        assert sides == pytest.approx((-100, 100, -100, -80), abs=5.0)
+        assert found.inside_low <= found.inside_share <= found.inside_high
+        asked.append(len(found.samples) - 1)
+    assert np.median(asked) <= 50
+    assert max(asked) <= 80
+
+
+def test_other_fields_keep_their_values_and_the_text_says_all():
+    seen = []
+
+    def ask(points):
+        seen.extend(points)
+        return zone(0.0, np.random.default_rng(0))(points)
+
+    found = map_region({"goal.x": 0.0, "goal.y": -90.0, "vx": 0.5}, AXES, ask, seed=0, tolerance=5.0)
+    assert {one["vx"] for one in seen} == {0.5}
+    assert found.good
+    assert "goal.x" in found.text
+    assert "inside failed" in found.text
+
+
+def test_a_zone_that_is_no_box_is_called_so():
+    def diamond(points):
+        return [abs(one["goal.x"]) + abs(one["goal.y"] + 90) < 50 for one in points]
+
+    found = map_region({"goal.x": 3.0, "goal.y": -90.0}, AXES, diamond, seed=0, tolerance=5.0)
+    assert not found.good
+    assert "not a box" in found.text
+
+
+def test_misleading_rays_are_repaired():
+    def notched(points):
+        # Rays from the start see a notch at x in [20, 24] below y = -95 only.
+        return [
+            abs(one["goal.x"]) < 100
+            and -100 < one["goal.y"] < -80
+            and not (20 < one["goal.x"] < 90 and one["goal.y"] < -98)
+            for one in points
+        ]
+
+    found = map_region({"goal.x": 0.0, "goal.y": -98.5}, AXES, notched, seed=2, tolerance=5.0)
+    assert found.x_max == pytest.approx(100, abs=5.0)
+
+
+def test_zone_that_fills_the_range_and_small_budgets():
+    everything = map_region(
+        {"goal.x": 0.0, "goal.y": 0.0}, AXES, lambda points: [True] * len(points), seed=0, tolerance=5.0
+    )
+    assert (everything.x_min, everything.x_max, everything.y_min, everything.y_max) == (-5000, 5000, -5000, 5000)
+    count = []
+
+    def ask(points):
+        count.extend(points)
+        return zone(0.0, np.random.default_rng(0))(points)
+
+    map_region({"goal.x": 0.0, "goal.y": -90.0}, AXES, ask, seed=0, budget=7, tolerance=5.0, parallelism=4)
+    assert len(count) == 7
+
+
+def test_equal_seeds_give_equal_regions_and_bad_numbers_are_refused():
+    start = {"goal.x": 0.0, "goal.y": -90.0}
+    ask = zone(0.0, np.random.default_rng(0))
+    assert map_region(start, AXES, ask, seed=3, tolerance=(2.0, 1.0)) == map_region(
+        start, AXES, ask, seed=3, tolerance=(2.0, 1.0)
+    )
+    with pytest.raises(ValueError, match="tolerance"):
+        map_region(start, AXES, ask, seed=3, tolerance=0.0)

@@ -1,0 +1,121 @@
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import pytest
+
+from riot_bus.errors import InconclusiveError
+from riot_bus.generalize.oracle import same_scalar
+from riot_bus.generalize.relevance import FieldSpace, relevant_fields
+from riot_bus.trial import Scalar
+
+Values = Mapping[str, Scalar]
+INT = (0, 1, -1, 7, 100, 2**31 - 1, -(2**31), 35, 120, 240, 300)
+
+
+class Recorder:
+    def __init__(self, fails: Callable[[Values], bool]) -> None:
+        self.fails = fails
+        self.asked: list[dict[str, Scalar]] = []
+
+    def __call__(self, questions: Sequence[Values]) -> list[bool]:
+        self.asked += [dict(question) for question in questions]
+        return [self.fails(question) for question in questions]
+
+
+def with_others(*fields: FieldSpace, count: int = 40) -> list[FieldSpace]:
+    others = [FieldSpace(f"other{index}", index, None, (0, 1, 2, 3)) for index in range(count)]
+    return [*others[: count // 2], *fields, *others[count // 2 :]]
+
+
+def product(limit: int) -> Callable[[Values], bool]:
+    return lambda q: int(q["x"]) * int(q["y"]) < 0 or int(q["x"]) * int(q["y"]) > limit  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("start", [-1, -(2**31), 2**31 - 1])
+def test_a_product_has_both_factors(start: int, seed: int) -> None:
+    ask = Recorder(product(4194304))
+    fields = with_others(FieldSpace("x", start, 150, INT), FieldSpace("y", 200, None, INT))
+    result = relevant_fields(fields, ask, seed=seed, straight=16)
+    assert {field.name for field in result.fields} == {"x", "y"}
+    assert next(field.kind for field in result.fields if field.name == "x") == "exceptional"
+    for field in result.fields:
+        failing, passing = field.certificate.failing, field.certificate.passing
+        assert [name for name in failing if not same_scalar(failing[name], passing[name])] == [field.name]
+        assert dict(failing) in ask.asked
+        assert dict(passing) in ask.asked
+        assert product(4194304)(failing)
+        assert not product(4194304)(passing)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_signs_that_hide_each_other(seed: int) -> None:
+    fields = with_others(FieldSpace("x", -5, None, (-3, -2, 2, 3)), FieldSpace("y", 5, None, (-3, -2, 2, 3)))
+    result = relevant_fields(fields, Recorder(lambda q: int(q["x"]) * int(q["y"]) < 0), seed=seed, straight=20)
+    assert {field.name for field in result.fields} == {"x", "y"}
+
+
+def test_a_mode_field_is_nominal_and_the_injected_one_exceptional() -> None:
+    fields = with_others(
+        FieldSpace("speed", 1e9, 3.0, (0.0, -1.0, math.nan, 1e9)),
+        FieldSpace("mode", "auto", None, ("manual", "off", "auto")),
+        FieldSpace("unneeded", math.nan, 1.0, (0.0,)),
+    )
+    result = relevant_fields(fields, Recorder(lambda q: float(q["speed"]) > 100 and q["mode"] == "auto"), seed=3)
+    assert {field.name: field.kind for field in result.fields} == {"speed": "exceptional", "mode": "nominal"}
+    assert result.straight == 12
+    assert result.bound == pytest.approx(math.log(20) / 12)
+
+
+def test_values_are_compared_by_their_bits() -> None:
+    fields = [
+        FieldSpace("zero", -0.0, 0.0, (0.0,)),
+        FieldSpace("flag", True, None, (1, True)),
+        FieldSpace("nan", math.nan, math.nan, (math.nan,)),
+    ]
+
+    def fails(question: Values) -> bool:
+        return math.copysign(1, float(question["zero"])) < 0 and question["flag"] is True
+
+    result = relevant_fields(fields, Recorder(fails), seed=0)
+    assert {field.name for field in result.fields} == {"zero", "flag"}
+
+
+def test_five_thousand_fields_take_few_trials() -> None:
+    fields = with_others(
+        FieldSpace("x", -1, 4, (1, 2)), FieldSpace("a", 3, None, (4, 5)), FieldSpace("b", 3, None, (4, 5)), count=4997
+    )
+    ask = Recorder(lambda q: q["x"] == -1 and q["a"] == 3 and q["b"] == 3)
+    result = relevant_fields(fields, ask, seed=1)
+    assert {field.name for field in result.fields} == {"x", "a", "b"}
+    assert result.trials <= 2 * 12 + 45
+    keys = [tuple(sorted(question.items())) for question in ask.asked]
+    assert len(set(keys)) == len(keys)
+
+
+def test_parallel_search_finds_the_same_fields() -> None:
+    fields = with_others(FieldSpace("x", -1, 150, INT), FieldSpace("y", 200, None, INT))
+    result = relevant_fields(fields, Recorder(product(10**6)), seed=5, straight=16, parallelism=6)
+    assert {field.name for field in result.fields} == {"x", "y"}
+
+
+def test_equal_seeds_ask_equal_questions() -> None:
+    fields = with_others(FieldSpace("x", -1, 150, INT), FieldSpace("y", 200, None, INT))
+    first, second = Recorder(product(10**6)), Recorder(product(10**6))
+    assert relevant_fields(fields, first, seed=5) == relevant_fields(fields, second, seed=5)
+    assert first.asked == second.asked
+
+
+def test_failing_values_that_pass_are_inconclusive() -> None:
+    with pytest.raises(InconclusiveError, match="does not fail"):
+        relevant_fields([FieldSpace("x", 1, 2, (3,))], Recorder(lambda q: False), seed=0)
+
+
+def test_a_failure_that_needs_nothing_has_no_fields() -> None:
+    result = relevant_fields([FieldSpace("x", 1, 2, (3,))], Recorder(lambda q: True), seed=0)
+    assert result.fields == ()
+
+
+def test_names_must_differ() -> None:
+    with pytest.raises(ValueError, match="distinct"):
+        relevant_fields([FieldSpace("x", 1, 2, ()), FieldSpace("x", 1, 2, ())], Recorder(lambda q: True), seed=0)

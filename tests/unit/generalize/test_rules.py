@@ -1,0 +1,159 @@
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from riot_bus.errors import InconclusiveError
+from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
+from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
+from riot_bus.generalize.validate import proportion
+
+Values = Mapping[str, Any]
+INT_MAX, INT_MIN = 2**31 - 1, -(2**31)
+DICTIONARY = (0, 1, -1, 100, 65535, INT_MAX, INT_MIN)
+
+
+class Recorder:
+    def __init__(self, fails: Callable[[Values], bool]) -> None:
+        self.fails = fails
+        self.asked: list[Values] = []
+
+    def __call__(self, questions: Sequence[Values]) -> list[bool]:
+        self.asked += questions
+        return [self.fails(question) for question in questions]
+
+
+def pair(start: int, seed: int) -> list[Variable]:
+    chance = random.Random(seed)
+    x, y = (tuple(chance.randint(1, 400) for _ in range(20)) for _ in range(2))
+    return [
+        Variable("/map_updates:x", "int32", start, x[:1], x, DICTIONARY),
+        Variable("/map_updates:y", "int32", y[0], (), y, DICTIONARY),
+    ]
+
+
+def accuracy(learned: LearnedRule, variables: list[Variable], fails: Callable[[Values], bool]) -> float:
+    chance, sampler = random.Random(99), Sampler(variables)
+    held = [sampler.assignment(chance) for _ in range(1000)]
+    truth = np.array([fails(sample) for sample in held])
+    right = learned.rule.predict(columns_of(variables, held)) == truth
+    return float(np.mean([right[truth == side].mean() for side in (True, False) if (truth == side).any()]))
+
+
+@pytest.mark.parametrize(
+    ("limit", "start", "seed"),
+    [(4194304, -1, 0), (10**6, INT_MIN, 1), (2**31, INT_MAX, 2), (250_000, -1, 3), (4194304, INT_MAX, 4)],
+)
+def test_the_rule_of_the_paper_is_found_exactly(limit: int, start: int, seed: int) -> None:
+    def fails(v: Values) -> bool:
+        product = v["/map_updates:x"] * v["/map_updates:y"]
+        return bool(product < 0 or product > limit)
+
+    variables = pair(start, seed)
+    learned = learn_rule(variables, Recorder(fails), seed=seed)
+    text = "/map_updates:x * /map_updates:y < 0 or /map_updates:x * /map_updates:y > "
+    assert learned.rule.text() == f"{text}{limit}"
+    assert accuracy(learned, variables, fails) >= 0.99
+    assert learned.precision.rate == learned.recall.rate == learned.balanced_accuracy == 1.0
+    assert learned.precision.low > 0.8
+    assert learned.trials == len(learned.samples) <= 160 + 60
+    assert learned.rule.python().count("4194304") == text.count("4194304") or limit == 4194304
+
+
+NUMBERS = (0.0, -1.0, 1e6, -1e6, math.nan, math.inf, -math.inf, 1e300)
+SPEED = Variable("speed", "float64", 1e6, (2.0,), tuple(float(i) / 4 for i in range(12)), NUMBERS)
+MODE = Variable("mode", "string", "auto", (), ("auto", "manual", "off"), ("", "x" * 50))
+INDEX = Variable("i", "int32", -1, (5,), tuple(range(0, 90, 7)), DICTIONARY)
+WIDTH = Variable("w", "int32", 200, (), tuple(range(100, 400, 17)), DICTIONARY)
+
+
+@pytest.mark.parametrize(
+    ("variables", "fails", "text"),
+    [
+        ([SPEED], lambda v: v["speed"] > 3.5, "speed > 3.5"),
+        ([SPEED, MODE], lambda v: v["mode"] == "auto" and v["speed"] > 3.5, 'mode == "auto" and speed > 3.5'),
+        ([INDEX, WIDTH], lambda v: v["i"] < 0 or v["i"] >= v["w"], "i < 0 or i - w >= 0"),
+        (
+            [Variable("on", "bool", True, (False,), (False, True), ()), WIDTH],
+            lambda v: v["on"] and v["w"] > 150,
+            "on == True and w > 150",
+        ),
+        ([Variable("b", "bytes", b"\0", (b"ok",), (b"ok", b"fine"), ())], lambda v: v["b"] == b"\0", "b == b'\\x00'"),
+        (
+            [Variable("x", "float64", -1.0, (1.0,), (1.0, 2.0), NUMBERS)],
+            lambda v: not math.isfinite(v["x"]) or v["x"] < 0,
+            None,
+        ),
+        (
+            [Variable("n", "uint64", 2**64 - 1, (4,), (1, 4, 9), (0,))],
+            lambda v: v["n"] > 2**63,
+            "n > 9223372036854775808",
+        ),
+    ],
+)
+def test_shapes(variables: list[Variable], fails: Callable[[Values], bool], text: str | None) -> None:
+    learned = learn_rule(variables, Recorder(fails), seed=1, budget=120, validation=30)
+    assert accuracy(learned, variables, fails) >= 0.99
+    if text is not None:
+        assert learned.rule.text() == text
+
+
+def test_values_stay_in_their_types_and_no_question_is_repeated() -> None:
+    ask = Recorder(lambda v: v["a"] > 100 or v["b"] < 0)
+    variables = [
+        Variable("a", "uint8", 200, (3,), (1, 2, 3), (0, 255, 256, -1)),
+        Variable("b", "float32", 0.5, (), (0.5, 1.5), (1e300, math.nan)),
+    ]
+    learn_rule(variables, ask, seed=2, budget=60, validation=20, parallelism=4)
+    assert all(isinstance(v["a"], int) and 0 <= v["a"] <= 255 for v in ask.asked)
+    assert all(math.isnan(v["b"]) or v["b"] == float(np.float32(v["b"])) for v in ask.asked)
+    keys = [(v["a"], repr(v["b"])) for v in ask.asked]
+    assert len(set(keys)) == len(keys)
+
+
+def test_equal_seeds_ask_equal_questions() -> None:
+    def fails(v: Values) -> bool:
+        return bool(v["i"] < 0)
+
+    first, second = Recorder(fails), Recorder(fails)
+    one = learn_rule([INDEX, WIDTH], first, seed=7, budget=40, validation=10)
+    two = learn_rule([INDEX, WIDTH], second, seed=7, budget=40, validation=10)
+    assert first.asked == second.asked
+    assert one == two
+
+
+def test_a_small_space_ends_early() -> None:
+    variable = Variable("on", "bool", True, (False,), (False, True), ())
+    learned = learn_rule([variable], Recorder(lambda v: v["on"]), seed=0)
+    assert learned.rule.text() == "on == True"
+    assert learned.trials == 2
+
+
+def test_failing_values_that_pass_are_inconclusive() -> None:
+    with pytest.raises(InconclusiveError, match="do not fail"):
+        learn_rule([INDEX], Recorder(lambda v: False), seed=0)
+    with pytest.raises(ValueError, match="distinct"):
+        learn_rule([INDEX, INDEX], Recorder(lambda v: True), seed=0)
+
+
+def test_a_failure_everywhere_is_no_error() -> None:
+    learned = learn_rule([INDEX], Recorder(lambda v: True), seed=0, budget=20, validation=10)
+    assert learned.trials >= 20
+
+
+def test_types() -> None:
+    assert integer_range("uint8") == (0, 255)
+    assert integer_range("float32") is None
+    assert fit(300, "uint8") is None
+    assert fit(math.nan, "int32") is None
+    assert fit(1e300, "float32") is None
+    assert fit("a", "float64") is None
+    assert any(isinstance(v, float) and math.isnan(v) for v in interesting(SPEED))
+
+
+def test_proportions_have_exact_bounds() -> None:
+    assert proportion(30, 30).low == pytest.approx(0.8843, abs=1e-4)
+    assert proportion(0, 0).high == 1.0

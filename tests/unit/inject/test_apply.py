@@ -1,0 +1,25 @@
+import pytest
+
+from riot_bus.errors import RiotError
+from riot_bus.inject import apply
+from riot_bus.injection import Injection
+from riot_bus.message import Message
+from riot_bus.types.registry import TypeRegistry
+
+
+def test_nothing_to_inject_gives_the_log_back():
+    messages = [Message(n, "a", b"{}") for n in range(5)]
+    assert apply.inject_log(messages, [], registry=TypeRegistry()) == (tuple(messages), [])
+
+
+def test_delayed_past_the_end_still_arrives():
+    out, _ = apply.inject_log(
+        [Message(5, "a", b"{}")], [Injection("a", fault="delay", delay=60)], registry=TypeRegistry()
+    )
+    assert [message.time for message in out] == [60 * 10**9 + 5]
+
+
+def test_a_bug_of_ours_is_not_hidden(monkeypatch):
+    monkeypatch.setattr(apply.Injector, "message", lambda self, event: 1 / 0)
+    with pytest.raises(RiotError, match="ZeroDivisionError"):
+        apply.inject_log([Message(5, "a", b"{}")], [Injection("a", fault="drop")], registry=TypeRegistry())

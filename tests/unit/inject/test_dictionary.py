@@ -1,0 +1,115 @@
+import math
+
+import pytest
+
+from riot_bus.errors import ConfigError
+from riot_bus.inject import dictionary as module
+from riot_bus.inject.dictionary import Dictionary, Entry, eligible, load_dictionary
+
+
+def added(text):
+    dictionary = Dictionary()
+    dictionary.add(text, where="mine.toml")
+    return dictionary
+
+
+def test_values_by_type_and_long_text():
+    dictionary = added(
+        """
+        type = "string"
+        [[entry]]
+        value = { repeat = "ab", times = 3 }
+        reason = "long"
+        [[entry]]
+        type = "bytes"
+        value = { repeat = { hex = "00ff" }, times = 2 }
+        reason = "bytes"
+        """
+    )
+    assert dictionary.values_for("string") == (Entry("ababab", "long"),)
+    assert dictionary.values_for("bytes") == (Entry(b"\x00\xff\x00\xff", "bytes"),)
+    assert dictionary.values_for("int8") == ()
+
+
+def test_entries_without_type_serve_every_type_that_can_hold_them():
+    dictionary = added('[[entry]]\nvalue = 300\nreason = "r"')
+    assert [bool(dictionary.values_for(kind)) for kind in ("uint8", "int16", "float32", "string", "bool")] == [
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_bindings_come_first_and_may_stand_alone():
+    text = """
+    [[entry]]
+    type = "float64"
+    value = 1.0
+    reason = "general"
+    [[field]]
+    path = "*.linear.x"
+    type = "float64"
+    entries = [{ value = 7.0, reason = "special" }, { value = 1.0, reason = "again" }]
+    [[field]]
+    path = "ranges[*]"
+    only = true
+    entries = [{ value = 0.5, reason = "near" }]
+    """
+    dictionary = added(text)
+    assert [e.reason for e in dictionary.values_for("float64", "twist.linear.x")] == ["special", "again"]
+    assert [e.reason for e in dictionary.values_for("float64", "/odom:twist.linear.x")] == ["special", "again"]
+    assert [e.reason for e in dictionary.values_for("float32", "ranges[17]")] == ["near"]
+    assert [e.reason for e in dictionary.values_for("float64", "other")] == ["general"]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('type = "flaot64"', "did you mean 'float64'"),
+        ('type = "int8"\n[[entry]]\nvalue = 128\nreason = "r"', "cannot hold 128"),
+        ('type = "bool"\n[[entry]]\nvalue = 1\nreason = "r"', "cannot hold 1"),
+        ("[[entry]]\nvalue = 1", "entry[0].reason"),
+        ('[[entry]]\nvalue = 1\nreson = "r"', "'reason'"),
+        ('[[field]]\npath = "x"\nentries = []', "no entries"),
+        ('[[field]]\npath = "x"\ntype = "uint8"\nentries = [{ value = -1, reason = "r" }]', "cannot hold -1"),
+        ('[[field]]\npath = "x"\nentrys = []', "entrys"),
+        ("x = [", "not a TOML file"),
+    ],
+)
+def test_errors_at_load(text, problem):
+    with pytest.raises(ConfigError) as caught:
+        added(text)
+    assert "mine.toml" in str(caught.value)
+    assert problem in str(caught.value)
+
+
+def test_binding_without_an_eligible_value_is_an_error():
+    dictionary = added('[[field]]\npath = "speed"\nentries = [{ value = "fast", reason = "r" }]')
+    with pytest.raises(ConfigError, match="none of the values"):
+        dictionary.values_for("float64", "speed")
+    with pytest.raises(ConfigError, match="none of the values"):
+        dictionary.check([("speed", "float64")])
+    with pytest.raises(ConfigError, match="did you mean 'sped'"):
+        dictionary.check([("sped", "string")])
+    dictionary.check([("speed", "string")])
+
+
+def test_float32_holds_no_double():
+    assert eligible("float32", math.inf)
+    assert not eligible("float32", 1e300)
+    assert eligible("float64", 1e300)
+    assert not eligible("float64", True)
+
+
+def test_user_files_and_broken_packages(tmp_path, monkeypatch):
+    mine = tmp_path / "mine.toml"
+    mine.write_text('type = "bool"\n[[field]]\npath = "on"\nonly = true\nentries = [{ value = true, reason = "r" }]')
+    assert load_dictionary([mine]).values_for("bool", "on") == (Entry(True, "r"),)
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_dictionary([tmp_path / "none.toml"])
+    point = type("Point", (), {"value": "no_such_module_here", "name": "broken"})()
+    monkeypatch.setattr(module, "entry_points", lambda group: [point])
+    with pytest.raises(ConfigError, match="broken = no_such_module_here"):
+        load_dictionary()

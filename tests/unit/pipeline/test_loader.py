@@ -1,0 +1,58 @@
+import pytest
+
+from riot_bus.errors import ConfigError
+from riot_bus.pipeline.loader import load_interceptor
+
+ONE = """
+from dataclasses import dataclass
+from riot_bus.pipeline.event import Event
+
+class Helper:
+    pass
+
+@dataclass
+class Slow:
+    seconds: float = 1.0
+    def message(self, event: Event) -> None:
+        event.delay(self.seconds)
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "mine.py"
+
+
+def test_the_only_class_needs_no_name(file):
+    file.write_text(ONE)
+    assert type(load_interceptor(str(file))).__name__ == "Slow"
+    assert load_interceptor(f"{file}:Slow").seconds == 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "suffix", "where", "problem"),
+    [
+        ("def f(:\n", "", ":1", "syntax error"),
+        ("x = 1\n1 / 0\n", "", ":2", "ZeroDivisionError"),
+        ("x = 1\n", "", "", "no interceptor class"),
+        (ONE, ":Slwo", "", "'Slow'"),
+        (ONE + "\nclass Fast(Slow):\n    def message(self, event): pass\n", "", "", "Slow (line 11), Fast (line 15)"),
+        (
+            "class A:\n    def __init__(self):\n        raise OSError('no')\n    def message(self, e): ...\n",
+            "",
+            ":3",
+            "no",
+        ),
+    ],
+)
+def test_errors_say_what_and_where(file, text, suffix, where, problem):
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_interceptor(f"{file}{suffix}")
+    assert problem in str(caught.value)
+    assert f"{file}{where}" in str(caught.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(ConfigError, match="no such file"):
+        load_interceptor(str(tmp_path / "none.py"))

@@ -1,0 +1,176 @@
+import pytest
+
+from riot_bus.errors import ConfigError, MissingExtraError
+from riot_bus.types.model import Schema, TopicName
+from riot_bus.types.registry import TypeRegistry
+from riot_bus_ros2 import store as store_module
+from riot_bus_ros2.adapter import Ros2Adapter
+
+UPDATE = """# part of a map
+std_msgs/Header header
+int32 x
+int32 y
+uint32 width
+uint32 height
+int8[] data
+"""
+ODOM = "0/odom/nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported"
+HEADER = b"\x01\0\0\0\x02\0\0\0\x04\0\0\0map\0"
+UPDATE_PAYLOAD = (
+    b"\0\1\0\0" + HEADER + b"\xfe\xff\xff\xff" + b"\x05\0\0\0" + b"\x02\0\0\0" * 2 + b"\x04\0\0\0" + b"\xff\0\x64\x01"
+)
+
+
+def write(root, name, text):
+    package, kind, short = name.split("/")
+    file = root / package / kind / f"{short}.msg"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+    return file
+
+
+@pytest.fixture
+def adapter():
+    return Ros2Adapter()
+
+
+def test_topics_and_key_expressions(adapter):
+    assert adapter.topic(ODOM) == TopicName("/odom", "nav_msgs/msg/Odometry")
+    assert adapter.topic("demo/odom") is None
+    assert adapter.key_expression("/odom") == "*/odom/*/*"
+    assert adapter.key_expression("demo/odom") is None
+
+
+def test_types_by_name(adapter):
+    odometry = adapter.type_named("nav_msgs/msg/Odometry")
+    assert odometry.name == "nav_msgs/msg/Odometry"
+    assert adapter.type_named("nav_msgs/Odometry") is odometry
+    for unknown in ("no_such/msg/Type", "json", "std_srvs/srv/Empty", "", "a/b/c/d"):
+        assert adapter.type_named(unknown) is None
+
+
+def test_in_the_registry(adapter):
+    types = TypeRegistry([adapter], declared={"/scan": "sensor_msgs/msg/LaserScan", "bridge/odom": "nav_msgs/Odometry"})
+    assert types.topic(ODOM) == "/odom"
+    assert types.type_of(ODOM).name == "nav_msgs/msg/Odometry"
+    assert types.matches("/odom", ODOM)
+    assert types.matches("/odom", ODOM + "/_buf_cpu")
+    assert types.type_of("0/scan/a::msg::dds_::B_/TypeHashNotSupported").name == "sensor_msgs/msg/LaserScan"
+    assert types.type_of("bridge/odom").name == "nav_msgs/msg/Odometry"
+    assert types.type_of("0/x/a::msg::dds_::B_/TypeHashNotSupported", encoding="application/cdr") is None
+
+
+def test_load_a_type_that_no_distribution_has(adapter, tmp_path):
+    assert adapter.type_named("map_msgs/msg/OccupancyGridUpdate") is None
+    adapter.load([write(tmp_path, "map_msgs/msg/OccupancyGridUpdate", UPDATE)])
+    update = adapter.type_named("map_msgs/msg/OccupancyGridUpdate")
+    assert {leaf.path: leaf.value for leaf in update.leaves(UPDATE_PAYLOAD)} == {
+        "header.stamp.sec": 1,
+        "header.stamp.nanosec": 2,
+        "header.frame_id": "map",
+        "x": -2,
+        "y": 5,
+        "width": 2,
+        "height": 2,
+        "len(data)": 4,
+        "data[0]": -1,
+        "data[1]": 0,
+        "data[2]": 100,
+        "data[3]": 1,
+    }
+    assert update.patch(UPDATE_PAYLOAD, {"x": -(1 << 31), "data[1]": 200}) == UPDATE_PAYLOAD.replace(
+        b"\xfe\xff\xff\xff", b"\0\0\0\x80"
+    ).replace(b"\xff\0\x64", b"\xff\xc8\x64")
+    assert update.type_hash.startswith("RIHS01_")
+    assert b"int8[] data" in update.schema.data
+    longer = update.patch(UPDATE_PAYLOAD, {"header.frame_id": "odom"})
+    assert update.read(longer, "header.frame_id") == "odom"
+    assert update.read(longer, "data[2]") == 100
+
+
+def test_load_a_directory_with_dependencies_in_any_order(adapter, tmp_path):
+    write(tmp_path, "my_pkg/msg/Outer", "Inner[3] inner\nstd_msgs/Header header\n")
+    write(tmp_path, "my_pkg/msg/Inner", "float32 x 1.5\nuint8 KIND=3\n")
+    adapter.load([tmp_path])
+    assert adapter.type_named("my_pkg/msg/Outer").read(b"\0\1\0\0" + b"\0" * 24, "inner[2].x") == 0
+
+
+def test_a_loaded_type_overrides_the_distribution(adapter, tmp_path):
+    assert adapter.type_named("std_msgs/msg/Bool").leaves(b"\0\1\0\0\1")[0].type == "bool"
+    adapter.load([write(tmp_path, "std_msgs/msg/Bool", "int8 data\n")])
+    assert adapter.type_named("std_msgs/msg/Bool").leaves(b"\0\1\0\0\1")[0].type == "int8"
+
+
+def test_a_line_that_does_not_parse(adapter, tmp_path):
+    file = write(tmp_path, "my_pkg/msg/Bad", "int32 a\n\n# fine\nint32 9b\nint32 e\n")
+    with pytest.raises(ConfigError, match="cannot parse") as caught:
+        adapter.load([file])
+    assert caught.value.where == f"{file}:4"
+
+
+def test_an_unknown_type_inside(adapter, tmp_path):
+    file = write(tmp_path, "my_pkg/msg/Bad", "int32 a\ngeometry_msgs/Pont p\n")
+    with pytest.raises(ConfigError, match="unknown type 'geometry_msgs/msg/Pont'") as caught:
+        adapter.load([file])
+    assert caught.value.where == f"{file}:2"
+    assert "did you mean 'geometry_msgs/msg/Point'" in caught.value.hint
+
+
+def test_files_in_the_wrong_place(adapter, tmp_path):
+    misplaced = tmp_path / "Odd.msg"
+    misplaced.write_text("int32 a\n")
+    with pytest.raises(ConfigError, match="not a file in a layout"):
+        adapter.load([misplaced])
+    with pytest.raises(ConfigError, match="cannot read"):
+        adapter.load([tmp_path / "pkg" / "msg" / "Absent.msg"])
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(ConfigError, match=r"no \.msg files"):
+        adapter.load([empty])
+
+
+def test_types_of_schemas(adapter):
+    text = b"float32 x\nmy_pkg/Inner inner\n" + b"=" * 80 + b"\nMSG: my_pkg/Inner\nuint8 y\n"
+    schema = Schema("my_pkg/msg/Outer", "ros2msg", text)
+    outer = adapter.type_of_schema(schema)
+    assert [leaf.path for leaf in outer.leaves(b"\0\1\0\0" + b"\0" * 5)] == ["x", "inner.y"]
+    assert outer.schema == schema
+    assert adapter.type_of_schema(schema) is outer
+    assert adapter.type_named("my_pkg/msg/Outer") is None
+
+
+def test_a_schema_overrides_the_distribution_for_its_log(adapter):
+    old = adapter.type_of_schema(Schema("std_msgs/msg/Bool", "ros2msg", b"int8 data\n"))
+    assert old.leaves(b"\0\1\0\0\1")[0].type == "int8"
+    assert adapter.type_named("std_msgs/msg/Bool").leaves(b"\0\1\0\0\1")[0].type == "bool"
+
+
+def test_an_idl_schema(adapter):
+    text = b"module my_pkg { module msg { struct P { double x; }; }; };\n"
+    idl = Schema("my_pkg/msg/P", "ros2idl", b"=" * 80 + b"\nIDL: my_pkg/msg/P\n" + text)
+    assert adapter.type_of_schema(idl).read(b"\0\1\0\0" + b"\0" * 8, "x") == 0.0
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        Schema("a/msg/B", "jsonschema", b"{}"),
+        Schema("a/srv/B_Event", "ros2msg", b"int32 a\n---\nint32 b\n"),
+        Schema("a/msg/B", "ros2msg", b"\xff\xfe"),
+        Schema("a/msg/B\nint32 x", "ros2msg", b"int32 a\n"),
+        Schema("a/msg/B", "ros2idl", b"module {"),
+        Schema("a/msg/B", "ros2msg", b""),
+    ],
+)
+def test_schemas_that_are_not_understood(adapter, schema):
+    assert adapter.type_of_schema(schema) is None
+
+
+def test_an_empty_schema_counts_by_its_name(adapter):
+    assert adapter.type_of_schema(Schema("std_msgs/msg/Bool", "ros2msg", b"")).name == "std_msgs/msg/Bool"
+
+
+def test_without_rosbags(monkeypatch):
+    monkeypatch.setattr(store_module, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError):
+        Ros2Adapter()
