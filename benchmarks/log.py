@@ -42,7 +42,7 @@ def plain_write(path: Path, log: list[Message]) -> None:
         for message in log:
             channel = channels[message.key]
             writer.add_message(channel, message.time, message.payload, message.time, message.sequence)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def riot_write(path: Path, log: list[Message]) -> None:

@@ -27,6 +27,7 @@ __all__ = ["Activation", "Evaluation", "activate"]
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 _REPEATS = 30
+_FAR = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +176,7 @@ class _Search:
         if distance is not None and not math.isfinite(distance):
             distance = None
         if distance is not None:
+            distance = min(max(distance, -_FAR), _FAR)
             self._largest = max(self._largest, distance)
         self._known[self._key(wanted.point)] = distance
         self._history.add(wanted.vector, self._worth(wanted.vector, distance))

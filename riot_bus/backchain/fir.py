@@ -173,10 +173,12 @@ def standardise(values: Floats) -> Floats:
     finite = np.isfinite(values)
     if finite.sum() < 3:
         return np.zeros_like(values)
+    # Scaled before anything else, since sums of large values overflow.
+    known = values[finite]
+    known = known / (float(np.abs(known).max()) or 1.0)
+    result = np.full(len(values), np.median(known))
+    result[finite] = known
     # Two passes: the second one measures without the outliers that the first one clipped.
-    result = np.where(finite, values, np.median(values[finite])).astype(np.float64)
-    largest = float(np.abs(result).max())
-    result = result / largest if largest > 0 else result
     for _ in range(2):
         result = result - result.mean()
         deviation = float(result.std())

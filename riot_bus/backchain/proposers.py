@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Evolution", "Forest", "History", "Proposer", "Simplex", "proposers"]
 
-_TREES = 50
-_CANDIDATES = 400
+_TREES = 40
+_CANDIDATES = 300
 _FIT_LIMIT = 600
 
 

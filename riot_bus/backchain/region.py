@@ -95,7 +95,8 @@ def map_region(
     if min(widths) <= 0 or budget < 1 or parallelism < 1 or axes[0].name == axes[1].name:
         raise ValueError(f"no region map with tolerance {tolerance}, budget {budget}, parallelism {parallelism}")
     mapper = _Mapper(start, axes, widths, ask, budget=budget, parallelism=parallelism, progress=progress)
-    box = _refine(mapper, _rays(mapper), np.random.default_rng([seed, 41]))
+    first = Box(*_shoot(mapper, [(side, mapper.start) for side in range(4)]))
+    box = _refine(mapper, first, np.random.default_rng([seed, 41]))
     return _report(mapper, box)
 
 
@@ -177,11 +178,10 @@ def _ray(start: float, end: float, width: float) -> Generator[float, bool | None
     return (inside + outside) / 2
 
 
-def _rays(mapper: _Mapper) -> Box:
-    x, y = mapper.start
-    ends = [(0, mapper.limits.x_min), (0, mapper.limits.x_max), (1, mapper.limits.y_min), (1, mapper.limits.y_max)]
-    rays = [_ray(mapper.start[axis], end, mapper.widths[axis]) for axis, end in ends]
-    edges = [mapper.start[axis] for axis, _ in ends]
+def _shoot(mapper: _Mapper, origins: Sequence[tuple[int, Place]]) -> list[float]:
+    """Return where the zone ends from each failing place towards the given side (x_min, x_max, y_min, y_max)."""
+    rays = [_ray(place[side // 2], mapper.limits[side], mapper.widths[side // 2]) for side, place in origins]
+    edges = [place[side // 2] for side, place in origins]
     waiting: dict[int, float] = {}
 
     def advance(at: int, *, answer: bool | None) -> None:
@@ -191,35 +191,40 @@ def _rays(mapper: _Mapper) -> Box:
             waiting.pop(at, None)
             edges[at] = stop.value
 
-    for at in range(4):
+    for at in range(len(rays)):
         advance(at, answer=None)
     while waiting:
         now = dict(waiting)
-        answers = mapper.asked([(value, y) if at < 2 else (x, value) for at, value in now.items()])
-        for at, answer in zip(now, answers, strict=True):
+        places = []
+        for at, value in now.items():
+            side, (x, y) = origins[at]
+            places.append((value, y) if side < 2 else (x, value))
+        for at, answer in zip(now, mapper.asked(places), strict=True):
             advance(at, answer=answer)
-    return Box(*edges)
+    return edges
 
 
 def _refine(mapper: _Mapper, box: Box, rng: np.random.Generator) -> Box:
-    reach = np.ones(4)
     for number in range(_ROUNDS):
-        probes = _edges(mapper, box, reach, rng)
+        probes = _edges(mapper, box, rng)
         if number == 0:
             probes = [(None, place) for place in _corners(mapper, box)] + probes
         known = {(x, y) for x, y, _ in mapper.samples}
         answers = mapper.asked([place for _, place in probes])
         wrong = False
+        beyond: list[tuple[int, Place]] = []
         for (side, place), answer in zip(probes, answers, strict=True):
             if answer is None:
                 return fit_box(mapper.samples, box)
-            surprise = answer != box.contains(*place) and mapper.sensible(place) not in known
-            wrong = wrong or surprise
+            wrong = wrong or (answer != box.contains(*place) and place not in known)
             if side is not None and answer and not box.contains(*place):
-                reach[side] *= 2
+                beyond.append((side, place))
         if not wrong:
             return box
-        box = fit_box(mapper.samples, box)
+        edges = list(box)
+        for (side, _), edge in zip(beyond, _shoot(mapper, beyond), strict=True):
+            edges[side] = edge
+        box = fit_box(mapper.samples, Box(*edges))
     return box
 
 
@@ -230,7 +235,7 @@ def _corners(mapper: _Mapper, box: Box) -> list[Place]:
     return [mapper.sensible((x, y)) for x in xs for y in ys]
 
 
-def _edges(mapper: _Mapper, box: Box, reach: np.ndarray, rng: np.random.Generator) -> list[tuple[int | None, Place]]:
+def _edges(mapper: _Mapper, box: Box, rng: np.random.Generator) -> list[tuple[int | None, Place]]:
     """Return one place just inside and one just outside each edge, somewhere along it, with the edge's number."""
     probes: list[tuple[int | None, Place]] = []
     for side, (edge, limit) in enumerate(zip(box, mapper.limits, strict=True)):
@@ -239,7 +244,7 @@ def _edges(mapper: _Mapper, box: Box, reach: np.ndarray, rng: np.random.Generato
         width, span = mapper.widths[axis], box.spans[axis]
         along = box[2:] if axis == 0 else box[:2]
         margin = min(mapper.widths[1 - axis], (along[1] - along[0]) / 4)
-        for step in (-min(0.8 * width, span / 3), 0.8 * width * float(reach[side])):
+        for step in (-min(0.8 * width, span / 3), 0.8 * width):
             value = edge + outward * step
             other = float(rng.uniform(along[0] + margin, along[1] - margin))
             if step > 0 and (value - limit) * outward > 0:

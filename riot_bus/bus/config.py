@@ -41,6 +41,7 @@ def router_config(
         "scouting/delay": 0,  # opening takes 2 ms instead of 508 ms
         "scouting/multicast/enabled": False,  # else peers on one host find each other around every router
         "adminspace/enabled": True,
+        "transport/shared_memory/enabled": False,  # each session would leave a file in /dev/shm open for ever
         _WAIT_BEFORE_CLOSE: int(wait_before_close_s * 1e6),
         **(extra or {}),
     }

@@ -1,4 +1,8 @@
-"""Who talks to whom on a bus, from Zenoh's admin space; read only."""
+"""Who talks to whom on a bus, from Zenoh's admin space; read only.
+
+Ask only while components have settled. Zenoh 1.10.2 takes the read lock of its tables twice to answer, so a component
+that declares something in between blocks both, and with them the whole router, for ever.
+"""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Junction:
         self._timeout = timeout
 
     def open(self, cut: Sequence[str]) -> zenoh.Session:
-        """Join the segments; return once links and routes are up.
+        """Join the segments, or cut other keys if they are joined; return once links and routes are up.
 
         Args:
             cut: Canonical key expressions that must not cross.
@@ -59,31 +59,39 @@ class Junction:
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
         """
-        self.close()
         settings = router_config(
             connect=[segment.endpoints[0] for segment in self._segments],
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **access_control(cut)},
         )
+        # The former router stays until the new one works. If it left first, the new one would take its place in the
+        # segments' tables, and they would not tell each other of subscriptions that exist already.
+        former = self.session, self.zid
         self.session = open_session(settings, purpose="junction")
         self.zid = str(self.session.info.zid())
         self.ids.add(self.zid)
-        if not wait_until(self._linked, self._timeout) or not self._routes():
-            self.close()
-            names = ", ".join(each.name for each in self._segments)
-            raise EnvironmentFaultError(
-                f"the segments {names} were not joined in {self._timeout:g} s",
-                where="junction",
-                hint="is the machine overloaded? look at ZENOH_RUNTIME and at Zenoh's log (RUST_LOG=zenoh=debug)",
-            )
-        return self.session
+        if wait_until(self._linked, self._timeout) and self._routes():
+            self._leave(*former)
+            if former[0] is None or self._routes():
+                return self.session
+        self.close()
+        self._leave(*former)
+        names = ", ".join(each.name for each in self._segments)
+        raise EnvironmentFaultError(
+            f"the segments {names} were not joined in {self._timeout:g} s",
+            where="junction",
+            hint="is the machine overloaded? look at ZENOH_RUNTIME and at Zenoh's log (RUST_LOG=zenoh=debug)",
+        )
 
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
-        zid, self.zid = self.zid, ""
-        if self.session is not None:
-            release(self.session)
-            self.session = None
+        former, self.session = (self.session, self.zid), None
+        self.zid = ""
+        self._leave(*former)
+
+    def _leave(self, session: zenoh.Session | None, zid: str) -> None:
+        if session is not None:
+            release(session)
             wait_until(lambda: all(zid not in segment.peers() for segment in self._segments), self._timeout)
 
     def _linked(self) -> bool:

@@ -116,7 +116,7 @@ class Dispatcher:
         """Number of callbacks that raised; each was logged."""
         self._name = name
         self._lost = lost
-        self._mailbox = mailbox or Mailbox()
+        self._mailbox = Mailbox() if mailbox is None else mailbox  # an empty one is false
         self._done = 0
         self._closing = False
         self._thread: threading.Thread | None = None

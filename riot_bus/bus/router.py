@@ -15,7 +15,6 @@ from riot_bus.bus.client import Subscription, subscribe
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
 from riot_bus.bus.forward import Forwarder
-from riot_bus.bus.graph import declared
 from riot_bus.bus.junction import Junction
 from riot_bus.bus.mailbox import Dispatcher, Mailbox
 from riot_bus.bus.runtime import canonical, prepare_runtime, release, wait_until
@@ -38,7 +37,7 @@ __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.5
-_ADMIN_INTERVAL_S = 0.005
+_MATCHING_INTERVAL_S = 0.002
 _QUIET_POLLS = 3
 
 
@@ -131,7 +130,8 @@ class Bus:
         self._converters = {name: Converter(name, self._sequence) for name in segments}
         self._others = {name: [other for other in segments if other != name] for name in segments}
         self._junction: Junction | None = None
-        self._cuts: list[zenoh.Subscriber[None]] = []
+        self._cuts: dict[str, list[Subscription]] = {}
+        self._observers: list[Subscription] = []
         self._claims = Claims(canonical(intercept))
         self._record = Claims(canonical(record))
         self._mailbox: Mailbox[Message] = Mailbox(capacity=capacity)
@@ -174,7 +174,7 @@ class Bus:
             stack.callback(self._watch.stop)
             self._forwarder.start()
             stack.callback(self._stop)
-            self._connect()
+            self._connect(self._claims)
             self._stack = stack.pop_all()
         return self
 
@@ -189,44 +189,52 @@ class Bus:
         self.close()
 
     def set_intercept(self, keyexprs: Sequence[str]) -> None:
-        """Cut other keys from now on; components stay connected, native traffic pauses for about 100 ms.
+        """Cut other keys from now on, while components stay connected.
+
+        No message crosses twice or against both the old and the new rule; of keys whose rule changes, and natively
+        while routes change, some may be lost within about 200 ms.
 
         Args:
             keyexprs: All key expressions that are intercepted from now on.
         """
         claims = Claims(canonical(keyexprs))
-        if self._junction is not None:
-            self._junction.close()
-        release(*self._cuts)
-        self._cuts.clear()
-        self._claims = claims
-        self._connect()
+        for expression in self._cuts.keys() - set(claims.expressions):
+            release(*self._cuts.pop(expression))
+        self._connect(claims)
 
-    def _connect(self) -> None:
+    def _connect(self, claims: Claims) -> None:
         import zenoh
 
-        claims = self._claims
-        for name, segment in self._segments.items():
-            for expression in claims.expressions:
-                self._cuts.append(
+        if self._junction is not None:
+            self._junction.open(claims.expressions)
+        for expression in claims.expressions:
+            if expression not in self._cuts:
+                self._cuts[expression] = [
                     segment.session.declare_subscriber(
                         expression,
-                        self._interception(name, expression, claims),
-                        # What we publish ourselves must not come back.
-                        allowed_origin=zenoh.Locality.REMOTE,
+                        self._interception(name, expression),
+                        allowed_origin=zenoh.Locality.REMOTE,  # what we publish ourselves must not come back
                     )
-                )
-        session = next(iter(self._segments.values())).session
-        segment_name = next(iter(self._segments)) if self._junction is None else ""
-        if self._junction is not None:
-            session = self._junction.open(claims.expressions)
-        if self._recorder is not None:
-            for expression in self._record.expressions:
-                # The junction sees every message that is not intercepted once, whichever segment it comes from.
-                converter = Converter(segment_name, self._sequence)
-                subscriber = subscribe(session, expression, take=self._observation(expression), convert=converter)
-                if self._junction is None:
-                    self._cuts.append(subscriber)
+                    for name, segment in self._segments.items()
+                ]
+        self._claims = claims
+        self._observe()
+
+    def _observe(self) -> None:
+        if self._recorder is None:
+            return
+        if self._junction is not None and self._junction.session is not None:
+            # The junction sees every message that is not intercepted once, whichever segment it comes from.
+            session, segment = self._junction.session, ""
+        else:
+            segment = next(iter(self._segments))
+            session = self._segments[segment].session
+        release(*self._observers)  # those of a former junction are gone already, which does no harm
+        converter = Converter(segment, self._sequence)
+        self._observers = [
+            subscribe(session, expression, take=self._observation(expression), convert=converter)
+            for expression in self._record.expressions
+        ]
 
     def _watched(self) -> TransportWatch:
         junction = self._junction
@@ -240,7 +248,8 @@ class Bus:
         return watch
 
     def _stop(self) -> None:
-        release(*self._cuts)
+        release(*itertools.chain(self._observers, *self._cuts.values()))
+        self._observers.clear()
         self._cuts.clear()
         wait_until(self._forwarder.idle, _SETTLE_S)
         self._forwarder.close()
@@ -248,12 +257,12 @@ class Bus:
 
     # -- interception -------------------------------------------------------------------------------------------------
 
-    def _interception(self, segment: str, expression: str, claims: Claims) -> Callable[[zenoh.Sample], None]:
-        convert, single = self._converters[segment], len(claims.expressions) == 1
+    def _interception(self, segment: str, expression: str) -> Callable[[zenoh.Sample], None]:
+        convert = self._converters[segment]
 
         def take(sample: zenoh.Sample) -> None:
             message = convert(sample)
-            if single or claims.owner(message.key) == expression:
+            if self._claims.owner(message.key) == expression:
                 self._intercept(message)
 
         return take
@@ -361,7 +370,9 @@ class Bus:
     ) -> list[str]:
         """Wait until components of a segment have subscribed to all key expressions.
 
-        Zenoh's matching status will not do: observers in other segments, and our own, make it true.
+        What counts is that somebody outside of the segment's own session would receive the key. That is exact for
+        intercepted keys, whose subscriptions the junction keeps apart, unless somebody elsewhere (a recorder of
+        `**`, say) subscribes to more than is cut; of other keys, subscribers in other segments count too.
 
         Args:
             segment: Name of the segment.
@@ -375,15 +386,23 @@ class Bus:
         import zenoh
 
         session = self.segment(segment).session
-        missing = [(text, zenoh.KeyExpr(text)) for text in canonical(keyexprs)]
+        # Not by the admin space, which tells it exactly: a query there while somebody declares something can block
+        # the whole router for ever (zenoh 1.10.2 locks its tables twice).
+        waiting: dict[str, Any] = {
+            text: session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
+            for text in canonical(keyexprs)
+        }
 
         def settled() -> bool:
-            found = {each.key for each in declared(session, segment, kind="subscriber", ours=self.ids)}
-            missing[:] = [(t, k) for t, k in missing if not any(k.intersects(key) for key in found)]
-            return not missing or not alive()
+            for text in [text for text, each in waiting.items() if each.matching_status.matching]:
+                release(waiting.pop(text))
+            return not waiting or not alive()
 
-        wait_until(settled, timeout, interval=_ADMIN_INTERVAL_S)
-        return [text for text, _ in missing]
+        try:
+            wait_until(settled, timeout, interval=_MATCHING_INTERVAL_S)
+            return list(waiting)
+        finally:
+            release(*waiting.values())
 
     def drain(self, timeout: float) -> bool:
         """Wait until all messages received so far are through and published, delayed ones included.

@@ -51,12 +51,11 @@ def prepare_runtime(segments: int = 1) -> None:
     Raises:
         ConfigError: The user's `ZENOH_RUNTIME` leaves fewer threads than there are routers.
     """
-    running = _running_receivers()
-    if not running and _VARIABLE not in os.environ:
+    if _VARIABLE not in os.environ and not _running():
         receivers = max(_RECEIVERS, _RECEIVERS_PER_SEGMENT * segments)
         os.environ[_VARIABLE] = f"(rx: (worker_threads: {receivers}), tx: (worker_threads: 4))"
         return
-    receivers = running or _receivers_of(os.environ[_VARIABLE])
+    receivers = _receivers_of(os.environ.get(_VARIABLE, ""))
     wanted = _RECEIVERS_PER_SEGMENT * segments
     hint = f"set {_VARIABLE}='(rx: (worker_threads: {max(_RECEIVERS, wanted)}), tx: (worker_threads: 4))'"
     if receivers <= segments:
@@ -72,12 +71,13 @@ def _receivers_of(value: str) -> int:
     return int(found.group(1)) if found else _ZENOH_RECEIVERS
 
 
-def _running_receivers() -> int:
-    count = 0
+def _running() -> bool:
+    """Return whether Zenoh's runtime runs already, so that setting the variable comes too late."""
     for name in Path("/proc/self/task").glob("*/comm"):
         with suppress(OSError):  # a thread may end while we look
-            count += name.read_text().startswith("rx-")
-    return count
+            if name.read_text().startswith("rx-"):
+                return True
+    return False
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:

@@ -7,6 +7,7 @@ decide the draw, so campaigns resume and repeat.
 from __future__ import annotations
 
 import random
+import re
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
 __all__ = ["Schedule", "Target", "targets_of"]
 
 _SAMPLES = 5
-_MAX_FIELDS = 3
+_POLICIES = (1, 2, 3)
+_FIELDS = (1, 1, 2, 3)
 _ELEMENTS = 4
+_INDEX = re.compile(r"\[\d+\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +95,7 @@ class Schedule:
     """Draws the injections of trial 0, 1, 2, ...
 
     Args:
-        targets: Fields by topic, from `targets_of`.
+        targets: Fields by topic, from `targets_of`; the elements of an array weigh as much as one field together.
         dictionary: Exceptional values.
         seed: Seed of the campaign.
 
@@ -101,36 +104,44 @@ class Schedule:
     """
 
     def __init__(self, targets: Mapping[str, Sequence[Target]], dictionary: Dictionary, *, seed: int) -> None:
-        usable = {
-            topic: [target for target in fields if dictionary.values_for(target.type, f"{topic}:{target.path}")]
-            for topic, fields in targets.items()
-        }
-        self._targets = {topic: fields for topic, fields in usable.items() if fields}
+        self._families: dict[str, dict[str, list[Target]]] = {}
+        for topic, fields in targets.items():
+            for target in fields:
+                if dictionary.values_for(target.type, f"{topic}:{target.path}"):
+                    family = _INDEX.sub("[*]", target.path)
+                    self._families.setdefault(topic, {}).setdefault(family, []).append(target)
         self._dictionary = dictionary
         self._seed = seed
-        if not self._targets:
+        if not self._families:
             raise ConfigError(
                 "the log has no field that can be injected",
                 hint="are the message types known ([system.types], [system] messages), and not all fields left alone?",
             )
 
     def injections(self, trial: int) -> tuple[Injection, ...]:
-        """Return the injections of one trial: one topic, one to three fields, one stretch of the log."""
+        """Return the injections of one trial: a few policies, each on one topic, some fields, a stretch of the log.
+
+        Several policies per trial find more per trial; minimisation tells later which of them mattered.
+        """
         draw = random.Random(f"{self._seed}:{trial}")  # noqa: S311
-        topic = draw.choice(sorted(self._targets))
-        fields = self._targets[topic]
-        chosen = draw.sample(fields, min(len(fields), draw.choice((1, 1, 2, _MAX_FIELDS))))
+        policies = draw.choice(_POLICIES)
+        return tuple(injection for _ in range(policies) for injection in self._policy(draw))
+
+    def _policy(self, draw: random.Random) -> list[Injection]:
+        families = self._families[draw.choice(sorted(self._families))]
+        names = draw.sample(sorted(families), min(len(families), draw.choice(_FIELDS)))
+        chosen = [draw.choice(families[name]) for name in names]
         carried = chosen[0].messages
         length = max(1, round(carried ** draw.random()))
         first = draw.randrange(carried - length + 1)
-        return tuple(
+        return [
             Injection(
-                topic,
+                target.topic,
                 target.path,
-                draw.choice(self._dictionary.values_for(target.type, f"{topic}:{target.path}")).value,
+                draw.choice(self._dictionary.values_for(target.type, f"{target.topic}:{target.path}")).value,
                 first=first,
                 last=first + length - 1,
                 seed=self._seed,
             )
             for target in chosen
-        )
+        ]

@@ -12,7 +12,10 @@ from riot_bus.backchain.activation import Evaluation
 from riot_bus.backchain.activation import activate as search
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.backchain.region import Region, map_region
-from riot_bus.chain.artefacts import (
+from riot_bus.chain.external import ExternalField, external_fields
+from riot_bus.chain.permeability import internal_name
+from riot_bus.errors import InconclusiveError
+from riot_bus.findings.records import (
     ActivationRecord,
     FieldsRecord,
     FindingRecord,
@@ -22,9 +25,6 @@ from riot_bus.chain.artefacts import (
     RegionRecord,
     RuleRecord,
 )
-from riot_bus.chain.external import ExternalField, external_fields
-from riot_bus.chain.permeability import internal_name
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.rule import Rule
 from riot_bus.injection import Injection
 from riot_bus.log.reader import read_log
@@ -40,6 +40,7 @@ __all__ = ["activation", "least_distance"]
 
 _REPLAYS = 10
 _REGION_BUDGET = 80
+_EDGE = 0.05
 
 
 def least_distance(rule: Rule, observed: Mapping[str, Series], scale: Mapping[str, float]) -> float | None:
@@ -214,7 +215,7 @@ def _region(system: _System, axes: tuple[str, str], found: Mapping[str, float], 
         ask,
         seed=step.workspace.seed,
         budget=_REGION_BUDGET,
-        tolerance=0.02 * min(x.spread, y.spread),
+        tolerance=(_EDGE * x.spread, _EDGE * y.spread),
         parallelism=system.runner.parallelism,
         progress=step.progress,
     )
@@ -222,7 +223,7 @@ def _region(system: _System, axes: tuple[str, str], found: Mapping[str, float], 
 
 
 def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
-    inside = getattr(region, "inside", None)
+    failed = [bad for x, y, bad in region.samples if _within(region, x, y)]
     return RegionRecord(
         x=axes[0],
         y=axes[1],
@@ -230,9 +231,19 @@ def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
         x_max=region.x_max,
         y_min=region.y_min,
         y_max=region.y_max,
-        inside=ProportionRecord.model_validate(inside, from_attributes=True) if inside is not None else None,
+        inside=ProportionRecord(
+            value=region.inside_share,
+            low=region.inside_low,
+            high=region.inside_high,
+            count=sum(failed),
+            total=len(failed),
+        ),
         text=region.text,
     )
+
+
+def _within(region: Region, x: float, y: float) -> bool:
+    return region.x_min <= x <= region.x_max and region.y_min <= y <= region.y_max
 
 
 def _summary(text: str, record: ActivationRecord) -> str:

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.chain.activation import activation
-from riot_bus.chain.artefacts import (
+from riot_bus.chain.minimize import minimize
+from riot_bus.chain.permeability import permeability
+from riot_bus.chain.relevance import relevance
+from riot_bus.chain.rules import rules
+from riot_bus.errors import InconclusiveError
+from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
     FieldsRecord,
@@ -15,11 +20,6 @@ from riot_bus.chain.artefacts import (
     PermeabilityRecord,
     RuleRecord,
 )
-from riot_bus.chain.minimize import minimize
-from riot_bus.chain.permeability import permeability
-from riot_bus.chain.relevance import relevance
-from riot_bus.chain.rules import rules
-from riot_bus.errors import InconclusiveError
 from riot_bus.report.page import write_report
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.artefacts import FindingRecord, MinimalRecord
 from riot_bus.chain.logs import FailingLog
+from riot_bus.findings.records import FindingRecord, MinimalRecord
 from riot_bus.generalize.minimize import minimize as search
 from riot_bus.trial import TestCase
 

@@ -7,9 +7,9 @@ import zlib
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import Drive, PermeabilityResult, Run, analyse
-from riot_bus.chain.artefacts import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
 from riot_bus.errors import InconclusiveError
+from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.injection import Injection, Signal
 from riot_bus.trial import Outcome, Series, TestCase
 

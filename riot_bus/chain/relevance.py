@@ -6,9 +6,9 @@ import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.artefacts import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord, Value
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
 from riot_bus.chain.robustness import dictionary_of
+from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord, Value
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.relevance import FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import is_brittle

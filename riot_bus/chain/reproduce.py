@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.chain.artefacts import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.chain.logs import FailingLog
 from riot_bus.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
 from riot_bus.sut.local import LocalRunner
 from riot_bus.sut.system_trial import SystemTrial

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.schedule import Schedule, targets_of
 from riot_bus.campaign.triage import Failure, finding_id
-from riot_bus.chain.artefacts import CampaignRecord, FindingRecord
 from riot_bus.chain.logs import FailingLog
+from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.report.reproduce import write_reproduce

@@ -5,11 +5,11 @@ from __future__ import annotations
 from statistics import pstdev
 from typing import TYPE_CHECKING
 
-from riot_bus.chain.artefacts import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.chain.logs import FailingLog, NamedFields, nominal_values
 from riot_bus.chain.relevance import draws_for, plain
 from riot_bus.chain.robustness import dictionary_of
 from riot_bus.errors import InconclusiveError
+from riot_bus.findings.records import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.rules import LearnedRule, Proportion, Variable, learn_rule
 from riot_bus.trial import Scalar, TestCase
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
-from riot_bus.chain.artefacts import FindingRecord
 from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.local import LocalRunner, Pool

@@ -14,8 +14,8 @@ from riot_bus.cli.options import Finding, Format, Jobs, Out, OutputFormat, Seed,
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from riot_bus.chain.artefacts import Artefact
     from riot_bus.chain.workspace import Workspace
+    from riot_bus.findings.records import Artefact
 
 __all__ = ["register"]
 

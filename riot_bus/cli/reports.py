@@ -31,7 +31,7 @@ def report(finding: Finding = DEFAULT_OUT) -> None:
 
 def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:
     """List the findings of an output folder, each in a few lines."""
-    from riot_bus.chain.artefacts import FindingRecord
+    from riot_bus.findings.records import FindingRecord
     from riot_bus.report.text import summary
 
     folders = sorted(path.parent for path in (finding / "findings").glob(f"*/{FindingRecord.FILE}"))

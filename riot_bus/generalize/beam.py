@@ -62,8 +62,13 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
     """
     bits = np.array([candidate.bits for candidate in candidates]) + np.log2(2.0 + len(candidates)) / 4
     keep = _distinct(masks, bits)
+    if failed.all() or not len(keep):
+        return Learnt(((),) if failed.all() else (), 0.0, 0 if failed.all() else int(failed.sum()))
     masks, bits = masks[keep], bits[keep]
     matrix = masks.astype(np.float32)
+    names = [(candidates[index].feature, candidates[index].operator) for index in keep.tolist()]
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    kinds = np.array([numbers[name] for name in names], dtype=np.int64)
     states: list[tuple[float, tuple[_Term, ...]]] = [(float(_weights(failed)[failed].sum()), ())]
     best = states[0]
     pool: dict[bytes, _Term] = {}
@@ -73,10 +78,12 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
             covered = _union(terms, failed)
             if not (failed & ~covered).any():
                 continue
-            found = _terms(matrix, masks, bits, failed, covered, beam)
+            found = _terms(matrix, masks, bits, kinds, failed, covered, beam)
             for size in range(1, MOST_LITERALS + 1):
-                for term in [term for term in found if len(term.literals) == size][:POOL]:
-                    pool.setdefault(np.packbits(term.mask).tobytes(), term)
+                for term in [term for term in found if len(term.literals) == size][: POOL if size > 1 else None]:
+                    key = term.mask.tobytes()
+                    if key not in pool or term.bits < pool[key].bits:
+                        pool[key] = term
             for term in _different(found, width):
                 wrong = (covered | term.mask) != failed
                 cost = float(_weights(failed)[wrong].sum()) + sum(t.bits for t in terms) + term.bits
@@ -89,8 +96,13 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
     cost, chosen_terms = _improve(best, list(pool.values()), failed)
     covered = _union(chosen_terms, failed)
     ordered = sorted(chosen_terms, key=lambda term: (term.bits, term.literals))
-    chosen = tuple(tuple(candidates[keep[index]] for index in term.literals) for term in ordered)
+    chosen = tuple(_readable([candidates[keep[index]] for index in term.literals]) for term in ordered)
     return Learnt(chosen, cost, int((covered != failed).sum()))
+
+
+def _readable(literals: list[Candidate]) -> tuple[Candidate, ...]:
+    """Return the literals of a term as people write them: modes first, then the simplest."""
+    return tuple(sorted(literals, key=lambda literal: (literal.operator != "==", literal.feature, literal.operator)))
 
 
 def _weights(failed: Array) -> Array:
@@ -163,7 +175,9 @@ def _distinct(masks: Array, bits: Array) -> Array:
     return np.array(sorted(chosen.values()), dtype=np.int64)
 
 
-def _terms(matrix: Array, masks: Array, bits: Array, failed: Array, covered: Array, beam: int) -> list[_Term]:
+def _terms(
+    matrix: Array, masks: Array, bits: Array, kinds: Array, failed: Array, covered: Array, beam: int
+) -> list[_Term]:
     """Return terms by falling value: bits saved on failing samples not covered yet, minus passing ones included."""
     weight = float(_weights(failed).max())
     want = (failed & ~covered).astype(np.float32)
@@ -181,6 +195,10 @@ def _terms(matrix: Array, masks: Array, bits: Array, failed: Array, covered: Arr
         promise[hits < 1] = -np.inf
         value[hits < 1] = -np.inf
         picks = {*_top(value, 8), *_top(promise, beam)}
+        if not frontier[0].literals:
+            # The best threshold of each feature: else the thresholds of one feature crowd out all others.
+            order = np.argsort(-value[0], kind="stable")
+            picks |= {(0, int(order[first])) for first in np.unique(kinds[order], return_index=True)[1]}
         following: dict[tuple[int, ...], _Term] = {}
         for parent, literal in sorted(picks):
             if not np.isfinite(value[parent, literal]) or literal in frontier[parent].literals:

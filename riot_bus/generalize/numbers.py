@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from decimal import Decimal
 from functools import lru_cache
 
@@ -86,7 +87,7 @@ def _simplest(low: Number, high: Number, integer: bool) -> Number:  # noqa: FBT0
         return 0 if integer else 0.0
     if high < 0:
         return -_simplest(-high, -low, integer)
-    high = top = high if integer else min(high, 1.7e308)
+    high = top = high if integer else min(high, sys.float_info.max)
     options: list[Number] = [low, high]
     exponent = len(str(int(top))) - 1 if integer else math.floor(math.log10(top))
     for digits in range(1, 18):

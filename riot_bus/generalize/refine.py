@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +16,42 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, columns_of, fit
 from riot_bus.generalize.table import Candidate, Table, concrete
 
-__all__ = ["probe_threshold"]
+__all__ = ["probe_threshold", "widen"]
 
 Number = int | float
+
+
+def widen(table: Table, learnt: Learnt) -> Learnt:
+    """Return the rule with each threshold's interval between the samples that this literal alone decides about.
+
+    The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold).
+    """
+    columns = columns_of(table.variables, table.assignments)
+    failed = np.array(table.failed, dtype=bool)
+    terms = [list(term) for term in learnt.terms]
+    for row, term in enumerate(terms):
+        other_terms = Rule(tuple(tuple(map(concrete, term)) for index, term in enumerate(terms) if index != row))
+        elsewhere = other_terms.predict(columns)
+        for place, candidate in enumerate(term):
+            if candidate.operator not in ("<", ">"):
+                continue
+            rest = Rule((tuple(concrete(other) for index, other in enumerate(term) if index != place),)).predict(
+                columns
+            )
+            holds = concrete(candidate).holds(columns)
+            values = candidate.feature.values(columns)
+            if values is None:
+                continue
+            inner = values[rest & failed & holds & ~elsewhere].tolist()
+            outer = values[rest & ~failed & ~holds].tolist()
+            outer = [value for value in outer if value == value]  # without NaN
+            if not inner or not outer:
+                continue
+            up = candidate.operator == ">"
+            inside, outside = (min(inner), max(outer)) if up else (max(inner), min(outer))
+            if (outside < inside) is up and outside != inside:
+                term[place] = replace(candidate, outside=outside, inside=inside)
+    return replace(learnt, terms=tuple(tuple(term) for term in terms))
 
 
 def probe_threshold(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,9 @@ from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.beam import Learnt, learn
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import Oracle, assignment_key
-from riot_bus.generalize.refine import probe_threshold
+from riot_bus.generalize.refine import probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fit
+from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fitted
 from riot_bus.generalize.table import Candidate, Table
 from riot_bus.generalize.validate import Proportion, proportion
 from riot_bus.trial import Ask, Progress, Scalar
@@ -79,22 +80,34 @@ def learn_rule(
 
     Raises:
         InconclusiveError: If the failing values do not fail.
-        ValueError: If there are no variables, or two have one name, or a type is unknown.
+        ValueError: If there are no variables, two have one name, or a type is unknown or cannot hold a failing value.
         MissingExtraError: If scipy is not installed.
     """
     if not variables or len({variable.name for variable in variables}) != len(variables):
         raise ValueError("learn_rule needs at least one variable, with distinct names")
+    variables = [fitted(variable) for variable in variables]
     oracle: Oracle[Mapping[str, Scalar]] = Oracle(ask, key=assignment_key, progress=progress)
     oracle.expected = budget + validation
     search = _Search(variables, oracle, seed=seed, budget=budget, parallelism=max(1, parallelism))
-    search.start()
-    checked: list[Sample] = []
-    for _ in range(VALIDATIONS):
-        search.refine()
-        checked = search.validate(validation)
-        if not search.mistakes(checked) or search.spent >= budget:
-            break
-    return search.result(checked)
+    with _one_thread():
+        search.start()
+        checked: list[Sample] = []
+        for _ in range(VALIDATIONS):
+            search.refine()
+            checked = search.validate(validation)
+            if not search.mistakes(checked) or search.spent >= budget:
+                break
+        return search.result(checked)
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    """Keep numpy from spreading products of small matrices over all cores: it is several times slower."""
+    try:
+        from threadpoolctl import threadpool_limits  # type: ignore[import-untyped,unused-ignore]
+    except ImportError:
+        return nullcontext()
+    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
+    return limits
 
 
 class _Search:
@@ -151,7 +164,7 @@ class _Search:
             )
         others = []
         for variable in self.variables:
-            healing = [value for value in _fitting(variable.passing, variable) if value != variable.failing]
+            healing = [value for value in variable.passing if value != variable.failing]
             others += [{**failing, variable.name: value} for value in healing[:2]]
         nominal = [self._nominal() for _ in range(2)]
         self.anchors = [failing, *nominal]
@@ -192,7 +205,7 @@ class _Search:
         while True:
             failed = np.array(self.table.failed, dtype=bool)
             candidates, masks = self.table.candidates()
-            best = learn(candidates, masks, failed)
+            best = widen(self.table, learn(candidates, masks, failed))
             self.rule = best.rule
             if self.spent >= self.budget:
                 return
@@ -301,8 +314,3 @@ class _Search:
         correct = proportion(int((~inside & ~failed).sum()), int((~failed).sum()))
         accuracy = (recall.rate + correct.rate) / 2
         return LearnedRule(self.rule, precision, recall, accuracy, tuple(self.samples), self.oracle.trials)
-
-
-def _fitting(values: Sequence[Scalar], variable: Variable) -> list[Scalar]:
-    """Return the values that the variable's type can hold."""
-    return [fitted for fitted in (fit(value, variable.type) for value in values) if fitted is not None]

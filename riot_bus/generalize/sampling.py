@@ -6,7 +6,7 @@ import math
 import random
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +14,19 @@ from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.trial import Scalar
 
-__all__ = ["Sampler", "Variable", "columns_of", "fit", "integer_range", "interesting"]
+__all__ = ["TYPES", "Sampler", "Variable", "columns_of", "fit", "fitted", "integer_range", "interesting"]
 
 Assignment = Mapping[str, Scalar]
+
+TYPES = (
+    "bool",
+    *(f"{sign}int{size}" for sign in ("", "u") for size in (8, 16, 32, 64)),
+    "float32",
+    "float64",
+    "string",
+    "bytes",
+)
+"""The types a variable may have."""
 
 _FLOAT32_MAX = 3.4028234663852886e38
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
@@ -37,6 +47,32 @@ class Variable:
     passing: tuple[Scalar, ...] = ()
     nominal: tuple[Scalar, ...] = ()
     dictionary: tuple[Scalar, ...] = ()
+
+
+def fitted(variable: Variable) -> Variable:
+    """Return the variable with all its values as its type holds them; without those that it cannot hold.
+
+    Raises:
+        ValueError: If the type is unknown or cannot hold the failing value.
+    """
+    if variable.type not in TYPES:
+        raise ValueError(
+            f"variable {variable.name!r} has the unknown type {variable.type!r}; known: {', '.join(TYPES)}"
+        )
+    failing = fit(variable.failing, variable.type)
+    if failing is None:
+        raise ValueError(f"variable {variable.name!r}: {variable.type} cannot hold the value {variable.failing!r}")
+
+    def fit_all(values: Sequence[Scalar]) -> tuple[Scalar, ...]:
+        return tuple(value for value in (fit(value, variable.type) for value in values) if value is not None)
+
+    return replace(
+        variable,
+        failing=failing,
+        passing=fit_all(variable.passing),
+        nominal=fit_all(variable.nominal),
+        dictionary=fit_all(variable.dictionary),
+    )
 
 
 def integer_range(type_: str) -> tuple[int, int] | None:
@@ -85,8 +121,8 @@ def interesting(variable: Variable) -> list[Scalar]:
     elif variable.type == "bytes":
         edges = [b""]
     known = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
-    fitted = [value for value in (fit(value, variable.type) for value in known) if value is not None]
-    return list({scalar_key(value): value for value in fitted}.values())
+    held = [value for value in (fit(value, variable.type) for value in known) if value is not None]
+    return list({scalar_key(value): value for value in held}.values())
 
 
 def _spread(values: Sequence[Scalar]) -> list[Scalar]:

@@ -126,7 +126,7 @@ class Table:
             wanted.sort(key=repr)
         for value in wanted[:64]:
             mask = np.array([same_scalar(row, value) for row in rows], dtype=bool)
-            bits = feature.cost + 2.0 + (number_bits(value) if isinstance(value, int | float) else 3.0)
+            bits = feature.cost + 2.0 + (3.0 if isinstance(value, bool | str | bytes) else number_bits(value))
             found.append(Candidate(feature, "==", bits, inside=value))
             found.append(Candidate(feature, "!=", bits + 2.0, inside=value))
             masks.extend((mask[None, :], ~mask[None, :]))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import riot_bus
-from riot_bus.chain.artefacts import EdgeRecord, FieldRecord
 from riot_bus.errors import MissingExtraError
+from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import words
 from riot_bus.report.picture import links
 from riot_bus.report.plots import region_plots, rule_plot
@@ -30,6 +30,7 @@ PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST = 20_000
 _ROWS = 60
+_PATHS = 200
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
 _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
@@ -124,6 +125,7 @@ def _context(story: Story, open_questions: Sequence[str]) -> dict[str, Any]:
         "maps": [{"svg": Markup(one.svg), "caption": one.caption} for one in maps],  # noqa: S704 - as above
         "messages": _messages(story),
         "trees": _trees(story),
+        "paths": _paths(story),
         "nominal": nominal,
         "statements": statements(story),
         "gaps": not_tried(story, open_questions=open_questions),
@@ -138,7 +140,7 @@ def _messages(story: Story) -> list[tuple[str, list[FieldRecord]]]:
     topics = story.minimal.topics if story.minimal else ()
     fields = story.fields.fields if story.fields else ()
     return [
-        (topic, [one for one in fields if one.name == topic or one.name.startswith(f"{topic}:")])
+        (topic, [one for one in fields if one.name == topic or one.name.startswith((f"{topic}:", f"len({topic}:"))])
         for topic in topics[:_ROWS]
     ]
 
@@ -157,3 +159,21 @@ def _trees(story: Story) -> list[dict[str, Any]]:
         }
         for internal, found in sorted(grouped.items())[:_ROWS]
     ]
+
+
+def _paths(story: Story) -> list[str]:
+    """Return the ways on the bus from the unit's topics outwards, as indented lines."""
+    lines: list[str] = []
+    roots = story.permeability.tree if story.permeability else []
+    waiting: list[tuple[Any, int]] = [(node, 0) for node in reversed(roots)]
+    while waiting and len(lines) < _PATHS:
+        node, depth = waiting.pop()
+        if not isinstance(node, dict):
+            continue
+        marks = [word for word in ("external", "loop", "cut") if node.get(word)]
+        via = f" by {node['component']}" if node.get("component") else ""
+        told = f"{node.get('topic', '?')}{via}{' (' + ', '.join(marks) + ')' if marks else ''}"
+        lines.append("   " * min(depth, 20) + ("└─ " if depth else "") + words.clean(told))
+        hops = node.get("hops")
+        waiting += [(hop, depth + 1) for hop in reversed(hops if isinstance(hops, list) else [])]
+    return lines

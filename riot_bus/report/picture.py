@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.chain.artefacts import Artefact
+from riot_bus.findings.records import Artefact
 from riot_bus.report.story import Story
 from riot_bus.report.words import clean, plural, seconds
 
@@ -13,7 +13,7 @@ __all__ = ["Link", "links"]
 
 State = Literal["done", "next", "open"]
 
-_WIDTH = 21
+_WIDTH = 19
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.chain.artefacts import PointRecord, RegionRecord, RuleRecord
 from riot_bus.errors import MissingExtraError
+from riot_bus.findings.records import PointRecord, RegionRecord, RuleRecord
 from riot_bus.report.svg import embed
 from riot_bus.report.words import clean, number
 
@@ -36,6 +36,7 @@ _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "riot_bus",
     "text.parse_math": False,
     "font.size": 9.5,
+    "axes.unicode_minus": False,
     "text.color": _INK,
     "axes.labelcolor": _INK,
     "axes.edgecolor": _LINE,
@@ -117,7 +118,7 @@ def region_plots(
     window = tuple(_window([side, *nominals[place : place + 1]]) for place, side in enumerate(sides))
     svg = draw(dots, labels=names, ident="zoom", title="Around the crash region", boxes=boxes, window=window)
     zoom = Plot(svg, "Around the crash region, linear axes.")
-    spread = tuple(max(abs(side[1] - side[0]) / 2, 1e-12) for side in sides)
+    spread = tuple(max(abs(end) for end in side) for side in sides)
     whole = _symlog(dots, names, spread=(spread[0], spread[1]), ident="whole", what="All runs", boxes=boxes)
     return [zoom, whole] if whole else [zoom]
 
@@ -137,7 +138,7 @@ def _real(entry: Any) -> float | None:
     try:
         real = float(entry)
     except OverflowError:
-        return math.copysign(_FAR, entry)
+        return _FAR if entry > 0 else -_FAR
     except (TypeError, ValueError):
         return None
     return None if math.isnan(real) else min(max(real, -_FAR), _FAR)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from riot_bus.chain.artefacts import ProportionRecord
+from riot_bus.findings.records import ProportionRecord
 from riot_bus.report.story import Story
 from riot_bus.report.words import clean, exact_interval, number, plural, share, share_interval
 
@@ -32,10 +32,10 @@ def statements(story: Story) -> list[Statement]:
     ]
     if story.minimal:
         kept = plural(len(story.minimal.kept), "message")
-        needed = "each of them was left out once, and the failure went away"
+        needed = "each of those kept was left out once, and the failure went away"
         found.append(
             Statement(
-                f"{kept} of {story.minimal.before} cause the failure",
+                f"{kept} of {story.minimal.before} suffice for the failure",
                 needed if story.minimal.one_minimal else "the search ended before each of them was left out once",
                 "minimal as to single messages" if story.minimal.one_minimal else "perhaps fewer would do",
             )
@@ -141,8 +141,8 @@ def not_tried(story: Story, *, open_questions: Sequence[str] = ()) -> list[str]:
         gaps.append("The relevant fields and the rule are about values, not about the order or timing of messages.")
     if story.permeability and story.permeability.pruned:
         gaps.append(
-            f"{plural(len(story.permeability.pruned), 'external field')} without a path to the unit on the bus "
-            "not driven: " + ", ".join(clean(name, limit=80) for name in story.permeability.pruned[:12])
+            f"{plural(len(story.permeability.pruned), 'external field')} not driven, for want of a path to the unit "
+            "on the bus: " + ", ".join(clean(name, limit=80) for name in story.permeability.pruned[:12])
         )
     if story.activation and story.activation.region:
         gaps.append(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from riot_bus.chain.artefacts import (
+from riot_bus.errors import ConfigError
+from riot_bus.findings.records import (
     STEP_OF,
     ActivationRecord,
     Artefact,
@@ -18,7 +19,6 @@ from riot_bus.chain.artefacts import (
     RecordT,
     RuleRecord,
 )
-from riot_bus.errors import ConfigError
 from riot_bus.report.words import clean, plural
 
 __all__ = ["Part", "Severity", "Story", "load"]
@@ -58,8 +58,15 @@ class Story:
     @property
     def steps(self) -> tuple[tuple[str, Artefact | None], ...]:
         """Every step of the chain by name, with its record."""
-        records = (self.finding, self.minimal, self.fields, self.rule, self.permeability, self.activation)
-        return tuple(zip(STEP_OF.values(), records, strict=True))
+        records: dict[type[Artefact], Artefact | None] = {
+            FindingRecord: self.finding,
+            MinimalRecord: self.minimal,
+            FieldsRecord: self.fields,
+            RuleRecord: self.rule,
+            PermeabilityRecord: self.permeability,
+            ActivationRecord: self.activation,
+        }
+        return tuple((STEP_OF[kind.FILE], record) for kind, record in records.items())
 
     @property
     def next_step(self) -> str | None:

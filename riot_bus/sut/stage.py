@@ -8,8 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.bus.graph import declared
-from riot_bus.bus.keys import intersects
+from riot_bus.bus.ready import wait_matched
 from riot_bus.bus.router import Bus
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.monitors.model import ComponentView, TrialView
@@ -23,11 +22,12 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher, Process
-    from riot_bus.sut.system import Component
 
 __all__ = ["Stage"]
 
 _ANY_PORT = ("tcp/127.0.0.1:0",)
+_POLL = 0.002
+_AT_REST = 0.02
 
 
 class Stage:
@@ -101,39 +101,48 @@ class Stage:
         self.processes[name] = process
         return process
 
-    def wait_ready(self, names: Iterable[str]) -> None:
-        """Wait until components have subscribed to all their declared inputs.
+    def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
+        """Wait until the only component on its segment has subscribed to keys.
 
         Raises:
-            EnvironmentFaultError: One died before, or did not subscribe in time.
+            EnvironmentFaultError: It died before, or did not subscribe in time.
+        """
+        component, process = self.context.file.components[name], self.processes[name]
+        session = self.bus.sessions[self.context.file.segment_of(component)]
+        timeout = component.ready.timeout
+        missing = wait_matched(session, list(keys), timeout=timeout, alive=lambda: self.launcher.alive(process))
+        if process.status is not None:
+            raise self._did_not_start(name, f"ended with status {process.status} before it was ready")
+        if missing:
+            topic = self.context.registry.topic(missing[0])
+            raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
+
+    def wait_ready(self, names: Iterable[str]) -> None:
+        """Wait until components have connected and come to rest, so whatever they declare at start is declared.
+
+        Raises:
+            EnvironmentFaultError: One died before, or they did not connect in time.
         """
         names = list(names)
         components = {name: self.context.file.components[name] for name in names}
-        deadline = time.monotonic() + max(component.ready.timeout for component in components.values())
-        while missing := self._not_subscribed(components):
-            for name in names:
-                if not self.launcher.alive(self.processes[name]):
-                    raise self._did_not_start(name, f"ended with status {self.processes[name].status}")
-            if time.monotonic() > deadline:
-                name, topic = missing[0]
-                timeout = components[name].ready.timeout
-                raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
-            time.sleep(0.002)
+        timeout = max((component.ready.timeout for component in components.values()), default=0.0)
+        deadline = time.monotonic() + timeout
+        for segment in {self.context.file.segment_of(component) for component in components.values()}:
+            here = [name for name in names if self.context.file.segment_of(components[name]) == segment]
+            while len(self.bus.segment(segment).peers() - self.bus.ids) < len(here):
+                self._check_alive(names)
+                if time.monotonic() > deadline:
+                    what = f"has not connected to {self.bus.endpoint(segment)} within {timeout:g} s"
+                    raise self._did_not_start(here[-1], f"(or another of {', '.join(here)}) {what}")
+                time.sleep(_POLL)
+        self.settle(names, window=_AT_REST, timeout=max(_AT_REST, deadline - time.monotonic()))
+        self._check_alive(names)
 
-    def _not_subscribed(self, components: Mapping[str, Component]) -> list[tuple[str, str]]:
-        """Return (component, topic) where fewer sessions have subscribed to a topic than components declare it."""
-        file, registry = self.context.file, self.context.registry
-        missing = []
-        for segment in sorted({file.segment_of(component) for component in components.values()}):
-            here = {name: part for name, part in components.items() if file.segment_of(part) == segment}
-            session = self.bus.sessions[segment]
-            found = declared(session, segment, kind="subscriber", ours=self.bus.ids)
-            for topic in sorted({topic for component in here.values() for topic in component.inputs}):
-                wanting = [name for name, component in here.items() if topic in component.inputs]
-                sessions = {one.zid for one in found if intersects(registry.key_expression(topic), one.key)}
-                if len(sessions) < len(wanting):
-                    missing.append((wanting[-1], topic))
-        return missing
+    def _check_alive(self, names: Iterable[str]) -> None:
+        for name in names:
+            if not self.launcher.alive(self.processes[name]):
+                status = self.processes[name].status
+                raise self._did_not_start(name, f"ended with status {status} before it was ready")
 
     def _did_not_start(self, name: str, what: str) -> EnvironmentFaultError:
         errors = self.processes[name].errors().strip().splitlines()

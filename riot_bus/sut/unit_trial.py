@@ -55,7 +55,7 @@ class UnitTrial:
         try:
             with Stage(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
                 process = stage.start(name, seed=case.seed)
-                stage.wait_ready([name])
+                stage.wait_subscribed(name, dict.fromkeys(message.key for message in messages))
                 if self.context.watched:
                     stage.watch_outputs(self.context.watched, segment=segment)
                 before = stage.activity([name])

@@ -67,9 +67,7 @@ def texts(samples: list[dict[str, str]]) -> list[str]:
 
 def routed(bus: Bus, key: str) -> None:
     """Wait until subscriptions of `unit` are known in `system`."""
-    session = bus.sessions["system"]
-    path = f"@/{bus.segment('system').zid}/router/subscriber/{key}"
-    assert wait_until(lambda: any(reply.ok for reply in session.get(path)), 5)
+    assert bus.wait_subscribed("system", [key], timeout=5) == []
 
 
 def test_what_is_not_intercepted_passes_natively() -> None:
@@ -77,7 +75,7 @@ def test_what_is_not_intercepted_passes_natively() -> None:
         source.do("queryable", key="service/x")
         source.do("token", key="alive/me")
         sink.do("tokens", key="alive/**")
-        routed(bus, "a/**")
+        routed(bus, "a/b")
         source.do("put", key="a/b", payload="01", encoding="application/json")
         samples = sink.do("wait", count=2)
         assert {sample["key"] for sample in samples} == {"a/b", "alive/me"}
@@ -136,7 +134,7 @@ def test_interceptors_drop_delay_copy_change_and_add() -> None:
         Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script())) as bus,
         pair(bus) as (source, sink),
     ):
-        routed(bus, "**")
+        routed(bus, "free/x")
         payloads = ["drop", "late", "twice", "change", "more", "elsewhere", "raise", "same"]
         source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
         samples = sink.do("wait", count=10)
@@ -199,13 +197,13 @@ def test_a_slow_interceptor_slows_block_publishers_but_counts_what_drop_publishe
 def test_wait_subscribed_names_what_is_missing_and_notices_a_dead_component() -> None:
     with Bus(SEGMENTS, intercept=["cut/**"]) as bus, Puppet(bus.endpoint("unit")) as unit:
         with Puppet(bus.endpoint("system")) as elsewhere:
-            elsewhere.do("subscribe", key="**")
+            elsewhere.do("subscribe", key="cut/other/**")
             bus.subscribe("unit", "**", lambda message: None)
             unit.do("subscribe", key="cut/*")
             began = time.monotonic()
-            assert bus.wait_subscribed("unit", ["cut/a", "other"], timeout=0.1) == ["other"]
+            assert bus.wait_subscribed("unit", ["cut/a", "cut/other/a"], timeout=0.1) == ["cut/other/a"]
             unit.kill()
-            assert bus.wait_subscribed("unit", ["cut/a", "other"], timeout=30, alive=unit.alive)
+            assert bus.wait_subscribed("unit", ["cut/a", "cut/other/a"], timeout=30, alive=unit.alive)
             assert time.monotonic() - began < 10
 
 
@@ -220,7 +218,7 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         bus.subscribe("unit", "cut/**", seen.append)
         bus.put("system", Message(0, "cut/x", b"change", attachment=b"a", qos=Qos(congestion="block")))
         bus.publisher("system", "cut/y", qos=Qos(2)).put(b"plain", encoding="text/plain")
-        assert texts(source.do("wait", count=2)) == ["change", "plain"]
+        assert sorted(texts(source.do("wait", count=2))) == ["change", "plain"]  # priorities may overtake
         samples = sink.do("wait", count=2)
         assert texts(samples) == ["changed", "plain"]
         assert [sample["priority"] for sample in samples] == [5, 2]
@@ -247,7 +245,7 @@ def test_the_cut_can_be_changed_while_components_stay() -> None:
         first = bus.ids
         bus.set_intercept(["b/**"])
         assert len(first & bus.ids) == 2
-        routed(bus, "**")
+        routed(bus, "free/x")
         for key in ("a/x", "b/x"):
             source.do("put_texts", key=key, payloads=["change"], congestion="BLOCK")
         samples = sink.do("wait", count=2)
@@ -262,7 +260,7 @@ def test_two_buses_in_one_process_do_not_meet() -> None:
     with Bus(SEGMENTS, intercept=["cut/**"]) as one, Bus(SEGMENTS, intercept=["cut/**"]) as two:
         assert len(one.ids | two.ids) == 6
         with pair(one) as (source, sink), pair(two) as (_, other):
-            routed(one, "**")
+            routed(one, "free/x")
             source.do("put_texts", key="cut/x", payloads=["mine"])
             source.do("put_texts", key="free/x", payloads=["mine"])
             assert len(sink.do("wait", count=2)) == 2
@@ -278,7 +276,9 @@ def test_graph_names_components_and_not_the_bus() -> None:
             Declared("system", source.zid, "queryable", "service/x"),
             Declared("unit", sink.zid, "subscriber", "cut/*"),
         ]
-        assert wait_until(lambda: graph(bus) == expected, 5), graph(bus)
+        source.do("put_texts", key="cut/x", payloads=["after all declarations"])
+        sink.do("wait", count=1)
+        assert graph(bus) == expected
 
 
 def test_peers_of_different_segments_stay_apart() -> None:
@@ -290,7 +290,6 @@ def test_peers_of_different_segments_stay_apart() -> None:
         sink.do("subscribe", key="cut/x")
         assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
         source.do("declare", key="cut/x")
-        assert wait_until(lambda: any(each.kind == "publisher" for each in graph(bus)), 5)
         source.do("put_texts", key="cut/x", payloads=["drop", "change"], congestion="BLOCK")
         assert texts(sink.do("wait", count=1)) == ["changed"]
 
@@ -327,7 +326,7 @@ def test_port_in_use_names_the_endpoint_and_a_way_out() -> None:
 
 
 def test_nobody_at_an_endpoint() -> None:
-    with pytest.raises(EnvironmentFaultError, match="nobody answers at tcp/127.0.0.1:1"):
+    with pytest.raises(EnvironmentFaultError, match=r"nobody answers at tcp/127\.0\.0\.1:1"):
         open_client("tcp/127.0.0.1:1")
 
 
@@ -380,7 +379,7 @@ def test_recorder_keeps_originals_and_what_was_delivered_under_one_number() -> N
     recorder = Recorder(writer)
     bus = Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Script()), recorder=recorder, record=["**", "free/x"])
     with bus, pair(bus) as (source, sink):
-        routed(bus, "**")
+        routed(bus, "free/x")
         payloads = ["same", "change", "drop", "late", "unwritable"]
         source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
         source.do("put_texts", key="free/x", payloads=["native"], congestion="BLOCK")

@@ -64,7 +64,7 @@ def test_fitted_boxes_are_ordered(samples):
     assert box.y_min <= box.y_max
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 5),
@@ -79,8 +79,8 @@ def test_search_survives_any_answers(seed, parallelism, answers):
         return [Evaluation(answers[(count + at) % len(answers)], failed=False) for at in range(len(points))]
 
     fields = [SearchField("x", 0.0, 1.0, -10, 10), SearchField("n", 1.0, 1.0, 0, 9, integer=True)]
-    result = activate(fields, evaluate, seed=seed, budget=30, parallelism=parallelism)
-    assert result.runs == count == 30
+    result = activate(fields, evaluate, seed=seed, budget=20, parallelism=parallelism)
+    assert result.runs == count == 20
 
 
 @settings(max_examples=25, deadline=None)

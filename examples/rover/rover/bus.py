@@ -24,7 +24,7 @@ ATTACHMENT = Struct("<qqB16s")
 GID_SIZE = 16
 CHANNEL_SIZE = 8192
 POLL = 0.005
-ROUTES_BUILT = 0.1
+OTHERS_START = 0.1
 
 CONFIGURATION = """{
     mode: "client",
@@ -54,7 +54,8 @@ class Publisher:
 
     def has_subscribers(self) -> bool:
         """Tell whether anyone listens."""
-        return self._publisher.matching_status
+        # Typed as a bool, but it is an object, and true even if nobody listens.
+        return bool(getattr(self._publisher.matching_status, "matching", True))
 
 
 class Bus:
@@ -99,8 +100,8 @@ class Bus:
             if monotonic() >= deadline:
                 return
             sleep(POLL)
-        # A subscriber matches a few milliseconds before the router's route to it exists.
-        sleep(ROUTES_BUILT)
+        # The first one listens; what started together with it will in a moment.
+        sleep(OTHERS_START)
 
     def spin(self, component: Component, until: float | None = None) -> None:
         """Let the component receive, until a time of the monotonic clock or for ever."""

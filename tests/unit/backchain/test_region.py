@@ -60,7 +60,7 @@ def test_a_zone_that_is_no_box_is_called_so():
 
 def test_misleading_rays_are_repaired():
     def notched(points):
-        # Rays from the start see a notch at x in [20, 24] below y = -95 only.
+        # The ray towards larger x meets a notch in the lower edge, far before the zone ends.
         return [
             abs(one["goal.x"]) < 100
             and -100 < one["goal.y"] < -80

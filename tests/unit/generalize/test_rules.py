@@ -60,7 +60,6 @@ def test_the_rule_of_the_paper_is_found_exactly(limit: int, start: int, seed: in
     assert learned.precision.rate == learned.recall.rate == learned.balanced_accuracy == 1.0
     assert learned.precision.low > 0.8
     assert learned.trials == len(learned.samples) <= 160 + 60
-    assert learned.rule.python().count("4194304") == text.count("4194304") or limit == 4194304
 
 
 NUMBERS = (0.0, -1.0, 1e6, -1e6, math.nan, math.inf, -math.inf, 1e300)
@@ -137,11 +136,17 @@ def test_failing_values_that_pass_are_inconclusive() -> None:
         learn_rule([INDEX], Recorder(lambda v: False), seed=0)
     with pytest.raises(ValueError, match="distinct"):
         learn_rule([INDEX, INDEX], Recorder(lambda v: True), seed=0)
+    with pytest.raises(ValueError, match="unknown type"):
+        learn_rule([Variable("x", "int24", 1)], Recorder(lambda v: True), seed=0)
+    with pytest.raises(ValueError, match="cannot hold"):
+        learn_rule([Variable("x", "int8", 300)], Recorder(lambda v: True), seed=0)
 
 
 def test_a_failure_everywhere_is_no_error() -> None:
     learned = learn_rule([INDEX], Recorder(lambda v: True), seed=0, budget=20, validation=10)
-    assert learned.trials >= 20
+    assert learned.rule.text() == "always"
+    assert learned.precision.rate == learned.balanced_accuracy == 1.0
+    assert learned.trials <= 30
 
 
 def test_types() -> None:

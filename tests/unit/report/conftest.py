@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.artefacts import (
+from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
     CertificateRecord,
@@ -23,6 +23,14 @@ from riot_bus.chain.artefacts import (
     RuleSample,
 )
 
+STEPS = {
+    "finding.json": "test",
+    "minimal.json": "minimize",
+    "fields.json": "relevance",
+    "rule.json": "rules",
+    "permeability.json": "permeability",
+    "activation.json": "activate",
+}
 X, Y = "/map_updates:x", "/map_updates:y"
 GOAL_X, GOAL_Y = "/goal:pose.position.x", "/goal:pose.position.y"
 RULE = f"{X} * {Y} < 0 or {X} * {Y} > 4194304"
@@ -139,6 +147,16 @@ def rover() -> list[Artefact]:
             ),
             runs=12,
             pruned=("/battery:voltage",),
+            tree=[
+                {
+                    "topic": "/map_updates",
+                    "component": None,
+                    "hops": [
+                        {"topic": "/goal", "component": "mapper", "external": True, "hops": []},
+                        {"topic": "/odom", "component": "mapper", "external": True, "hops": []},
+                    ],
+                }
+            ],
             nominal={GOAL_X: (0.0, 60.0), GOAL_Y: (10.0, 50.0)},
             trials=12,
             seconds=380.0,
@@ -171,3 +189,9 @@ def finding(tmp_path: Path) -> Path:
     for record in rover():
         record.save(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def steps() -> dict[str, str]:
+    """The files of a finding in the order of the chain, with the step that writes each."""
+    return dict(STEPS)

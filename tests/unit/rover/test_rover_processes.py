@@ -85,7 +85,7 @@ def test_a_goal_in_the_south_kills_the_planner():
     with router() as (session, endpoint), processes(endpoint, ["planner", "mapper"]) as running:
         goals = session.declare_publisher(key("/goal"))
         odometry = session.declare_publisher(key("/odom"))
-        until(lambda: goals.matching_status and odometry.matching_status)
+        until(lambda: goals.matching_status.matching and odometry.matching_status.matching)
         goal = PoseStamped((0, 0), 0.0, -90.0).encode()
         place = Odometry((0, 0), 0.0, 0.0, 0.0, 0.0).encode()
         tag = attachment(1, 0, bytes(16))

@@ -1,0 +1,1 @@
+"""The files of a finding, and what they hold."""

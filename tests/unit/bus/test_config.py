@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import pytest
+
+from riot_bus.bus.config import access_control, client_config, router_config
+from riot_bus.bus.runtime import canonical, free_endpoint, prepare_runtime, reason, wait_until
+from riot_bus.errors import ConfigError
+
+
+def test_routers_open_fast_stay_alone_and_time_out_as_told() -> None:
+    config = router_config(listen=["tcp/127.0.0.1:0"], wait_before_close_s=0.5, extra={"mode": "peer"})
+    assert config["scouting/delay"] == 0
+    assert config["scouting/multicast/enabled"] is False
+    assert config["transport/link/tx/queue/congestion_control/block/wait_before_close"] == 500_000
+    assert config["mode"] == "peer"
+    assert client_config("tcp/a:1")["connect/endpoints"] == ["tcp/a:1"]
+
+
+def test_cut_denies_caches_too_and_applies_to_everybody() -> None:
+    assert access_control([]) == {}
+    rules = access_control(["a/*", "b/**"])["access_control"]
+    assert [rule["key_exprs"] for rule in rules["rules"]] == [["a/*", "b/**"], ["a/*/@adv/**", "b/**/@adv/**"]]
+    assert all(rule["permission"] == "deny" and rule["flows"] == ["ingress", "egress"] for rule in rules["rules"])
+    assert {"query", "reply"} <= set(rules["rules"][1]["messages"])
+    assert not {"query", "reply"} & set(rules["rules"][0]["messages"])
+    assert rules["subjects"] == [{"id": "everybody"}]
+    assert rules["policies"] == [{"rules": ["cut", "cut-caches"], "subjects": ["everybody"]}]
+
+
+def test_key_expressions_are_canonical_and_unique() -> None:
+    assert canonical(["a/**/**", "a/**", "b"]) == ["a/**", "b"]
+    with pytest.raises(ConfigError, match="'/a' is not a key expression") as caught:
+        canonical(["/a"])
+    assert ".rs" not in str(caught.value)
+
+
+def test_reason_leaves_out_places_in_rust() -> None:
+    assert reason(ValueError("no such thing at /root/x/y.rs:12.")) == "no such thing"
+
+
+def test_free_endpoint_is_an_endpoint() -> None:
+    assert free_endpoint().startswith("tcp/127.0.0.1:")
+
+
+def test_wait_until_gives_up_at_its_deadline() -> None:
+    answers = iter([False, True])
+    assert wait_until(lambda: next(answers), 5)
+    assert not wait_until(lambda: False, 0.01)
+
+
+def test_runtime_gets_enough_threads_and_respects_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    from riot_bus.bus import runtime
+
+    monkeypatch.setattr(runtime, "_running", lambda: False)
+    monkeypatch.delenv("ZENOH_RUNTIME", raising=False)
+    prepare_runtime(6)
+    assert "rx: (worker_threads: 24)" in runtime.os.environ["ZENOH_RUNTIME"]
+    monkeypatch.setenv("ZENOH_RUNTIME", "(rx: (worker_threads: 8))")
+    prepare_runtime(2)
+    assert runtime.os.environ["ZENOH_RUNTIME"] == "(rx: (worker_threads: 8))"
+    with pytest.warns(RuntimeWarning, match="8 receive threads for 4 segments"):
+        prepare_runtime(4)
+    monkeypatch.setenv("ZENOH_RUNTIME", "(tx: (worker_threads: 8))")
+    with pytest.raises(ConfigError, match="2 receive threads are too few for 2 segments"):
+        prepare_runtime(2)
+    monkeypatch.delenv("ZENOH_RUNTIME")
+    monkeypatch.setattr(runtime, "_running", lambda: True)  # somebody used Zenoh before us
+    with pytest.warns(RuntimeWarning, match="2 receive threads"):
+        prepare_runtime(1)

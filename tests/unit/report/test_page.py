@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from riot_bus.errors import ConfigError, MissingExtraError
+from riot_bus.report.page import write_report
+
+SECTIONS = {
+    "minimal.json": "minimal",
+    "fields.json": "fields",
+    "rule.json": "rule",
+    "permeability.json": "externals",
+    "activation.json": "activation",
+}
+HOSTILE = (
+    "</code></style><script>alert(1)</script>\"'><img src=http://evil.test/x onerror=alert(2)>"
+    "\n{{ 7*7 }}\x1b[2J\u202e$\\frac$"
+)
+VOID = {"meta", "br", "link", "img", "input", "hr"}
+
+
+class Page(HTMLParser):
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.text = ""
+        self.css = ""
+        self.feed(source)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "style":
+            self.css += data
+        else:
+            self.text += data
+
+    def get(self, *names: str) -> list[str]:
+        return [value for _, name, value in self.attributes if name in names]
+
+
+def read(directory: Path) -> Page:
+    return Page(write_report(directory).read_text(encoding="utf-8"))
+
+
+def flat(page: Page) -> str:
+    return " ".join(page.text.split())
+
+
+def poison(directory: Path, text: str) -> None:
+    """Put `text` into every string of every record, keeping what must be of a kind."""
+
+    def spoil(what: object, key: str) -> object:
+        if isinstance(what, dict):
+            return {(f"{name}{text}" if key in FREE else name): spoil(entry, name) for name, entry in what.items()}
+        if isinstance(what, list):
+            return [spoil(entry, key) for entry in what]
+        return f"{what}{text}" if isinstance(what, str) and key not in {"kind", "version"} else what
+
+    for path in sorted(directory.glob("*.json")):
+        path.write_text(json.dumps(spoil(json.loads(path.read_text()), "")))
+
+
+FREE = {"values", "others", "found", "nominal", "scale", "injections"}
+
+
+def test_whole_chain(finding: Path) -> None:
+    page = read(finding)
+    text = flat(page)
+    assert not page.open
+    assert "planner crashes when /map_updates:x * /map_updates:y < 0 or /map_updates:x" in text
+    assert "through /goal:pose.position.x and /goal:pose.position.y: 10 of 10 replays failed again." in text
+    assert f"riot reproduce {finding}" in text
+    for told in (
+        "activated",
+        "IndexError: index -4",
+        "93 to 99.8 %",
+        "-100 ≤ /goal:pose.position.y ≤ -80",
+        "Tested for /map_updates:x, no effect found: /imu:angular_velocity.z (p = 0.61)",
+        "failed (19)",
+        "refused (121)",
+        "crash region",
+        "nominal values",
+        "/battery:voltage",
+        "/map_updates └─ /goal by mapper (external)",
+        f"riot reproduce {finding} --whole-system",
+        "they change the outcome at most 3.1 % of the time",
+    ):
+        assert told in text
+    assert "The chain ended" not in text
+    assert page.tags.count("svg") >= 5
+
+
+@pytest.mark.parametrize("done", range(1, 7))
+def test_prefix_of_the_chain(finding: Path, steps: dict[str, str], done: int) -> None:
+    files = list(steps)
+    for name in files[done:]:
+        (finding / name).unlink()
+    page = read(finding)
+    text = flat(page)
+    for name, section in SECTIONS.items():
+        assert (section in page.ids) == (name in files[:done])
+    for step in list(steps.values())[done:]:
+        assert f"The step {step} has not been run." in text.replace("`", "")
+    following = list(steps.values())[done : done + 1]
+    assert [f"riot {step} {finding}" in text for step in following] == [True] * len(following)
+    assert ("activated" in text) == (done == 6)
+    assert "permeable" in text or done != 5
+
+
+def test_hole_in_the_chain(finding: Path) -> None:
+    (finding / "fields.json").unlink()
+    text = flat(read(finding))
+    assert f"riot relevance {finding}" in text
+    assert "Where the whole system fails" in text
+
+
+def test_broken_record_is_told(finding: Path) -> None:
+    (finding / "rule.json").write_text("{")
+    text = flat(read(finding))
+    assert "rule.json cannot be used" in text
+    assert f"riot rules {finding}" in text
+
+
+def test_finding_is_needed(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"finding\.json is not there"):
+        write_report(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_not_found_activation(finding: Path) -> None:
+    path = finding / "activation.json"
+    record = json.loads(path.read_text())
+    path.write_text(
+        json.dumps(record | {"found": None, "region": None, "points": [], "replays": 0, "best_distance": 3.5})
+    )
+    text = flat(read(finding))
+    assert "but 200 system runs did not make it fail" in text
+    assert "came within 3.5 nominal spreads" in text
+
+
+def test_unconfirmed_activation_is_not_activated(finding: Path) -> None:
+    path = finding / "activation.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"replays_failed": 0}))
+    text = flat(read(finding))
+    assert "but 0 of 10 replays failed again" in text
+    assert "permeable finding" in text
+
+
+def test_loads_nothing(finding: Path) -> None:
+    page = read(finding)
+    assert not {"script", "link", "img", "iframe", "object", "embed", "base", "form", "image"} & set(page.tags)
+    for target in page.get("src", "href", "xlink:href", "srcset", "action", "data"):
+        assert target.startswith(("#", "./", "data:"))
+    assert not [name for _, name, _ in page.attributes if name == "style" or name.startswith("on")]
+    assert "url(" not in page.css
+    assert "@import" not in page.css
+    links = [target[1:] for target in page.get("href") if target.startswith("#")]
+    clips = [found for value in page.get("clip-path") for found in re.findall(r"url\(#(.+?)\)", value)]
+    assert links
+    assert clips
+    assert set(links + clips) <= set(page.ids)
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_policy_lets_only_our_style_through(finding: Path) -> None:
+    page = read(finding)
+    policy = next(value for value in page.get("content") if "default-src" in value)
+    digest = base64.b64encode(hashlib.sha256(page.css.encode()).digest()).decode()
+    assert policy == f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+
+
+def test_hostile_text_stays_text(finding: Path) -> None:
+    poison(finding, HOSTILE)
+    source = write_report(finding, open_questions=(HOSTILE,)).read_text(encoding="utf-8")
+    page = Page(source)
+    assert not page.open
+    assert not {"script", "img"} & set(page.tags)
+    assert not [name for _, name, _ in page.attributes if name.startswith("on") or name == "style"]
+    assert all(target.startswith(("#", "./")) for target in page.get("src", "href"))
+    assert "alert(1)" in page.text
+    assert "{{ 7*7 }}" in page.text
+    assert "\x1b" not in source
+    assert "\u202e" not in source
+    assert "evil" not in page.css
+
+
+@pytest.mark.parametrize(
+    "log", ["javascript:alert(1)", "/etc/passwd", "../../x.mcap", "https://evil.test/x", "//evil.test/x"]
+)
+def test_links_stay_below_the_page(finding: Path, log: str) -> None:
+    path = finding / "fields.json"
+    path.write_text(path.read_text().replace("trials/x-fails.mcap", log))
+    page = read(finding)
+    assert log in page.text
+    for target in page.get("href"):
+        assert target.startswith(("#", "./"))
+        assert ".." not in target
+        assert ":" not in target
+
+
+def test_huge_records_make_a_small_page(finding: Path) -> None:
+    poison(finding, "<&" * 20_000)
+    fields = json.loads((finding / "fields.json").read_text())
+    fields["fields"] *= 200
+    fields["considered"] *= 500
+    (finding / "fields.json").write_text(json.dumps(fields))
+    assert write_report(finding).stat().st_size < 1_500_000
+
+
+def test_many_points_make_a_small_page(finding: Path) -> None:
+    for name, key in (("activation.json", "points"), ("rule.json", "samples")):
+        record = json.loads((finding / name).read_text())
+        record[key] *= 100
+        (finding / name).write_text(json.dumps(record))
+    path = write_report(finding)
+    assert path.stat().st_size < 1_500_000
+    assert "th drawn" in path.read_text()
+
+
+def test_deterministic(finding: Path) -> None:
+    first = write_report(finding).read_bytes()
+    assert write_report(finding).read_bytes() == first
+    assert not list(finding.glob("*.partial"))
+
+
+def test_missing_jinja2(finding: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(MissingExtraError, match="jinja2"):
+        write_report(finding)
+
+
+def test_directory_is_quoted(finding: Path) -> None:
+    odd = finding / "a b;c"
+    odd.mkdir()
+    (odd / "finding.json").write_text((finding / "finding.json").read_text())
+    assert f"riot reproduce '{odd}'" in flat(read(odd))

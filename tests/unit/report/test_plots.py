@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import math
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+from riot_bus.findings.records import PointRecord, ProportionRecord, RegionRecord, RuleRecord, RuleSample
+from riot_bus.errors import MissingExtraError
+from riot_bus.report.plots import Plot, region_plots, rule_plot
+from riot_bus.report.svg import COLOURS
+
+RATE = ProportionRecord(value=1, low=0.9, high=1)
+
+
+def rule(*samples: tuple[dict[str, bool | int | float | str], bool]) -> RuleRecord:
+    return RuleRecord(
+        text="x < 0",
+        rule={},
+        python="",
+        precision=RATE,
+        recall=RATE,
+        balanced_accuracy=1,
+        scale={},
+        samples=tuple(RuleSample(values=values, failed=failed) for values, failed in samples),
+    )
+
+
+def region(**changes: float) -> RegionRecord:
+    return RegionRecord(**({"x": "x", "y": "y", "x_min": -100, "x_max": 100, "y_min": -100, "y_max": -80} | changes))
+
+
+def text(plot: Plot) -> str:
+    return " ".join(ElementTree.fromstring(plot.svg).itertext())
+
+
+def test_rule_with_two_numbers() -> None:
+    plot = rule_plot(rule(({"x": -1, "y": 2}, True), ({"x": 3, "y": 4.5}, False), ({"x": 9, "y": 1}, False)))
+    assert plot is not None
+    assert "failed (1)" in text(plot)
+    assert "passed (2)" in text(plot)
+    assert "symlog" in plot.caption
+
+
+@pytest.mark.parametrize("values", [{"x": 1}, {"x": 1, "y": 2, "z": 3}, {"x": 1, "y": "a"}, {"x": 1, "y": True}])
+def test_other_rules_have_no_plot(values: dict[str, bool | int | float | str]) -> None:
+    assert rule_plot(rule((values, True))) is None
+
+
+def test_no_samples() -> None:
+    assert rule_plot(rule()) is None
+
+
+def test_extreme_values() -> None:
+    plot = rule_plot(
+        rule(
+            ({"x": math.inf, "y": -math.inf}, True),
+            ({"x": 1.7e308, "y": 10**400}, True),
+            ({"x": math.nan, "y": 1}, True),
+            ({"x": 0, "y": 5e-324}, False),
+        )
+    )
+    assert plot is not None
+    assert "failed (2)" in text(plot)
+
+
+def test_one_place_only() -> None:
+    assert rule_plot(rule(({"x": 5, "y": 5}, True))) is not None
+
+
+def test_names_with_mathematics_and_other_scripts() -> None:
+    plot = rule_plot(rule(({"$\\frac{": 1, "\u5730\u56f3<script>": 2}, True)))
+    assert plot is not None
+    assert "<script>" not in plot.svg
+    assert "$\\frac{" in text(plot)
+
+
+def test_region_maps() -> None:
+    points = [
+        PointRecord(values={"x": 10, "y": -90}, distance=-1, failed=True),
+        PointRecord(values={"x": 10, "y": -10}, distance=4, failed=False),
+        PointRecord(values={"x": 4000, "y": -4000}, distance=None, failed=False),
+        PointRecord(values={"x": 1}, distance=None, failed=False),
+    ]
+    zoom, whole = region_plots(points, region(), nominal={"x": (0, 50), "y": (0, 50)})
+    assert "refused (0 of 1)" in text(zoom)
+    assert "refused (1)" in text(whole)
+    for plot in (zoom, whole):
+        assert "crash region" in text(plot)
+        assert "nominal values" in text(plot)
+        assert "style=" not in plot.svg
+        assert not set(COLOURS) & set(plot.svg.split('"'))
+    assert "nominal values" not in text(region_plots(points, region())[0])
+
+
+def test_region_without_points() -> None:
+    assert len(region_plots([], region())) == 1
+
+
+@pytest.mark.parametrize("changes", [{"x_max": math.inf}, {"y_min": math.nan}])
+def test_unbounded_region_has_no_map(changes: dict[str, float]) -> None:
+    assert region_plots([], region(**changes)) == []
+
+
+def test_same_field_twice_has_no_map() -> None:
+    assert region_plots([], region().model_copy(update={"y": "x"})) == []
+
+
+def test_point_region() -> None:
+    flat = region(x_min=0, x_max=0, y_min=0, y_max=0)
+    points = [PointRecord(values={"x": 0, "y": 0}, distance=0, failed=True)]
+    assert len(region_plots(points, flat, nominal={"x": (0, 1), "y": (0, 1)})) == 2
+
+
+def test_style_of_the_caller_does_not_matter() -> None:
+    import matplotlib
+
+    points = [PointRecord(values={"x": 10, "y": -90}, distance=-1, failed=True)]
+    plain = region_plots(points, region())
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": True}):
+        assert region_plots(points, region()) == plain
+        assert matplotlib.rcParams["font.size"] == 30
+
+
+def test_missing_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match="matplotlib"):
+        rule_plot(rule(({"x": 1, "y": 2}, True)))

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from riot_bus.errors import ConfigError
+from riot_bus.report.text import summary
+from riot_bus.report.words import clean, exact_interval, number, plural, seconds, share, value
+
+
+def test_whole_chain(finding: Path) -> None:
+    lines = summary(finding).splitlines()
+    assert lines[0].startswith(
+        "planner-crash-1f3a  [activated]  planner crashes when /map_updates:x * /map_updates:y < 0"
+    )
+    assert lines[0].endswith("10 of 10 replays failed again.")
+    assert "  log       5\N{NO-BREAK SPACE}012 messages (38 modified) -> 1 needed" in lines
+    assert lines[-1] == f"  again     riot reproduce {finding}"
+    assert len(lines) < 12
+
+
+@pytest.mark.parametrize("done", range(1, 6))
+def test_prefix_names_the_next_step(finding: Path, steps: dict[str, str], done: int) -> None:
+    for name in list(steps)[done:]:
+        (finding / name).unlink()
+    lines = summary(finding).splitlines()
+    assert lines[-1] == f"  next      riot {list(steps.values())[done]} {finding}"
+    assert ("[permeable]" in lines[0]) == (done == 5)
+
+
+def test_nothing_permeable(finding: Path) -> None:
+    (finding / "activation.json").unlink()
+    path = finding / "permeability.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"edges": []}))
+    first = summary(finding).splitlines()[0]
+    assert "[unit only]" in first
+    assert first.endswith("none of the external fields that were tested reaches it.")
+
+
+def test_terminal_is_safe(finding: Path) -> None:
+    path = finding / "finding.json"
+    record = json.loads(path.read_text()) | {
+        "signature": "a\x1b[2J\nb\u202ec",
+        "component": "p\r\n",
+        "monitor": "m\x07",
+    }
+    path.write_text(json.dumps(record))
+    text = summary(finding)
+    assert "a\\x1b[2J\\nb\\u202ec" in text
+    assert not set(text) & {"\x1b", "\r", "\x07", "\u202e"}
+
+
+def test_needs_a_finding(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        summary(tmp_path)
+
+
+def test_imports_nothing_heavy() -> None:
+    code = "import sys, riot_bus.report.text; sys.exit(bool({'jinja2', 'matplotlib', 'numpy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("hits", "trials", "low", "high"),
+    [(10, 10, 0.6915, 1.0), (0, 10, 0.0, 0.3085), (5, 10, 0.1871, 0.8129), (0, 0, 0.0, 1.0), (98, 100, 0.9296, 0.9976)],
+)
+def test_exact_interval(hits: int, trials: int, low: float, high: float) -> None:
+    assert exact_interval(hits, trials) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_words() -> None:
+    assert [share(one) for one in (0, 1, 0.9999, 0.0001, 0.995, 0.5, 0.031, float("nan"))] == [
+        "0 %", "100 %", "> 99.9 %", "< 0.1 %", "99.5 %", "50 %", "3.1 %", "nan %",
+    ]  # fmt: skip
+    assert [number(one) for one in (4194304, -91.25, 0.00512, float("inf"), 1e300)] == [
+        "4194304", "-91.2", "0.00512", "inf", "1e+300",
+    ]  # fmt: skip
+    assert [seconds(one) for one in (0.44, 59, 71, 120, 3700, float("nan"))] == [
+        "0.4 s", "59 s", "1 min 11 s", "2 min", "1 h 1 min", "?",
+    ]  # fmt: skip
+    assert [plural(1, "trial"), plural(2, "trial")] == ["1 trial", "2 trials"]
+    assert [value(one) for one in (0.1, -1, True, 'a"b', 4194305)] == ["0.1", "-1", "True", '"a\\"b"', "4194305"]
+
+
+def test_clean_is_bounded() -> None:
+    assert len(clean("x" * 10_000, limit=100)) == 100
+    assert clean("a\nb\tc", lines=True) == "a\nb\tc"
+    assert clean("\ud800") == "\\ud800"
