@@ -16,11 +16,13 @@ __all__ = ["CHANNELS", "Effect", "residuals", "responses"]
 Effect = Literal["level", "change", "spread"]
 """What of the internal field follows the external one: its value, its innovations, or how much it varies."""
 
-CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level")
+CHANNELS: tuple[Effect, ...] = ("level", "change", "spread", "level", "level")
 """The effect that each column of `residuals` shows."""
 
 _TERMS = 4
 _LEAST_SPREAD = 0.25
+_TRIMS = 6
+_OUTLIER = 6.0
 
 
 def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
@@ -43,10 +45,11 @@ def responses(pieces: Sequence[Floats], level: Floats | None = None) -> Floats:
 def residuals(
     pieces: Sequence[Floats], designs: Mapping[str, Floats], *, selected: Sequence[str]
 ) -> tuple[Floats, Floats]:
-    """Return the responses, and what the selected fields leave of them (samples x 3, samples x 4).
+    """Return the responses, and what the selected fields leave of them (samples x 3, samples x 5).
 
     The fourth column is the level weighted by the inverse of its noise's covariance (first-order autocorrelation, and
     the spread that the selected fields explain): the score of generalised least squares, for weak effects in noise.
+    The fifth is the level that a fit to the well-explained samples leaves, for weak effects beside a strong field that jumps.
     """
     raw = responses(pieces)
     spread = np.ones(len(raw))
@@ -67,7 +70,35 @@ def residuals(
         innovation = np.concatenate([one[:1], one[1:] - memory * one[:-1]])
         score = innovation - memory * np.concatenate([innovation[1:], innovation[:1] * 0.0])
         parts.append(score / weight - np.mean(score / weight))
-    return raw, np.column_stack([left, np.concatenate(parts)])
+    robust = left[:, 0]
+    if selected:
+        robust = _robust(raw[:, 0], design, most)
+    return raw, np.column_stack([left, np.concatenate(parts), robust])
+
+
+def _robust(response: Floats, design: Floats, most: int) -> Floats:
+    """Return what a fit to the well-explained samples leaves, with the others cut short.
+
+    A strong field that jumps leaves large errors at the samples around its jumps, by jitter alone; they must not hide
+    a weak field in all other samples.
+    """
+    terms = fit_terms(response, design, most=most)
+    if not terms:
+        plain: Floats = response - response.mean()
+        return plain
+    chosen = np.column_stack([design[:, terms], np.ones(len(response))])
+    good = np.ones(len(response), dtype=bool)
+    left = response
+    for _ in range(_TRIMS):
+        fitted = chosen @ np.linalg.lstsq(chosen[good], response[good], rcond=None)[0]
+        left = response - fitted
+        limit = _OUTLIER * float(np.median(np.abs(left))) + 1e-12
+        good = np.abs(left) <= limit
+        if good.sum() <= 2 * chosen.shape[1]:
+            break
+    cut: Floats = np.clip(left, -limit, limit)
+    cut -= cut.mean()
+    return cut
 
 
 def _explained(response: Floats, design: Floats, most: int) -> Floats:

@@ -78,7 +78,7 @@ class _System:
         self.fields: dict[str, ExternalField] = {field.name: field for field in external_fields(workspace)}
         self.runner: StoredRunner = step.system_runner(
             observe=sorted({internal_name(name) for name in self.rule.variables}),
-            duration=workspace.context.file.system.trial_duration,
+            pace=workspace.context.file.system.trial_run,
         )
         self.points: list[PointRecord] = []
         self.log: str | None = None

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["internal_name", "permeability"]
 
 _HOLD = 5
+_ALPHA = 0.01
+_DRAWS = 399
 
 
 def internal_name(name: str) -> str:
@@ -61,7 +63,7 @@ def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bo
     rate = _slowest_internal(workspace, topics)
     with workspace.step("permeability") as step:
         runner = step.system_runner(
-            observe=(*internals, *sorted({field.topic for field in driven})), duration=file.system.perturbed_duration
+            observe=(*internals, *sorted({field.topic for field in driven})), pace=file.system.perturbed_run
         )
         plans = [{field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven} for run in range(runs)]
         outcomes: list[Outcome] = []
@@ -77,6 +79,8 @@ def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bo
             step.progress(len(outcomes), runs, f"{len(driven)} external fields perturbed at once")
         result = analyse(
             [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
+            alpha=_ALPHA,
+            draws=_DRAWS,
             seed=workspace.seed,
         )
         record = PermeabilityRecord(

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["draws_for", "plain", "relevance"]
 
 _REPEATS = 3
+_ROUNDS = 4
 _STRAIGHT = 12
 _OBSERVED = 8
 _INJECTED_PRIOR = 10.0
@@ -60,6 +61,9 @@ def _considered(fields: NamedFields, unit: Unit) -> list[NamedField]:
 def relevance(workspace: Workspace, folder: Path) -> FieldsRecord:
     """Find the relevant fields of `minimal.mcap` and write `fields.json` and the certificates' logs.
 
+    Each certificate's trials are repeated; an answer that its repetitions contradict is corrected, and the search done
+    again with it (all other answers come from the store).
+
     Raises:
         ConfigError: The step before has not been done.
         InconclusiveError: The minimal log does not fail again.
@@ -86,19 +90,27 @@ def relevance(workspace: Workspace, folder: Path) -> FieldsRecord:
     with workspace.step("relevance") as step:
         runner = step.unit_runner(finding.unit)
 
+        corrected: dict[str, bool] = {}
+
         def ask(questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
             cases = [TestCase(fields.with_values(values), seed=workspace.seed) for values in questions]
-            return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
+            failed = [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
+            return [corrected.get(case.digest(), answer) for case, answer in zip(cases, failed, strict=True)]
 
-        found = relevant_fields(
-            spaces,
-            ask,
-            seed=workspace.seed,
-            straight=_STRAIGHT,
-            parallelism=runner.parallelism,
-            progress=step.progress,
-        )
-        records = tuple(_confirmed(workspace, folder, fields, one, runner, finding) for one in found.fields)
+        for _ in range(_ROUNDS):
+            found = relevant_fields(
+                spaces,
+                ask,
+                seed=workspace.seed,
+                straight=_STRAIGHT,
+                parallelism=runner.parallelism,
+                progress=step.progress,
+            )
+            records = tuple(_confirmed(workspace, folder, fields, one, runner, finding) for one in found.fields)
+            wrong = _contradicted(records, found.fields, fields, seed=workspace.seed)
+            if not wrong:
+                break
+            corrected.update(wrong)
         record = FieldsRecord(
             fields=records,
             considered=tuple(field.name for field in considered),
@@ -112,6 +124,20 @@ def relevance(workspace: Workspace, folder: Path) -> FieldsRecord:
         names = ", ".join(f"{one.name} ({one.kind})" for one in records) or "none"
         workspace.narrator.end("relevance", f"{len(considered)} fields -> {names} ({step.trials} trials)")
     return record
+
+
+def _contradicted(
+    records: Sequence[FieldRecord], found: Sequence[RelevantField], fields: NamedFields, *, seed: int
+) -> dict[str, bool]:
+    """Return the answers, by digest, that most of the repetitions of a certificate's trials contradict."""
+    wrong = {}
+    for record, one in zip(records, found, strict=True):
+        certificate = record.certificate
+        if 2 * certificate.confirmed_failing < certificate.repeats:
+            wrong[TestCase(fields.with_values(one.certificate.failing), seed=seed).digest()] = False
+        if 2 * certificate.confirmed_passing < certificate.repeats:
+            wrong[TestCase(fields.with_values(one.certificate.passing), seed=seed).digest()] = True
+    return wrong
 
 
 def _confirmed(

@@ -56,7 +56,7 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
             raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
         path = folder / "activation.mcap"
         messages = read_log(path)
-        trial = SystemTrial(workspace.context, duration=workspace.context.file.system.trial_duration)
+        trial = SystemTrial(workspace.context, workspace.context.file.system.trial_run)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages

@@ -10,7 +10,8 @@ from riot_bus.chain.relevance import draws_for, plain
 from riot_bus.chain.robustness import dictionary_of
 from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord, RuleSample, Value
-from riot_bus.generalize.rules import LearnedRule, Proportion, Variable, learn_rule
+from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
+from riot_bus.generalize.sampling import columns_of
 from riot_bus.trial import Scalar, TestCase
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["rules"]
 
 _NOMINAL = 200
+_ROUNDS = 3
+_ODD = 20
 
 
 def rules(workspace: Workspace, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
@@ -67,19 +70,36 @@ def rules(workspace: Workspace, folder: Path, *, budget: int = 160, validation: 
     with workspace.step("rules") as step:
         runner = step.unit_runner(finding.unit)
 
-        def ask(questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
-            cases = [TestCase(fields.with_values(values), seed=workspace.seed) for values in questions]
-            return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
+        corrected: dict[str, bool] = {}
 
-        learned = learn_rule(
-            variables,
-            ask,
-            seed=workspace.seed,
-            budget=budget,
-            validation=validation,
-            parallelism=runner.parallelism,
-            progress=step.progress,
-        )
+        def answers(questions: Sequence[Mapping[str, Scalar]], again: int = 0) -> list[tuple[str, bool]]:
+            cases = [TestCase(fields.with_values(values), seed=workspace.seed + again) for values in questions]
+            outcomes = runner.run(cases)
+            return [(one.digest(), out.failed_as(finding.signature)) for one, out in zip(cases, outcomes, strict=True)]
+
+        def ask(questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
+            return [corrected.get(digest, failed) for digest, failed in answers(questions)]
+
+        for _ in range(_ROUNDS):
+            learned = learn_rule(
+                variables,
+                ask,
+                seed=workspace.seed,
+                budget=budget,
+                validation=validation,
+                parallelism=runner.parallelism,
+                progress=step.progress,
+            )
+            odd = _unexplained(learned, variables)
+            votes = [answers([one.assignment for one in odd], again) for again in range(3)]
+            wrong = {
+                digest: not sample.failed
+                for sample, (digest, _), (_, second), (_, third) in zip(odd, *votes, strict=True)
+                if second == third != sample.failed
+            }
+            if not wrong:
+                break
+            corrected.update(wrong)
         record = _record(learned, {name: _spread(values) for name, values in observed.items()}, step)
         record.save(folder)
         workspace.narrator.end(
@@ -88,6 +108,12 @@ def rules(workspace: Workspace, folder: Path, *, budget: int = 160, validation: 
             f"{record.precision.total + record.recall.total} fresh checks, {step.trials} trials)",
         )
     return record
+
+
+def _unexplained(learned: LearnedRule, variables: Sequence[Variable]) -> list[Sample]:
+    """Return the few samples that the rule gets wrong: asked again, they may turn out differently."""
+    predicted = learned.rule.predict(columns_of(variables, [one.assignment for one in learned.samples]))
+    return [one for one, said in zip(learned.samples, predicted, strict=True) if bool(said) != one.failed][:_ODD]
 
 
 def _typed(value: Value, like: Scalar) -> Scalar:

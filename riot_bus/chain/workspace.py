@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from riot_bus.message import Message
-    from riot_bus.sut.system import Unit
+    from riot_bus.sut.system import Pace, Unit
 
 __all__ = ["Narrator", "Step", "Workspace", "open_finding"]
+
+_ATTEMPTS = 3
 
 
 class Narrator(Protocol):
@@ -85,10 +87,10 @@ class Step:
         trial = UnitTrial(self.workspace.context, unit, idle_rate=self.workspace.idle_rate(unit))
         return self._stored(LocalRunner(trial, self.workspace.pool), {"unit": unit})
 
-    def system_runner(self, *, observe: Sequence[str], duration: float) -> StoredRunner:
+    def system_runner(self, *, observe: Sequence[str], pace: Pace) -> StoredRunner:
         """Return a runner for runs of the whole system."""
-        trial = SystemTrial(self.workspace.context, tuple(observe), duration)
-        return self._stored(LocalRunner(trial, self.workspace.pool), {"observe": list(observe), "duration": duration})
+        trial = SystemTrial(self.workspace.context, pace, tuple(observe))
+        return self._stored(LocalRunner(trial, self.workspace.pool), {"observe": list(observe), **pace.model_dump()})
 
     def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
         scope = {"system": self.workspace.fingerprint, **scope}
@@ -154,7 +156,7 @@ class Workspace:
             self._idle[unit] = measure_idle_rate(self.context, unit, self.pool)
         return self._idle[unit]
 
-    def nominal_log(self, *, duration: float | None = None) -> Path:
+    def nominal_log(self) -> Path:
         """Return the nominal log: the one that riot.toml names, or a recording of a nominal run made now.
 
         Raises:
@@ -169,19 +171,22 @@ class Workspace:
             return path
         path = self.out / "nominal.mcap"
         if not path.is_file() or self._recorded_otherwise(path):
-            self._record(path, duration or file.system.nominal_duration)
+            self._record(path, file.system.nominal_run)
         return path
 
     def _recorded_otherwise(self, path: Path) -> bool:
         with LogReader(path) as reader:
             return reader.metadata.get("seed") != str(self.seed)
 
-    def _record(self, path: Path, duration: float) -> None:
+    def _record(self, path: Path, pace: Pace) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial.mcap")
-        partial.unlink(missing_ok=True)
-        trial = SystemTrial(self.context, duration=duration, record=partial)
-        outcome = self.pool.execute(trial, TestCase(seed=self.seed))
+        trial = SystemTrial(self.context, pace, record=partial)
+        for _ in range(_ATTEMPTS):
+            partial.unlink(missing_ok=True)
+            outcome = self.pool.execute(trial, TestCase(seed=self.seed))
+            if outcome.verdict is not Verdict.ERROR:
+                break
         if outcome.verdict is Verdict.ERROR:
             raise EnvironmentFaultError(f"the nominal run could not be carried out: {outcome.detail}")
         if outcome.verdict is Verdict.FAIL:

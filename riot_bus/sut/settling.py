@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["Activity", "activity", "wait_settled"]
+__all__ = ["Activity", "activity", "wait_sent", "wait_settled"]
 
 _POLL = 0.004
+_ZENOH_THREADS = (b"app-", b"acc-", b"tx-", b"rx-", b"net-")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,28 @@ def activity(pids: Sequence[int]) -> Activity:
             involuntary = text.partition(b"\nnonvoluntary_ctxt_switches:\t")[2].partition(b"\n")[0]
             switches += int(voluntary or 0) + int(involuntary or 0)
     return Activity(switches, busy)
+
+
+def wait_sent(*, timeout: float) -> bool:
+    """Wait until no Zenoh thread of this process wants the processor: what was put is on its way.
+
+    A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
+    """
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        if not any(_wants_processor(f"/proc/self/task/{thread}") for thread in os.listdir("/proc/self/task")):
+            return True
+        time.sleep(_POLL)
+    return False
+
+
+def _wants_processor(task: str) -> bool:
+    try:
+        with open(f"{task}/stat", "rb") as stream:
+            name, _, rest = stream.read().partition(b"(")[2].rpartition(b")")
+    except OSError:
+        return False
+    return name.startswith(_ZENOH_THREADS) and rest.split()[0] in (b"R", b"D")
 
 
 def wait_settled(

@@ -8,7 +8,6 @@ import sys
 import time
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.bus.ready import wait_matched
 from riot_bus.bus.router import Bus
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.monitors.model import ComponentView, TrialView
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher, Process
+    from riot_bus.sut.system import Pace
 
 __all__ = ["Stage"]
 
@@ -82,17 +82,18 @@ class Stage:
         finally:
             self.bus.close()
 
-    def start(self, name: str, *, seed: int, duration: float = 0.0, segment: str | None = None) -> Process:
-        """Start a component on its segment (or on the one given)."""
+    def start(self, name: str, *, seed: int, pace: Pace | None = None) -> Process:
+        """Start a component on its segment."""
         component = self.context.file.components[name]
-        segment = segment or self.context.file.segment_of(component)
+        segment = self.context.file.segment_of(component)
         words = {
             "{python}": sys.executable,
             "{endpoint}": self.bus.endpoint(segment),
             "{segment}": segment,
             "{trial_dir}": str(self.directory),
             "{seed}": str(seed),
-            "{duration}": f"{duration:g}",
+            "{duration}": f"{pace.duration if pace else 0:g}",
+            "{speed}": f"{pace.speed if pace else 1:g}",
         }
         env = {**os.environ, **_filled(component.env, words)}
         argv = [_fill(part, words) for part in component.command]
@@ -108,9 +109,10 @@ class Stage:
             EnvironmentFaultError: It died before, or did not subscribe in time.
         """
         component, process = self.context.file.components[name], self.processes[name]
-        session = self.bus.sessions[self.context.file.segment_of(component)]
-        timeout = component.ready.timeout
-        missing = wait_matched(session, list(keys), timeout=timeout, alive=lambda: self.launcher.alive(process))
+        segment, timeout = self.context.file.segment_of(component), component.ready.timeout
+        missing = self.bus.wait_subscribed(
+            segment, list(keys), timeout=timeout, alive=lambda: self.launcher.alive(process)
+        )
         if process.status is not None:
             raise self._did_not_start(name, f"ended with status {process.status} before it was ready")
         if missing:
@@ -149,6 +151,10 @@ class Stage:
         tail = "\n    ".join(errors[-6:])
         hint = f"its last words on stderr:\n    {tail}" if errors else "it wrote nothing to stderr"
         return EnvironmentFaultError(f"component {name!r} {what}", where=str(self.context.file.path), hint=hint)
+
+    def left(self, segment: str) -> bool:
+        """Return whether every component has closed its session on a segment: those that still live are ending."""
+        return not self.bus.segment(segment).peers() - self.bus.ids
 
     def watch_outputs(self, topics: Iterable[str], *, segment: str) -> None:
         """Collect the messages of some topics for the monitors."""

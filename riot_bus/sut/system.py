@@ -15,6 +15,7 @@ __all__ = [
     "External",
     "FiniteMonitor",
     "MonitorSettings",
+    "Pace",
     "RangeMonitor",
     "RateMonitor",
     "Ready",
@@ -32,6 +33,13 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class Pace(_Table):
+    """How long a run of the whole system lasts, and how fast: {duration} and {speed} in commands."""
+
+    duration: Seconds
+    speed: float = Field(default=1.0, gt=0)
+
+
 class System(_Table):
     """`[system]`: name, segments, message types, and how long runs of the whole system last."""
 
@@ -42,10 +50,9 @@ class System(_Table):
     types: dict[str, str] = {}
     adapters: tuple[str, ...] | None = None
     sources: tuple[str, ...] = ()
-    nominal_duration: Seconds = 60.0
-    trial_duration: Seconds = 10.0
-    perturbed_duration: Seconds = 30.0
-    deadline: Seconds = 60.0
+    nominal_run: Pace = Pace(duration=60.0)
+    trial_run: Pace = Pace(duration=10.0)
+    perturbed_run: Pace = Pace(duration=30.0)
 
 
 class Ready(_Table):
@@ -57,7 +64,8 @@ class Ready(_Table):
 class Component(_Table):
     """`[components.NAME]`: one process.
 
-    `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}.
+    `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}
+    {speed}.
     """
 
     command: tuple[str, ...] = Field(min_length=1)
@@ -229,6 +237,9 @@ def _known_keys(place: list[str]) -> list[str]:
         "external": External,
         "unit": Unit,
         "settle": Settle,
+        "nominal_run": Pace,
+        "trial_run": Pace,
+        "perturbed_run": Pace,
         "ready": Ready,
         "range": RangeMonitor,
         "finite": FiniteMonitor,

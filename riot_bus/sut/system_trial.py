@@ -18,6 +18,7 @@ from riot_bus.monitors.model import judge
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.selector import parse_selector
 from riot_bus.sut.stage import Stage
+from riot_bus.sut.system import Pace
 from riot_bus.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
@@ -34,17 +35,24 @@ __all__ = ["SystemTrial", "write_log"]
 _SETTLED = 0.03
 _SETTLE_TIMEOUT = 10.0
 _TICK = 0.02
+_PATIENCE = 3.0
+_GRACE = 10.0
+_STALL = 60.0
 
 
 class _Tap:
-    """The last interceptor: keeps what is delivered."""
+    """The last interceptor: keeps what is delivered, with the time of delivery."""
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
 
     def message(self, event: Event) -> None:
         if not event.dropped:
-            self.messages.append(event.message)
+            self.observe(event.message)
+
+    def observe(self, message: Message) -> None:
+        """Keep a message that is delivered now."""
+        self.messages.append(message.with_(time=time.time_ns()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +64,13 @@ class SystemTrial:
 
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
-        duration: Simulated or real seconds that external components run ({duration} in their commands).
+        pace: How long external components run, and how fast.
         record: File that gets every message of the run; None for none.
     """
 
     context: Context
+    pace: Pace
     observe: tuple[str, ...] = ()
-    duration: float = 10.0
     record: Path | None = None
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
@@ -78,7 +86,7 @@ class SystemTrial:
         inside = [name for name, component in file.components.items() if not component.external]
         outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
         home = file.segment_of(file.components[inside[0]])
-        intercept = [] if case.messages or self.record else self.context.topics(*file.external.topics)
+        injected = {injection.topic for injection in case.injections} if not case.messages else set()
         tap, seen = _Tap(), list[Message]()
         begin = time.time_ns()
         with ExitStack() as stack:
@@ -88,14 +96,17 @@ class SystemTrial:
                     launcher,
                     directory,
                     segments=file.system.segments,
-                    intercept=intercept,
+                    intercept=self.context.topics(*sorted(injected)),
                     pipeline=Pipeline([Injector(case.injections, seed=case.seed), tap], registry=registry),
-                    stall=file.system.deadline,
+                    stall=_STALL,
                 )
             )
             internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
             for expression in self.context.topics(*sorted(internal)):
                 stage.bus.subscribe(home, expression, seen.append)
+            if not case.messages:
+                for expression in self.context.topics(*sorted(set(file.external.topics) - injected)):
+                    stage.bus.subscribe(home, expression, tap.observe)
             stage.watch_outputs(self.context.watched, segment=home)
             if self.record:
                 writer = stack.enter_context(
@@ -105,7 +116,7 @@ class SystemTrial:
                 )
                 stage.bus.subscribe(home, "**", writer.write)
             for name in inside:
-                stage.start(name, seed=case.seed, duration=self.duration)
+                stage.start(name, seed=case.seed, pace=self.pace)
             stage.wait_ready(inside)
             if case.messages:
                 messages, _ = inject_log(case.messages, case.injections, registry=registry, seed=case.seed)
@@ -116,7 +127,7 @@ class SystemTrial:
             stage.bus.drain(_SETTLE_TIMEOUT)
             view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
         violations, broken = judge(view, self.context.monitors)
-        external = case.messages or tuple(tap.messages)
+        external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
         keep = violations and not self.record and not case.messages
         log = self._keep(external, case, directory) if keep else None
         return Outcome(
@@ -130,15 +141,25 @@ class SystemTrial:
         )
 
     def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: Stage, seed: int) -> None:
-        """Let the external components run to their end, or until something inside has died."""
-        drivers = [stage.start(name, seed=seed, duration=self.duration) for name in outside]
+        """Let the external components run to their end, or until something inside has died.
+
+        Components that have {duration} in their commands end by themselves; others are stopped after that time.
+        """
+        commands = [self.context.file.components[name].command for name in outside]
+        drivers = [stage.start(name, seed=seed, pace=self.pace) for name in outside]
         watched = [stage.processes[name] for name in inside]
-        ends = all(any("{duration}" in word for word in self.context.file.components[name].command) for name in outside)
-        limit = self.context.file.system.deadline if ends else min(self.duration, self.context.file.system.deadline)
+        ends = all(any("{duration}" in word for word in command) for command in commands)
+        limit = _PATIENCE * self.pace.duration / self.pace.speed + _GRACE if ends else self.pace.duration
         deadline = time.monotonic() + limit
         while time.monotonic() < deadline:
             if stage.launcher.wait(drivers, timeout=_TICK) or not all(map(stage.launcher.alive, watched)):
                 return
+        if ends:
+            late = ", ".join(repr(driver.name) for driver in drivers if driver.status is None)
+            raise EnvironmentFaultError(
+                f"external component {late} has not ended within {limit:.0f} s",
+                hint="its command has {duration} in it, so it is expected to end by itself",
+            )
 
     def _play(self, messages: Sequence[Message], stage: Stage) -> None:
         file, registry = self.context.file, self.context.registry
@@ -161,7 +182,7 @@ class SystemTrial:
         play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
 
     def _metadata(self, case: TestCase) -> dict[str, str]:
-        return {"system": self.context.file.system.name, "seed": str(case.seed), "duration": f"{self.duration:g}"}
+        return {"system": self.context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
 
     def _keep(self, external: Sequence[Message], case: TestCase, directory: Path) -> str:
         path = directory / "external.mcap"

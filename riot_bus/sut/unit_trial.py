@@ -12,6 +12,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.player import play
 from riot_bus.message import Qos
 from riot_bus.monitors.model import judge
+from riot_bus.sut.settling import wait_sent
 from riot_bus.sut.stage import Stage
 from riot_bus.trial import Outcome, Verdict
 
@@ -74,6 +75,7 @@ class UnitTrial:
                     return sent % _CHECK_EVERY == 0 and not launcher.alive(process)
 
                 play(messages, publish, rate=unit.rate, clock=SystemClock(), stop=stop)
+                wait_sent(timeout=unit.settle.timeout)
                 settled = stage.settle(
                     [name],
                     window=unit.settle.window,
@@ -81,6 +83,8 @@ class UnitTrial:
                     idle_rate=self.idle_rate,
                     since=before if messages else None,
                 )
+                if settled and stage.left(segment):
+                    launcher.wait([process], timeout=unit.settle.timeout)
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))

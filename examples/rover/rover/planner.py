@@ -51,10 +51,11 @@ class Planner(Component):
 
     def on_map_updates(self, update: OccupancyGridUpdate) -> None:
         """Take the window of the map that comes next."""
+        window = self._workspace.window(update)
         if update.width * update.height != len(update.data):
             size = f"{update.width} x {update.height}"
             return self.warn("map update refused", f"{size} cells announced, {len(update.data)} there")
-        self._free_ahead = self._workspace.place(update)
+        self._free_ahead = window.place(update.data)
         return self._replan(stale=True)
 
     def on_odom(self, odometry: Odometry) -> None:
