@@ -49,7 +49,7 @@ def residuals(
 
     The fourth column is the level weighted by the inverse of its noise's covariance (first-order autocorrelation, and
     the spread that the selected fields explain): the score of generalised least squares, for weak effects in noise.
-    The fifth is the level that a fit to the well-explained samples leaves, for weak effects beside a strong field that jumps.
+    The fifth is what a fit to the well-explained samples leaves, for weak effects beside a strong field that jumps.
     """
     raw = responses(pieces)
     spread = np.ones(len(raw))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
-from queue import Empty, SimpleQueue
+from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -35,7 +36,10 @@ class Mailbox(Generic[ItemT]):
     def __init__(self, *, capacity: int = 100_000, capacity_bytes: int = 1 << 28, patience_s: float = 1.0) -> None:
         self.accepted = 0
         """Number of items taken in so far."""
-        self._items: SimpleQueue[tuple[ItemT, int] | None] = SimpleQueue()
+        # Not SimpleQueue.get(timeout=...): woken just after its time is up, it waits for ever (CPython 3.11).
+        self._items: deque[tuple[ItemT, int] | None] = deque()
+        self._bell = threading.Lock()
+        self._bell.acquire()
         self._lock = threading.Lock()
         self._count = self._bytes = 0
         self._capacity, self._capacity_bytes = capacity, capacity_bytes
@@ -73,15 +77,19 @@ class Mailbox(Generic[ItemT]):
             self._count += 1
             self._bytes += size
             self.accepted += 1
-            self._items.put((item, size))
+            self._items.append((item, size))
+            self._ring()
             return True
 
     def take(self, timeout: float | None = None) -> ItemT | None:
         """Remove and return the oldest item; None after `timeout` seconds or when `wake` was called."""
-        try:
-            entry = self._items.get(timeout=timeout) if timeout is None or timeout > 0 else self._items.get_nowait()
-        except Empty:
-            return None
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while not self._items:
+            remaining = -1.0 if deadline is None else deadline - time.monotonic()
+            if deadline is not None and remaining <= 0.0:
+                return None
+            self._bell.acquire(timeout=remaining)
+        entry = self._items.popleft()
         if entry is None:
             return None
         with self._lock:
@@ -93,7 +101,12 @@ class Mailbox(Generic[ItemT]):
 
     def wake(self) -> None:
         """Let one `take` return None."""
-        self._items.put(None)
+        self._items.append(None)
+        self._ring()
+
+    def _ring(self) -> None:
+        with contextlib.suppress(RuntimeError):  # it rings already
+            self._bell.release()
 
 
 class Dispatcher:

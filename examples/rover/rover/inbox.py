@@ -6,14 +6,16 @@ and throughput drops to a fifth. So each topic has a native channel, and a threa
 
 from __future__ import annotations
 
-from _queue import Empty, SimpleQueue
-from _thread import start_new_thread
+from _thread import allocate_lock, start_new_thread
+from collections import deque
 from time import monotonic
 
 from zenoh import ZError
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from _thread import LockType
+
     from zenoh import Sample, Subscriber
     from zenoh.handlers import Handler
 
@@ -21,43 +23,55 @@ if TYPE_CHECKING:
 
 
 class Inbox:
-    """Unbounded, so that a slow component falls behind instead of losing messages."""
+    """Unbounded, so that a slow component falls behind instead of losing messages.
+
+    Locks instead of `SimpleQueue.get(timeout=...)`: that one waits for ever, once in a while, when it is woken just
+    after its time is up (CPython 3.11).
+    """
 
     CLOSING = 1.0
 
     def __init__(self) -> None:
-        self._batches: SimpleQueue[Batch] = SimpleQueue()
-        self._ended: SimpleQueue[str] = SimpleQueue()
-        self._movers = 0
+        self._batches: deque[Batch] = deque()
+        self._bell = allocate_lock()
+        self._bell.acquire()
+        self._moving: list[LockType] = []
 
     def add(self, topic: str, subscriber: Subscriber[Handler[Sample]]) -> None:
         """Fill the inbox from a subscriber, until its session closes."""
-        self._movers += 1
-        start_new_thread(self._move, (topic, subscriber))
+        moving = allocate_lock()
+        moving.acquire()
+        self._moving.append(moving)
+        start_new_thread(self._move, (topic, subscriber, moving))
 
     def next(self, until: float | None) -> Batch | None:
         """Wait for the next batch, at most until a time of the monotonic clock."""
-        try:
-            return self._batches.get(timeout=None if until is None else max(0.0, until - monotonic()))
-        except Empty:
-            return None
+        while not self._batches:
+            remaining = -1.0 if until is None else until - monotonic()
+            if until is not None and remaining <= 0.0:
+                return None
+            self._bell.acquire(timeout=remaining)
+        return self._batches.popleft()
 
     def join(self) -> None:
         """Wait for the threads to end, once the session is closed: the interpreter must outlive them."""
-        while self._movers:
-            try:
-                self._ended.get(timeout=self.CLOSING)
-            except Empty:
-                return
-            self._movers -= 1
+        for moving in self._moving:
+            moving.acquire(timeout=self.CLOSING)
 
-    def _move(self, topic: str, subscriber: Subscriber[Handler[Sample]]) -> None:
+    def _ring(self) -> None:
+        try:
+            self._bell.release()
+        except RuntimeError:
+            return  # it rings already
+
+    def _move(self, topic: str, subscriber: Subscriber[Handler[Sample]], moving: LockType) -> None:
         channel = subscriber.handler
         try:
             while True:
                 batch = [channel.recv()]
                 while (sample := channel.try_recv()) is not None:
                     batch.append(sample)
-                self._batches.put((topic, batch))
+                self._batches.append((topic, batch))
+                self._ring()
         except ZError:
-            self._ended.put(topic)
+            moving.release()

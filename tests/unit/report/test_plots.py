@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from riot_bus.findings.records import PointRecord, ProportionRecord, RegionRecord, RuleRecord, RuleSample
 from riot_bus.errors import MissingExtraError
+from riot_bus.findings.records import PointRecord, ProportionRecord, RegionRecord, RuleRecord, RuleSample
 from riot_bus.report.plots import Plot, region_plots, rule_plot
 from riot_bus.report.svg import COLOURS
 

@@ -32,8 +32,8 @@ def crashes(planner, x, y):
         place = fault.__traceback__
         while place.tb_next:
             place = place.tb_next
-        assert place.tb_frame.f_code is Workspace.place.__code__
-        assert place.tb_lineno == Workspace.place.__code__.co_firstlineno + 2
+        assert place.tb_frame.f_code is Workspace.window.__code__
+        assert place.tb_lineno == Workspace.window.__code__.co_firstlineno + 2
         return True
     return False
 
@@ -53,7 +53,7 @@ def test_planner_refuses_all_else_that_is_wrong(capsys):
     planner, sent = start(Planner)
     nan = math.nan
     wrong = [
-        ("/map_updates", OccupancyGridUpdate((0, 0), -1, 5, 8, 8, bytes(63))),
+        ("/map_updates", OccupancyGridUpdate((0, 0), 1, 5, 8, 8, bytes(63))),
         ("/map", OccupancyGrid((0, 0), 2.0, 2, 3, 0.0, 0.0, bytes(5))),
         ("/map", OccupancyGrid((0, 0), nan, 1, 1, 0.0, 0.0, bytes(1))),
         ("/map", OccupancyGrid((0, 0), 2.0, 0, 0, 0.0, 0.0, b"")),
