@@ -49,7 +49,9 @@ def rules(workspace: Workspace, folder: Path, *, budget: int = 160, validation: 
         )
     registry = workspace.context.registry
     fields = NamedFields(FailingLog.load(folder / "minimal.mcap", registry=registry), registry=registry)
-    named = [fields.fields[record.name] for record in relevant.fields]
+    order = {name: place for place, name in enumerate(fields.fields)}
+    records = sorted(relevant.fields, key=lambda record: order[record.name])
+    named = [fields.fields[record.name] for record in records]
     paths: dict[str, set[str]] = {}
     for field in named:
         paths.setdefault(field.topic, set()).add(field.leaf.path)
@@ -65,7 +67,7 @@ def rules(workspace: Workspace, folder: Path, *, budget: int = 160, validation: 
             nominal=tuple(([] if field.original is None else [field.original]) + observed[field.name]),
             dictionary=draws_for(field, dictionary, ()),
         )
-        for field, record in zip(named, relevant.fields, strict=True)
+        for field, record in zip(named, records, strict=True)
     ]
     with workspace.step("rules") as step:
         runner = step.unit_runner(finding.unit)

@@ -1,0 +1,95 @@
+"""The rover, from nothing to the report (RIOT III), once; other seeds are measured by benchmarks/demo.py."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.findings.records import FieldsRecord, PermeabilityRecord, RuleRecord
+from riot_bus.generalize.rule import Rule
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
+
+
+def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_path: Path) -> None:
+    done = riot("demo", "--out", tmp_path, "--seed", 3, "--format", "json", timeout=800)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    finding = Path(figures["finding"])
+
+    assert figures["nominal_messages"] >= 2000
+    assert figures["minimal_messages"] == 1
+    assert sorted(figures["relevant_fields"]) == ["/map_updates:x", "/map_updates:y"]
+    for field in FieldsRecord.load(finding).fields:
+        certificate = field.certificate
+        assert certificate.confirmed_failing == certificate.confirmed_passing == certificate.repeats
+
+    assert "/map_updates:x * /map_updates:y" in figures["rule"]
+    rule = Rule.from_json(RuleRecord.load(finding).rule)
+    assert balanced_accuracy(rule) >= 0.99
+
+    goal = {"/goal:pose.position.x", "/goal:pose.position.y"}
+    speed = {"/odom:twist.twist.linear.x", "/odom:twist.twist.linear.y"}
+    permeable = set(figures["permeable_fields"])
+    assert goal <= permeable
+    assert permeable & speed
+    assert len(permeable - goal - speed) <= 1
+    assert PermeabilityRecord.load(finding).pruned
+
+    assert figures["activation_runs"] <= 200
+    assert figures["activation_replay_rate"] >= 0.9
+    region = figures["region"]
+    truth = {"x_min": -100, "x_max": 100, "y_min": -100, "y_max": -80}
+    assert {side: abs(region[side] - truth[side]) <= 5 for side in truth} == dict.fromkeys(truth, True)
+
+    page = Path(figures["report"]).read_text()
+    assert "<script" not in page
+    assert "riot reproduce" in page
+
+    again = riot("reproduce", finding)
+    assert again.returncode == 1, again.stderr
+    assert "still failing: 3 of 3" in again.stdout
+
+    resumed = riot("demo", "--out", tmp_path, "--seed", 3, "--format", "json")
+    same = json.loads(resumed.stdout)
+    assert {**same, "seconds": 0} == {**figures, "seconds": 0}
+
+
+def balanced_accuracy(rule: Rule) -> float:
+    """Compare the rule with the planner's own code path on 1,000 fresh samples."""
+    import random
+    import sys
+
+    import numpy as np
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "rover"))
+    try:
+        from rover.maps import OccupancyGridUpdate
+        from rover.workspace import Workspace
+    finally:
+        sys.path.pop(0)
+    workspace = Workspace()
+    draw = random.Random(2020)
+
+    def value() -> int:
+        kind = draw.randrange(3)
+        if kind == 0:
+            return draw.randint(1, 400)
+        if kind == 1:
+            return draw.choice((-1, 1)) * min(2**31 - 1, int(2 ** draw.uniform(0, 31)))
+        return draw.choice((0, 1, -1, 2**31 - 1, -(2**31), 255, 256, 65535, 65536, 2048, 2049))
+
+    def fails(x: int, y: int) -> bool:
+        try:
+            workspace.window(OccupancyGridUpdate((0, 0), x, y, 8, 8, bytes(64)))
+        except ValueError:
+            return True
+        return False
+
+    pairs = [(value(), value()) for _ in range(1000)]
+    truth = np.array([fails(x, y) for x, y in pairs])
+    xs, ys = (np.array(column, dtype=np.int64) for column in zip(*pairs, strict=True))
+    said = rule.predict({"/map_updates:x": xs, "/map_updates:y": ys})
+    return float((said[truth].mean() + (~said[~truth]).mean()) / 2)

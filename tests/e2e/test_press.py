@@ -1,0 +1,33 @@
+"""A system that is different in kind (JSON, no ROS, a mode field, a hang) passes through the same chain."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, PermeabilityRecord, RuleRecord
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
+
+PRESS = Path(__file__).resolve().parents[1] / "systems" / "press" / "riot.toml"
+
+
+def test_press_is_taken_from_a_hang_to_the_knob(riot, tmp_path: Path) -> None:
+    done = riot("analyze", "--system", PRESS, "--out", tmp_path, "--trials", 40, "--format", "json", timeout=800)
+    assert done.returncode == 1, done.stderr
+    (found,) = json.loads(done.stdout)["findings"]
+    folder = Path(found["finding"])
+    assert folder.name.startswith("hang-drive")
+    assert len(MinimalRecord.load(folder).kept) == 1
+    fields = {field.name: field.kind for field in FieldsRecord.load(folder).fields}
+    assert set(fields) == {"press/drive/command:speed", "press/drive/command:mode"}
+    rule = RuleRecord.load(folder)
+    assert "press/drive/command:mode == 'step'" in rule.text.replace('"', "'")
+    assert rule.balanced_accuracy >= 0.99
+    assert "press/panel:knob" in PermeabilityRecord.load(folder).permeable
+    activation = ActivationRecord.load(folder)
+    assert activation.found is not None
+    assert activation.found["press/panel:knob"] < 20
+    assert activation.replays_failed >= 9
