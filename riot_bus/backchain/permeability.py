@@ -32,6 +32,7 @@ __all__ = ["Drive", "Edge", "Effect", "PermeabilityResult", "Run", "Skipped", "a
 
 _MIN_SAMPLES = 8
 _ROUNDS = 8
+_CLEAR = 0.5
 _LARGEST = 1e3
 
 
@@ -230,6 +231,12 @@ def _evidence(columns: Columns, left_over: Floats, *, draws: int, seed: Sequence
     return best
 
 
+def _effect(scores: Floats) -> Effect:
+    """Name what follows the field: the level if it shows there about as well as anywhere."""
+    level = max(score for score, channel in zip(scores, CHANNELS, strict=True) if channel == "level")
+    return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
+
+
 def _select(output: _Output, columns: Mapping[str, Columns], *, draws: int, alpha: float, seed: int) -> list[Edge]:
     names = sorted(columns)
     designs = {name: columns[name].design() for name in names}
@@ -245,7 +252,7 @@ def _select(output: _Output, columns: Mapping[str, Columns], *, draws: int, alph
         for name in left:
             found = _evidence(columns[name], left_over, draws=draws, seed=(seed, names.index(name)))
             scores[name] = found.max(axis=1)
-            effects[name] = CHANNELS[int(found[0].argmax())]
+            effects[name] = _effect(found[0])
         null = np.max([one[1:] for one in scores.values()], axis=0)
         p_values |= {name: (1 + int((null >= one[0]).sum())) / (draws + 1) for name, one in scores.items()}
         new = [name for name in left if p_values[name] <= alpha]
