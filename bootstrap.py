@@ -44,15 +44,14 @@ def main() -> None:
     if what not in ("demo", "test", "run"):
         sys.exit(__doc__)
     environment()
-    if what == "demo":
-        command = [str(BIN / "riot"), "demo", *rest]
-    elif what == "test":
-        command = [str(BIN / "python"), "-m", "pytest", *(rest or ["-n", "auto"])]
-    else:
-        command = [str(BIN / rest[0]), *rest[1:]]
+    os.environ["PATH"] = f"{BIN}{os.pathsep}{os.environ.get('PATH', '')}"
+    pytest = [str(BIN / "python"), "-m", "pytest"]
     if what == "test":
         os.chdir(ROOT)
-    os.environ["PATH"] = f"{BIN}{os.pathsep}{os.environ.get('PATH', '')}"
+        # Whole chains are timed by the systems they run: they get the machine to themselves.
+        phases = [[*pytest, *rest]] if rest else [[*pytest, "-n", "auto", "-m", "not e2e"], [*pytest, "-m", "e2e"]]
+        sys.exit(max(subprocess.run(phase, check=False).returncode for phase in phases))
+    command = [str(BIN / "riot"), "demo", *rest] if what == "demo" else [str(BIN / rest[0]), *rest[1:]]
     os.execv(command[0], command)
 
 
