@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 from riot_bus.backchain.graph import Component, TopicGraph
 from riot_bus.campaign.schedule import targets_of
-from riot_bus.chain.logs import nominal_values
+from riot_bus.chain.logs import nominal_values, read_messages
 from riot_bus.errors import ConfigError, did_you_mean
-from riot_bus.log.reader import read_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -83,7 +82,7 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
         raise ConfigError(
             "no external topics", where=f"{file.path}: [external]", hint="list what the outside controls in `topics`"
         )
-    log = read_log(workspace.nominal_log())
+    log = read_messages(workspace.nominal_log(), registry=registry)
     messages = [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
     targets = targets_of(messages, registry, leave=file.external.exclude)
     targets = {

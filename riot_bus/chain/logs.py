@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
@@ -22,9 +24,36 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Leaf
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["FailingLog", "NamedField", "NamedFields", "nominal_values"]
+__all__ = ["FailingLog", "NamedField", "NamedFields", "learn_types", "nominal_values", "read_messages"]
 
 _ELEMENTS = 4
+_LOG = logging.getLogger(__name__)
+
+
+def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
+    """Take the types of a log's schemas for topics whose type is not known otherwise."""
+    for topic, (schema, encoding) in reader.schemas.items():
+        if registry.type_of(topic) is None:
+            registry.add_schema(topic, schema, encoding)
+
+
+def read_messages(path: Path, *, registry: TypeRegistry) -> tuple[Message, ...]:
+    """Return the delivered messages of a log, and learn the types that it names; what is damaged is said on stderr.
+
+    Raises:
+        ConfigError: The file is missing or not MCAP.
+    """
+    with LogReader(path) as reader:
+        learn_types(reader, registry)
+        messages = tuple(reader.messages())
+        if reader.loss:
+            _warn(str(path), str(reader.loss))
+        return messages
+
+
+@cache
+def _warn(path: str, loss: str) -> None:
+    _LOG.warning("riot: %s is damaged (%s); going on with what can be read", path, loss)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +93,7 @@ class FailingLog:
             ConfigError: The file is missing or not MCAP.
         """
         with LogReader(path) as reader:
-            for topic, (schema, encoding) in reader.schemas.items():
-                if registry.type_of(topic) is None:
-                    registry.add_schema(topic, schema, encoding)
+            learn_types(reader, registry)
             messages = tuple(reader.messages())
             originals = {message.sequence: message for message in reader.originals()}
         return cls(messages, originals)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import Drive, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
+from riot_bus.chain.logs import read_messages
 from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.injection import Injection, Signal
@@ -105,9 +106,7 @@ def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
     """Return the lowest message rate of the relevant topics in the nominal log."""
     registry = workspace.context.registry
     times: dict[str, list[int]] = {topic: [] for topic in topics}
-    from riot_bus.log.reader import read_log
-
-    for message in read_log(workspace.nominal_log()):
+    for message in read_messages(workspace.nominal_log(), registry=registry):
         topic = registry.topic(message.key)
         if topic in times:
             times[topic].append(message.time)

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
+from riot_bus.chain.logs import read_messages
 from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.findings.records import FindingRecord
-from riot_bus.log.reader import LogReader, read_log
+from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.system_trial import SystemTrial
@@ -207,18 +208,15 @@ class Workspace:
         unit = file.unit[name]
         path = file.root / unit.log if unit.log else self.nominal_log()
         component = file.components[unit.component or name]
+        log = read_messages(path, registry=registry)
         messages = tuple(
-            message
-            for message in read_log(path)
-            if any(registry.matches(topic, message.key) for topic in component.inputs)
+            message for message in log if any(registry.matches(topic, message.key) for topic in component.inputs)
         )
         if not messages:
             raise ConfigError(
                 f"the log holds nothing on the inputs of {name!r} ({', '.join(component.inputs) or 'none declared'})",
                 where=str(path),
-                hint=did_you_mean(
-                    next(iter(component.inputs), ""), {registry.topic(message.key) for message in read_log(path)}
-                ),
+                hint=did_you_mean(next(iter(component.inputs), ""), {registry.topic(message.key) for message in log}),
             )
         return messages
 

@@ -29,8 +29,13 @@ PR_SET_CHILD_SUBREAPER = 36
 _prctl = ctypes.CDLL(None, use_errno=True).prctl
 
 
-def die_with_parent() -> None:
-    """Ask the kernel to kill this process when its parent dies (runs between fork and exec)."""
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def become_component() -> None:
+    """Take signals as usual again, and ask the kernel for death with the parent (runs between fork and exec)."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_DFL)
     _prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
 
 
@@ -68,7 +73,7 @@ class Supervisor:
                     stdout=out,
                     stderr=err,
                     start_new_session=True,
-                    preexec_fn=die_with_parent,
+                    preexec_fn=become_component,
                 )
         except (OSError, subprocess.SubprocessError) as error:
             self.tell(event="refused", error=str(error))
@@ -139,7 +144,7 @@ class Supervisor:
 
 def main() -> int:
     """Serve the socket on file descriptor 0 until it ends."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     _prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     supervisor = Supervisor(socket.socket(fileno=0))

@@ -71,9 +71,12 @@ def nominal(press: Path, payloads: list[bytes]) -> Path:
 
 def test_truncated_log_is_read_as_far_as_it_goes_and_info_says_so(riot, press: Path, tmp_path: Path) -> None:
     payload = json.dumps({"seq": 1, "mode": "step", "speed": 2.0}).encode()
-    log = nominal(press, [payload] * 5000)
+    log = nominal(press, [payload] * 300)
     log.write_bytes(log.read_bytes()[:-400])
     check(riot("info", log), 3, "nominal.mcap")
+    done = riot("test", "--system", press, "--out", tmp_path / "out", "--trials", 1)
+    assert done.returncode in (0, 1), done.stderr
+    assert "nominal.mcap is damaged" in done.stderr
 
 
 def test_log_that_is_no_mcap(riot, press: Path, tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""Launcher, supervisor and settling, with real processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus.sut.launcher import Launcher, Process
+from riot_bus.sut.settling import activity, wait_settled
+
+Start = Callable[[str], Process]
+
+
+@pytest.fixture
+def launcher() -> Iterator[Launcher]:
+    with Launcher() as one:
+        yield one
+
+
+@pytest.fixture
+def start(launcher: Launcher, tmp_path: Path) -> Start:
+    def run(code: str) -> Process:
+        return launcher.start(
+            "part", [sys.executable, "-S", "-c", code], env=dict(os.environ), cwd=tmp_path, directory=tmp_path
+        )
+
+    return run
+
+
+def wait_until(condition: Callable[[], bool], timeout: float = 20.0) -> bool:
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def test_exit_status_and_output(launcher: Launcher, start: Start) -> None:
+    process = start("import sys; print('words', file=sys.stderr); sys.exit(3)")
+    assert launcher.wait([process], timeout=20)
+    assert (process.status, process.errors()) == (3, "words\n")
+    assert not launcher.alive(process)
+
+
+def test_death_by_signal(launcher: Launcher, start: Start) -> None:
+    process = start("import time; time.sleep(60)")
+    assert launcher.alive(process)
+    launcher.interrupt(process, signal.SIGTERM)
+    assert launcher.wait([process], timeout=20)
+    assert process.status == -signal.SIGTERM
+
+
+def test_command_that_does_not_exist(launcher: Launcher, tmp_path: Path) -> None:
+    with pytest.raises(EnvironmentFaultError, match="no-such-program"):
+        launcher.start("part", ["no-such-program"], env={}, cwd=tmp_path, directory=tmp_path)
+
+
+def test_kill_all_takes_grandchildren_along(launcher: Launcher, start: Start, tmp_path: Path) -> None:
+    code = "import subprocess,time; subprocess.Popen(['sleep','97.5'], start_new_session=True); time.sleep(60)"
+    process = start(code)
+    assert wait_until(lambda: bool(psutil.Process(process.pid).children()))
+    (grandchild,) = psutil.Process(process.pid).children()
+    launcher.kill_all()
+    assert not psutil.pid_exists(process.pid)
+    assert not psutil.pid_exists(grandchild.pid)
+
+
+def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
+    code = (
+        "import os,sys,time,pathlib; from riot_bus.sut.launcher import Launcher\n"
+        "d = pathlib.Path(sys.argv[1])\n"
+        "p = Launcher().start('part', ['sleep', '96.5'], env=dict(os.environ), cwd=d, directory=d)\n"
+        "print(p.pid, flush=True); time.sleep(60)"
+    )
+    root = str(Path(__file__).resolve().parents[3])
+    owner = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    assert owner.stdout is not None
+    pid = int(owner.stdout.readline())
+    assert psutil.pid_exists(pid)
+    owner.kill()
+    owner.wait()
+    owner.stdout.close()
+    assert wait_until(lambda: not psutil.pid_exists(pid))
+
+
+def test_settling(launcher: Launcher, start: Start) -> None:
+    busy = start("while True: pass")
+    assert not wait_settled([busy.pid], window=0.05, timeout=0.5)
+    idle = start("import time; time.sleep(60)")
+    assert wait_settled([idle.pid], window=0.05, timeout=20)
+    assert activity([idle.pid]).switches > 0
+    assert not activity([idle.pid]).busy
+    assert wait_settled([busy.pid], window=0.05, timeout=20, alive=lambda: False)
+    assert activity([2**22 + 1]).switches == 0

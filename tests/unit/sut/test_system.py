@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.errors import ConfigError
+from riot_bus.sut.context import open_system
+from riot_bus.sut.system import load_system
+
+ROOT = Path(__file__).resolve().parents[3]
+GOOD = """
+[system]
+segments = ["a", "b"]
+
+[components.one]
+command = ["true"]
+segment = "a"
+
+[unit.one]
+"""
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "riot.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("path", ["examples/rover/riot.toml", "tests/systems/press/riot.toml"])
+def test_shipped_systems_load(path: str) -> None:
+    context = open_system(ROOT / path)
+    assert len(context.file.unit) == 1
+    assert context.fingerprint() == open_system(ROOT / path).fingerprint()
+
+
+def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
+    path = write(tmp_path, GOOD.replace('segments = ["a", "b"]', 'segments = ["a", "b"]\nsources = ["*.py"]'))
+    source = tmp_path / "one.py"
+    source.write_text("x = 1")
+    before = open_system(path).fingerprint()
+    source.write_text("x = 2")
+    assert open_system(path).fingerprint() != before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("segments", "segmets", 3, ("unknown key 'segmets'", "'segments'")),
+        ('segment = "a"', 'segment = "c"', 7, ("'c' is not described", "known: a, b")),
+        ("[unit.one]", "[unit.two]", 9, ("'two' is not described", "one")),
+        ('command = ["true"]', "", 5, ("'command' is missing",)),
+        ('command = ["true"]', 'command = "true"', 6, ("tuple", "'true'")),
+        ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
+        ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 9, ("rang",)),
+    ],
+)
+def test_mistakes_are_named_with_their_place(
+    tmp_path: Path, old: str, new: str, line: int, words: tuple[str, ...]
+) -> None:
+    path = write(tmp_path, GOOD.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        load_system(path)
+    text = str(caught.value)
+    assert f"riot.toml:{line}" in text
+    for word in words:
+        assert word in text
+
+
+def test_not_toml_and_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_system(write(tmp_path, "[system"))
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_system(tmp_path / "no.toml")
+
+
+def test_choosing_a_unit(tmp_path: Path) -> None:
+    file = load_system(write(tmp_path, GOOD + '[components.two]\ncommand = ["true"]\n[unit.two]\n'))
+    assert file.choose_unit("two") == "two"
+    with pytest.raises(ConfigError, match="one, two"):
+        file.choose_unit(None)
+    with pytest.raises(ConfigError, match="did you mean 'two'"):
+        file.choose_unit("tow")
