@@ -79,7 +79,8 @@ def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
     code = (
         "import os,sys,time,pathlib; from riot_bus.sut.launcher import Launcher\n"
         "d = pathlib.Path(sys.argv[1])\n"
-        "p = Launcher().start('part', ['sleep', '96.5'], env=dict(os.environ), cwd=d, directory=d)\n"
+        "launcher = Launcher()\n"
+        "p = launcher.start('part', ['sleep', '96.5'], env=dict(os.environ), cwd=d, directory=d)\n"
         "print(p.pid, flush=True); time.sleep(60)"
     )
     root = str(Path(__file__).resolve().parents[3])
