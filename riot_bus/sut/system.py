@@ -89,9 +89,13 @@ class External(_Table):
 
 
 class Settle(_Table):
-    """When a unit counts as settled (no activity for `window` seconds) and when as hanging (`timeout`)."""
+    """When a unit counts as settled (no activity for `window` seconds) and when as hanging (`timeout`).
+
+    `linger` is the time that it may take to die once it has come to rest.
+    """
 
     window: Seconds = 0.03
+    linger: Seconds = 0.25
     timeout: Seconds = 10.0
 
 

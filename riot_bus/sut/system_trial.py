@@ -18,7 +18,7 @@ from riot_bus.monitors.model import judge
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.selector import parse_selector
 from riot_bus.sut.stage import Stage
-from riot_bus.sut.system import Pace
+from riot_bus.sut.system import Pace, Settle
 from riot_bus.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
@@ -124,6 +124,8 @@ class SystemTrial:
             else:
                 self._drive(outside, inside, stage, case.seed)
             settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT)
+            if settled:
+                stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
             view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
         violations, broken = judge(view, self.context.monitors)

@@ -83,8 +83,8 @@ class UnitTrial:
                     idle_rate=self.idle_rate,
                     since=before if messages else None,
                 )
-                if settled and stage.left(segment):
-                    launcher.wait([process], timeout=unit.settle.timeout)
+                if settled:
+                    stage.linger([name], seconds=unit.settle.linger, timeout=unit.settle.timeout)
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
