@@ -25,6 +25,7 @@ def run(seed: int, out: Path) -> dict[str, object]:
     """Run one demo in a folder of its own."""
     command = [sys.executable, "-m", "riot_bus", "demo", "--seed", str(seed), "--out", str(out), "--format", "json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1200, check=False)
+    (out / "narration.txt").write_text(done.stderr)
     if done.returncode:
         return {"seed": seed, "error": done.stderr[-2000:]}
     figures: dict[str, object] = json.loads(done.stdout)

@@ -17,6 +17,7 @@ __all__ = ["Crash", "crash_in", "last_traceback"]
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]+)", line (?P<line>\d+), in (?P<function>.+)$', re.MULTILINE)
 _MARK = "Traceback (most recent call last):"
 _TERMINATE = re.compile(r"terminate called after throwing an instance of '([^']+)'")
+_AFTERWORDS = 4
 _RUST = re.compile(r"panicked at ([^:\n]+:\d+)")
 
 
@@ -63,7 +64,9 @@ def crash_in(status: int | None, errors: str, root: Path) -> Crash | None:
         None when neither the status nor stderr speaks of a crash.
     """
     traceback = last_traceback(errors)
-    if status is None or status > 0:
+    # A Python process with native threads may abort while it ends of an exception: the exception is the crash.
+    ending = traceback is not None and len(errors.rpartition(traceback)[2].splitlines()) <= _AFTERWORDS
+    if status is None or status > 0 or (status < 0 and ending):
         if traceback is not None:
             place = _own_frame(traceback, root)
             return Crash(place or "unknown place", traceback.splitlines()[-1][:500])

@@ -41,6 +41,18 @@ def test_live_process_with_a_traceback_has_crashed() -> None:
     assert crash_in(None, "all is well", ROOT) is None
 
 
+def test_abort_while_ending_of_an_exception_is_that_exception() -> None:
+    errors = traceback(OWN, error="ValueError: no") + "\nFATAL: exception not rethrown\n"
+    crash = crash_in(-6, errors, ROOT)
+    assert crash is not None
+    assert (crash.place, crash.detail) == ("part.py:7 in place", "ValueError: no")
+    long_ago = traceback(OWN, error="ValueError: no") + "\nline" * 9 + "\n"
+    assert crash_in(-11, long_ago, ROOT) != crash
+    segfault = crash_in(-11, long_ago, ROOT)
+    assert segfault is not None
+    assert segfault.place == "SIGSEGV"
+
+
 def test_signals_and_native_last_words() -> None:
     def place(status: int, errors: str = "") -> str:
         crash = crash_in(status, errors, ROOT)
