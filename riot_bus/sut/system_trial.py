@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.clock import SystemClock
-from riot_bus.errors import EnvironmentFaultError, PayloadError
+from riot_bus.errors import ConfigError, EnvironmentFaultError, PayloadError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector
 from riot_bus.log.player import play
@@ -85,7 +85,15 @@ class SystemTrial:
         file, registry = self.context.file, self.context.registry
         inside = [name for name, component in file.components.items() if not component.external]
         outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
+        if not inside:
+            raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
         home = file.segment_of(file.components[inside[0]])
+        if case.injections and home in {file.segment_of(file.components[name]) for name in outside}:
+            raise ConfigError(
+                f"external components share segment {home!r} with the system, so nothing can be intercepted between them",
+                where=f"{file.path}: [components]",
+                hint="give external components a `segment` of their own",
+            )
         injected = {injection.topic for injection in case.injections} if not case.messages else set()
         tap, seen = _Tap(), list[Message]()
         begin = time.time_ns()
