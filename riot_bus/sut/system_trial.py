@@ -90,7 +90,7 @@ class SystemTrial:
         home = file.segment_of(file.components[inside[0]])
         if case.injections and home in {file.segment_of(file.components[name]) for name in outside}:
             raise ConfigError(
-                f"external components share segment {home!r} with the system, so nothing can be intercepted between them",
+                f"external components share segment {home!r} with the system, so nothing can be intercepted",
                 where=f"{file.path}: [components]",
                 hint="give external components a `segment` of their own",
             )
