@@ -49,6 +49,21 @@ class Message:
         """Return a copy with some attributes replaced."""
         return replace(self, **changes)
 
+    def with_payload(self, payload: bytes) -> Message:
+        """Return a copy with another payload."""
+        return Message(
+            self.time,
+            self.key,
+            payload,
+            self.kind,
+            self.encoding,
+            self.attachment,
+            self.qos,
+            self.segment,
+            self.sequence,
+            self.publish_time,
+        )
+
     def digest(self) -> bytes:
         """Return a hash of what a receiver can see (not of times and numbers)."""
         digest = hashlib.sha256(self.key.encode())

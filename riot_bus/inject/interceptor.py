@@ -9,9 +9,9 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.inject.predicate import parse_predicate
 from riot_bus.injection import Signal
 from riot_bus.pipeline.event import Change
+from riot_bus.predicate import parse_predicate
 from riot_bus.selector import key_matches
 
 if TYPE_CHECKING:
@@ -68,8 +68,7 @@ class Injector:
 
     def message(self, event: Event) -> None:
         """Apply every injection that selects this message."""
-        original, digest = event.message, b""
-        key = original.key
+        key = event.key
         numbers = self._routes.get(key)
         if numbers is None:
             numbers = self._routes[key] = [n for n in range(len(self.injections)) if self._wants(n, event)]
@@ -82,8 +81,7 @@ class Injector:
                 if condition is not None and not condition(event.read):
                     continue
                 if injection.probability < 1.0:
-                    digest = digest or original.digest()
-                    if self._draw(number, digest, event.index) >= injection.probability:
+                    if self._draw(number, event.digest, event.index) >= injection.probability:
                         continue
                 _apply(injection, event)
             except PayloadError as error:
@@ -94,7 +92,7 @@ class Injector:
                 return
 
     def _wants(self, number: int, event: Event) -> bool:
-        topic, key = self.injections[number].topic, event.message.key
+        topic, key = self.injections[number].topic, event.key
         if self._registry is not None:
             return self._registry.matches(topic, key)
         return topic == event.topic or key_matches(topic, key)
@@ -136,15 +134,14 @@ def _set(event: Event, path: str, value: Scalar) -> None:
     if "[*]" not in path:
         event.set(path, _fit(value, event.read(path)))
         return
-    kind, payload = event.type, event.message.payload
+    kind, payload = event.type, event.payload
     if kind is None:
         event.read(path)  # raises the right error
         return
     pattern = re.compile(re.escape(path).replace(r"\[\*\]", r"\[\d+\]"))
     leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
     patched = kind.patch(payload, {leaf.path: _fit(value, leaf.value) for leaf in leaves})
-    event.message = event.message.with_(payload=patched)
-    event.changes.append(Change(event.interceptor, "set", path, None, value))
+    event.patched(patched, Change(event.interceptor, "set", path, None, value))
 
 
 def _fit(value: Scalar, before: Scalar) -> Scalar:

@@ -27,8 +27,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.errors import ConfigError, did_you_mean
-from riot_bus.inject.predicate import parse_predicate
 from riot_bus.injection import Injection, Signal
+from riot_bus.predicate import parse_predicate
 from riot_bus.selector import parse_selector
 from riot_bus.trial import Scalar
 

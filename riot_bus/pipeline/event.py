@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import hashlib
+import random
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.errors import PayloadError
@@ -11,8 +13,11 @@ if TYPE_CHECKING:
     from riot_bus.message import Message
     from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Change", "Event", "Interceptor"]
+State = tuple["Message | None", bytes | None, bool, bool, int, int, int, int]
+
+__all__ = ["Arrival", "Change", "Event", "Interceptor"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,56 +31,198 @@ class Change:
     after: Scalar | None = None
 
 
-@dataclass(slots=True)
+class Arrival(Protocol):
+    """A message that has come in and is not yet taken apart, because most messages pass as they are."""
+
+    @property
+    def key(self) -> str:
+        """Its key."""
+        ...
+
+    @property
+    def time(self) -> int:
+        """When it came, nanoseconds since the Unix epoch."""
+        ...
+
+    @property
+    def segment(self) -> str:
+        """Where it came from."""
+        ...
+
+    def payload(self) -> bytes:
+        """Return its payload."""
+        ...
+
+    def message(self) -> Message:
+        """Return the whole of it; the same object each time."""
+        ...
+
+
 class Event:
     """One intercepted message on its way.
 
     Attributes:
-        message: The message as it is now.
         topic: Its topic's name.
         index: Number of earlier messages of this topic.
         seconds: Time since the first message that the pipeline saw.
-        type: Its type, None if unknown.
+        segment: Where it came from; empty outside of a bus.
+        targets: Segments that it goes to; empty outside of a bus.
+        dropped: Whether it will not be delivered.
+        delay_ns: How much later it will be delivered.
+        copies: How many more times it will be delivered.
+        added: Further messages to deliver, and how much later, in nanoseconds.
+        changes: What interceptors did so far.
+        touched: Whether the message itself was changed.
     """
 
-    message: Message
-    topic: str
-    index: int
-    seconds: float
-    type: MessageType | None = None
-    dropped: bool = False
-    delay_ns: int = 0
-    copies: int = 0
-    added: list[tuple[Message, int]] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
-    interceptor: str = ""
+    __slots__ = (
+        "_arrival",
+        "_digest",
+        "_message",
+        "_original",
+        "_payload",
+        "_type",
+        "_types",
+        "added",
+        "branches",
+        "changes",
+        "copies",
+        "delay_ns",
+        "dropped",
+        "index",
+        "interceptor",
+        "provenance",
+        "seconds",
+        "seed",
+        "segment",
+        "targets",
+        "topic",
+        "touched",
+    )
 
-    def _type(self) -> MessageType:
-        if self.type is None:
-            raise PayloadError(
-                "the type of this message is unknown, so its fields are too",
-                where=self.topic,
-                hint="name the type in riot.toml under [system.types]",
-            )
-        return self.type
+    def __init__(
+        self,
+        message: Message | None,
+        topic: str,
+        index: int,
+        seconds: float,
+        *,
+        arrival: Arrival | None = None,
+        segment: str = "",
+        targets: tuple[str, ...] = (),
+        kind: MessageType | None = None,
+        types: TypeRegistry | None = None,
+        provenance: bool = True,
+    ) -> None:
+        self._message = self._original = message
+        self._arrival = arrival
+        self._payload: bytes | None = None
+        self._type, self._types = kind, types
+        self._digest = b""
+        self.topic = topic
+        self.index = index
+        self.seconds = seconds
+        self.segment = segment
+        self.targets = targets
+        self.provenance = provenance
+        self.touched = self.dropped = False
+        self.delay_ns = self.copies = 0
+        self.added: list[tuple[Message, int]] = []
+        self.changes: list[Change] = []
+        self.branches: list[Event] = []
+        self.interceptor = ""
+        self.seed = 0
+
+    @property
+    def original(self) -> Message:
+        """The message as it came."""
+        if self._original is None:
+            assert self._arrival is not None
+            self._original = self._arrival.message()
+        return self._original
+
+    @property
+    def message(self) -> Message:
+        """The message as it is now; may be set."""
+        message = self._message
+        if message is None:
+            message = self.original
+            if self._payload is not None:
+                message = message.with_payload(self._payload)
+            self._message = message
+        return message
+
+    @message.setter
+    def message(self, message: Message) -> None:
+        self._message = message
+        self.touched = True
+        self.changes.append(Change(self.interceptor, "replace"))
+
+    @property
+    def key(self) -> str:
+        """The key as it is now."""
+        if self._message is not None:
+            return self._message.key
+        assert self._arrival is not None
+        return self._arrival.key
+
+    @property
+    def payload(self) -> bytes:
+        """The payload as it is now."""
+        if self._message is not None:
+            return self._message.payload
+        if self._payload is None:
+            assert self._arrival is not None
+            return self._arrival.payload()
+        return self._payload
+
+    @property
+    def new_payload(self) -> bytes | None:
+        """The payload, if nothing else of the message was changed; None if more may be different."""
+        return self._payload if self._message is None else None
+
+    @property
+    def digest(self) -> bytes:
+        """A hash of the message as it came."""
+        self._digest = self._digest or self.original.digest()
+        return self._digest
+
+    @property
+    def type(self) -> MessageType | None:
+        """The message's type, None if unknown."""
+        if self._type is None and self._types is not None:
+            message = self.message
+            self._type = self._types.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            self._types = None
+        return self._type
 
     def read(self, path: str) -> Scalar:
         """Return a field's value; raises PayloadError when there is none."""
-        return self._type().read(self.message.payload, path)
+        return self._known_type().read(self.payload, path)
 
     def set(self, path: str, value: Scalar) -> None:
         """Set a field in place."""
-        kind = self._type()
-        before = kind.read(self.message.payload, path)
-        payload = kind.patch(self.message.payload, {path: value})
-        after = kind.read(payload, path)  # integers wrap, floats narrow: note what is there now
-        self.message = self.message.with_(payload=payload)
-        self.changes.append(Change(self.interceptor, "set", path, before, after))
+        kind, payload = self._known_type(), self.payload
+        if not self.provenance:
+            self.patched(kind.patch(payload, {path: value}), Change(self.interceptor, "set", path))
+            return
+        before = kind.read(payload, path)
+        payload = kind.patch(payload, {path: value})
+        # integers wrap and floats narrow: note what is there now
+        self.patched(payload, Change(self.interceptor, "set", path, before, kind.read(payload, path)))
 
     def replace(self, payload: bytes) -> None:
         """Replace the whole payload."""
-        self.message = self.message.with_(payload=payload)
-        self.changes.append(Change(self.interceptor, "replace"))
+        self.patched(payload, Change(self.interceptor, "replace"))
+
+    def patched(self, payload: bytes, change: Change) -> None:
+        """Take a payload that somebody patched, and note what the change was."""
+        if self._message is None:
+            self._payload = payload
+        else:
+            self._message = self._message.with_payload(payload)
+        self.touched = True
+        self.changes.append(change)
 
     def drop(self) -> None:
         """Do not deliver the message."""
@@ -96,6 +243,70 @@ class Event:
         """Deliver another message as well, `seconds` from now."""
         self.added.append((message, int(seconds * 1e9)))
         self.changes.append(Change(self.interceptor, "add"))
+
+    def draw(self, salt: str = "") -> float:
+        """Return a number in [0, 1): the same for the same seed, content and number of the message in its topic.
+
+        Args:
+            salt: Gives further numbers for the same message.
+        """
+        return int.from_bytes(self._dice(salt)[:8], "big") / 2**64
+
+    def random(self, salt: str = "") -> random.Random:
+        """Return a generator that is seeded like `draw`."""
+        return random.Random(self._dice(salt))  # noqa: S311
+
+    def branch(self, target: str) -> Event:
+        """Split off what goes to one segment, so that it can have a fate of its own."""
+        branch = Event(
+            self._original,
+            self.topic,
+            self.index,
+            self.seconds,
+            arrival=self._arrival,
+            segment=self.segment,
+            targets=(target,),
+            kind=self._type,
+            types=self._types,
+            provenance=self.provenance,
+        )
+        branch._message, branch._payload, branch._digest = self._message, self._payload, self._digest
+        branch.touched, branch.delay_ns, branch.copies = self.touched, self.delay_ns, self.copies
+        branch.changes = list(self.changes)
+        self.targets = tuple(name for name in self.targets if name != target)
+        return branch
+
+    def snapshot(self) -> State:
+        """Return the state that `restore` brings back."""
+        return (
+            self._message,
+            self._payload,
+            self.touched,
+            self.dropped,
+            self.delay_ns,
+            self.copies,
+            len(self.added),
+            len(self.changes),
+        )
+
+    def restore(self, state: State) -> None:
+        """Undo what happened since `snapshot`."""
+        self._message, self._payload, self.touched, self.dropped, self.delay_ns, self.copies, added, changes = state
+        del self.added[added:], self.changes[changes:]
+
+    def _dice(self, salt: str) -> bytes:
+        text = f"{self.seed}:{self.interceptor}:{salt}:{self.topic}:{self.index}:".encode()
+        return hashlib.sha256(text + self.digest).digest()
+
+    def _known_type(self) -> MessageType:
+        kind = self._type or self.type
+        if kind is None:
+            raise PayloadError(
+                "the type of this message is unknown, so its fields are too",
+                where=self.topic,
+                hint="name the type in riot.toml under [system.types]",
+            )
+        return kind
 
 
 class Interceptor(Protocol):

@@ -1,19 +1,18 @@
 """Run messages through interceptors, sans-I/O: one message in, messages with due times out.
 
 The same pipeline runs on the live bus, over a log and in property tests. It keeps no clock: time is the message's.
-A `Pipeline` is not thread-safe; whoever feeds it, feeds it from one thread.
+A `Pipeline` is not thread-safe; whoever feeds it, feeds it from one thread at a time.
 """
 
 from __future__ import annotations
 
 import traceback
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
-from riot_bus.pipeline.event import Change, Event
-from riot_bus.selector import parse_selector
+from riot_bus.errors import RiotError
+from riot_bus.pipeline.event import Arrival, Change, Event
+from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,17 +21,29 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Counts", "Emission", "InterceptorErrors", "Pipeline", "Result"]
+__all__ = ["AbandonedError", "Counts", "Emission", "InterceptorErrors", "Pipeline", "Result", "Route"]
+
+_CACHED_KEYS = 1 << 16
+
+
+class AbandonedError(RiotError):
+    """The message that this thread worked on was taken from it, because an interceptor blocked too long."""
 
 
 @dataclass(frozen=True, slots=True)
 class Emission:
-    """One message to deliver at `due` (nanoseconds); `original` is None for a message that an interceptor added."""
+    """One message to deliver at `due` (nanoseconds).
+
+    Attributes:
+        original: None for a message that an interceptor added.
+        targets: Segments to deliver to; None for all that the original goes to.
+    """
 
     due: int
     message: Message
     original: Message | None
     changes: tuple[Change, ...] = ()
+    targets: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +58,10 @@ class Result:
 
 @dataclass(slots=True)
 class Counts:
-    """What happened to one topic's messages: `delivered == seen - dropped + copies + added`."""
+    """What happened to one topic's messages: `delivered == seen - dropped + copies + added`.
+
+    A message that has different fates on its way to different segments counts as a copy for each further fate.
+    """
 
     seen: int = 0
     changed: int = 0
@@ -59,141 +73,245 @@ class Counts:
 
 
 @dataclass(slots=True)
-class InterceptorErrors:
-    """How often one interceptor raised, and the first traceback."""
+class Route:
+    """What concerns the messages of one key: topic, counts, the interceptors that want them, and their type."""
 
-    count: int
-    first: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Stage:
-    name: str
-    expressions: tuple[str, ...] | None
-    message: Callable[[Event], None]
-
-
-class _LazyEvent(Event):
-    """An event that looks its type up when somebody asks for it."""
-
-    __slots__ = ("_known", "_types")
-
-    def __init__(self, message: Message, topic: str, index: int, seconds: float, types: TypeRegistry) -> None:
-        self._types: TypeRegistry | None = types
-        self._known: MessageType | None = None
-        super().__init__(message, topic, index, seconds)
-
-    @property
-    def type(self) -> MessageType | None:
-        if self._known is None and self._types is not None:
-            message = self.message
-            self._known = self._types.type_of(message.key, payload=message.payload, encoding=message.encoding)
-            self._types = None
-        return self._known
-
-    @type.setter
-    def type(self, value: MessageType | None) -> None:
-        self._known = value
+    topic: str
+    counts: Counts
+    stages: tuple[tuple[Stage, Callable[[Event], bool]], ...]
+    kind: MessageType | None
 
 
 class Pipeline:
     """Interceptors in a row.
 
     An interceptor has `message(event)` and may have `name`, `topics` (selectors or key expressions that it wants,
-    default all), `load(registry)` (called here; may raise ConfigError), `start()` (before the first message) and
-    `stop()` (by `close`). One that raises is isolated: the message goes on as it was before that interceptor, and the
-    error is counted in `errors`. Messages that an interceptor adds are delivered as they are.
+    default all), `load(registry)` (called here; may raise ConfigError), `start()` (before the first message), `stop()`
+    (by `close`), `joined(component)` and `left(component)`. One that raises is isolated: the message goes on as it was
+    before that interceptor, and the error is counted in `errors`. Messages that an interceptor adds are delivered as
+    they are.
 
     Args:
-        interceptors: Carried out in this order; a dropped message does not reach the later ones.
+        interceptors: Carried out in this order, under conditions if they are `Selective`; a dropped message does not
+            reach the later ones.
         registry: Names topics and knows their types.
         start: Time zero of `Event.seconds`; default is the first message's time.
+        provenance: Whether changes say which value was replaced by which; costs two more reads per change.
 
     Raises:
         ConfigError: An object has no `message` method, or its `load` refuses.
     """
 
-    def __init__(self, interceptors: Sequence[object], *, registry: TypeRegistry, start: int | None = None) -> None:
+    def __init__(
+        self,
+        interceptors: Sequence[object],
+        *,
+        registry: TypeRegistry,
+        start: int | None = None,
+        provenance: bool = True,
+    ) -> None:
         self.errors: dict[str, InterceptorErrors] = {}
         self.counts: dict[str, Counts] = {}
+        self.provenance = provenance
+        self.current: list[Stage] = []
+        """The interceptor that is being asked at this moment, if any; another list for each question."""
         self._registry = registry
         self._origin = start
         self._running = False
-        self._interceptors = tuple(interceptors)
-        self._stages = _stages(self._interceptors)
-        self._routes: dict[str, tuple[str, tuple[_Stage, ...]]] = {}
-        for interceptor in self._interceptors:
-            load = getattr(interceptor, "load", None)
-            if callable(load):
-                load(registry)
+        self._routes: dict[str, Route] = {}
+        self.stages: tuple[Stage, ...] = ()
+        self.replace(interceptors)
 
-    def feed(self, message: Message) -> Result:
-        """Run one message through all interceptors that want it."""
-        if not self._running:
-            self._running = True
-            self._call_all("start")
-        if self._origin is None:
-            self._origin = message.time
-        topic, stages = self._routes.get(message.key) or self._route(message.key)
-        counts = self._count(topic)
-        index = counts.seen
-        counts.seen += 1
-        if not stages:
-            counts.delivered += 1
-            return Result(message, (Emission(message.time, message, message),))
-        event = _LazyEvent(message, topic, index, (message.time - self._origin) / 1e9, self._registry)
+    def replace(self, interceptors: Sequence[object]) -> None:
+        """Go on with other interceptors; those that stay are neither stopped nor started again.
+
+        Raises:
+            ConfigError: As for the constructor; then nothing has changed.
+        """
+        stages = stages_of(interceptors)
+        before = {id(stage.interceptor): stage for stage in self.stages}
         for stage in stages:
-            self._run(stage, event)
+            known = before.get(id(stage.interceptor))
+            if known is not None:
+                stage.bypassed = known.bypassed
+            elif (load := stage.hook("load")) is not None:
+                load(self._registry)
+        kept = {id(stage.interceptor) for stage in stages}
+        former, self.stages = self.stages, stages
+        self._routes.clear()
+        if self._running:
+            self._call([stage for stage in former if id(stage.interceptor) not in kept], "stop")
+            self._call([stage for stage in stages if id(stage.interceptor) not in before], "start")
+
+    def feed(self, message: Message, *, targets: tuple[str, ...] = ()) -> Result:
+        """Run one message through all interceptors that want it.
+
+        Args:
+            message: The message.
+            targets: Segments that it goes to.
+        """
+        route = self._routes.get(message.key) or self.route(message.key)
+        event = self.run(route, message.time, message=message, segment=message.segment, targets=targets)
+        return self.result(event, route)
+
+    def run(
+        self,
+        route: Route,
+        time: int,
+        *,
+        message: Message | None = None,
+        arrival: Arrival | None = None,
+        segment: str = "",
+        targets: tuple[str, ...] = (),
+    ) -> Event:
+        """Run one message; `result` says what follows from the event.
+
+        Args:
+            route: Of the message's key.
+            time: The message's time.
+            message: The message, or
+            arrival: what makes one when somebody wants to look.
+            segment: Where it comes from.
+            targets: Segments that it goes to.
+
+        Raises:
+            AbandonedError: `abandon` was called meanwhile.
+        """
+        if not self._running:
+            self.start()
+        if self._origin is None:
+            self._origin = time
+        counts = route.counts
+        event = Event(
+            message,
+            route.topic,
+            counts.seen,
+            (time - self._origin) / 1e9,
+            arrival=arrival,
+            segment=segment,
+            targets=targets,
+            kind=route.kind,
+            types=self._registry,
+            provenance=self.provenance,
+        )
+        counts.seen += 1
+        if route.stages:
+            self._run(event, route, 0)
+        return event
+
+    def _run(self, event: Event, route: Route, first: int) -> None:
+        stages = route.stages
+        for number in range(first, len(stages)):
+            stage, wanted = stages[number]
+            if stage.bypassed is not None:
+                continue
+            target = stage.target
+            if target is not None and event.targets:
+                if target not in event.targets:
+                    continue
+                if len(event.targets) > 1:
+                    branch = event.branch(target)
+                    event.branches.append(branch)
+                    self._run(branch, route, number)
+                    continue
+            event.interceptor, event.seed = stage.name, stage.when.seed
+            state = event.snapshot()
+            self.current = token = [stage]
+            failure: Exception | None = None
+            try:
+                if wanted(event):
+                    stage.message(event)
+            except Exception as error:
+                failure = error
+            try:
+                token.pop()  # atomic: either we come back in time, or `abandon` took it
+            except IndexError:
+                raise AbandonedError(f"interceptor {stage.name} came back too late") from None
+            if failure is not None:
+                event.restore(state)
+                self._failed(stage, failure)
             if event.dropped:
                 break
-        return self._result(message, event, counts)
+
+    def result(self, event: Event, route: Route) -> Result:
+        """Return what becomes of a message, and count it."""
+        counts, original = route.counts, event.original
+        emissions = self._emissions(event, counts, original, narrow=bool(event.branches))
+        changes = tuple(event.changes)
+        for branch in event.branches:
+            counts.copies += 1
+            emissions += self._emissions(branch, counts, original, narrow=True)
+            changes += tuple(branch.changes)
+        return Result(original, tuple(emissions), changes, event.dropped and not event.branches)
+
+    def _emissions(self, event: Event, counts: Counts, original: Message, *, narrow: bool) -> list[Emission]:
+        changes = tuple(event.changes)
+        delay, copies = max(0, event.delay_ns), max(0, event.copies)
+        targets = event.targets if narrow else None
+        emissions: list[Emission] = []
+        if event.dropped:
+            counts.dropped += 1
+        else:
+            counts.changed += event.touched
+            counts.delayed += delay > 0
+            counts.copies += copies
+            counts.delivered += 1 + copies
+            emissions = [Emission(original.time + delay, event.message, original, changes, targets)] * (1 + copies)
+        for message, offset in event.added:
+            other = self._count(self._registry.topic(message.key))
+            other.added += 1
+            other.delivered += 1
+            emissions.append(Emission(original.time + max(0, offset), message, None, changes, targets))
+        return emissions
+
+    def start(self) -> None:
+        """Call every interceptor's `start`, unless that was done."""
+        if not self._running:
+            self._running = True
+            self._call(self.stages, "start")
 
     def close(self) -> None:
         """Call every interceptor's `stop`; safe to call twice."""
         if self._running:
             self._running = False
-            self._call_all("stop")
+            self._call(self.stages, "stop")
 
-    def _run(self, stage: _Stage, event: Event) -> None:
-        before = (event.message, event.dropped, event.delay_ns, event.copies)
-        added, changes = len(event.added), len(event.changes)
-        event.interceptor = stage.name
+    def notify(self, hook: str, component: object) -> None:
+        """Tell every interceptor that wants to know of a component that `joined` or `left`."""
+        self._call(self.stages, hook, component)
+
+    def abandon(self, asked: list[Stage], reason: str, place: str) -> bool:
+        """Give up the interceptor that is being asked: it is bypassed from now on, and its message is taken from it.
+
+        Whoever waits for it in `run` gets `AbandonedError` when it comes back, and may feed the message again.
+
+        Args:
+            asked: What `current` was when the waiting began.
+            reason: Why.
+            place: Where it hangs, as `file:line`.
+
+        Returns:
+            Whether it was still being asked; if not, nothing was done.
+        """
         try:
-            stage.message(event)
-        except Exception:
-            event.message, event.dropped, event.delay_ns, event.copies = before
-            del event.added[added:], event.changes[changes:]
-            self._failed(stage.name)
-        else:
-            if event.message is not before[0] and len(event.changes) == changes:
-                event.changes.append(Change(stage.name, "replace"))
+            stage = asked.pop()
+        except IndexError:
+            return False
+        stage.bypassed = reason
+        self._note(stage.name, f"{place}: {reason}", place)
+        return True
 
-    def _result(self, original: Message, event: Event, counts: Counts) -> Result:
-        changes = tuple(event.changes)
-        delay, copies = max(0, event.delay_ns), max(0, event.copies)
-        emissions: list[Emission] = []
-        if event.dropped:
-            counts.dropped += 1
-        else:
-            counts.changed += event.message is not original
-            counts.delayed += delay > 0
-            counts.copies += copies
-            counts.delivered += 1 + copies
-            emissions = [Emission(original.time + delay, event.message, original, changes)] * (1 + copies)
-        for message, offset in event.added:
-            other = self._count(self._registry.topic(message.key))
-            other.added += 1
-            other.delivered += 1
-            emissions.append(Emission(original.time + max(0, offset), message, None, changes))
-        return Result(original, tuple(emissions), changes, event.dropped)
-
-    def _route(self, key: str) -> tuple[str, tuple[_Stage, ...]]:
-        wanted = tuple(
-            stage
-            for stage in self._stages
-            if stage.expressions is None or any(self._registry.matches(text, key) for text in stage.expressions)
-        )
-        self._routes[key] = route = (self._registry.topic(key), wanted)
+    def route(self, key: str) -> Route:
+        """Return what concerns the messages of a key."""
+        route = self._routes.get(key)
+        if route is None:
+            topic = self._registry.topic(key)
+            deciders = [(stage, stage.for_key(key, self._registry)) for stage in self.stages]
+            stages = tuple((stage, decide) for stage, decide in deciders if decide is not None)
+            route = Route(topic, self._count(topic), stages, self._registry.type_of(key) if stages else None)
+            if len(self._routes) >= _CACHED_KEYS:
+                self._routes.clear()
+            self._routes[key] = route
         return route
 
     def _count(self, topic: str) -> Counts:
@@ -202,38 +320,22 @@ class Pipeline:
             counts = self.counts[topic] = Counts()
         return counts
 
-    def _call_all(self, hook: str) -> None:
-        for interceptor, stage in zip(self._interceptors, self._stages, strict=True):
-            method = getattr(interceptor, hook, None)
-            if callable(method):
+    def _call(self, stages: Sequence[Stage], hook: str, *arguments: object) -> None:
+        for stage in stages:
+            method = stage.hook(hook)
+            if method is not None:
                 try:
-                    method()
-                except Exception:
-                    self._failed(stage.name)
+                    method(*arguments)
+                except Exception as error:
+                    self._failed(stage, error)
 
-    def _failed(self, name: str) -> None:
+    def _failed(self, stage: Stage, error: Exception) -> None:
+        self._note(stage.name, "".join(traceback.format_exception(error)), stage.place(error))
+
+    def _note(self, name: str, text: str, place: str) -> None:
         errors = self.errors.get(name)
         if errors is None:
-            self.errors[name] = InterceptorErrors(1, traceback.format_exc())
+            self.errors[name] = InterceptorErrors(1, text, place)
         else:
             errors.count += 1
-
-
-def _stages(interceptors: Sequence[object]) -> tuple[_Stage, ...]:
-    stages = []
-    used: Counter[str] = Counter()
-    for interceptor in interceptors:
-        name = str(getattr(interceptor, "name", None) or type(interceptor).__name__)
-        message = getattr(interceptor, "message", None)
-        if not callable(message):
-            hint = "add one; it is all that it needs"
-            raise ConfigError(f"interceptor {name} has no method message(event)", hint=hint)
-        used[name] += 1
-        if used[name] > 1:
-            name = f"{name}#{used[name]}"
-        topics = getattr(interceptor, "topics", None)
-        if isinstance(topics, str):
-            topics = [topics]
-        expressions = None if topics is None else tuple(parse_selector(text).topic for text in topics)
-        stages.append(_Stage(name, expressions, message))
-    return tuple(stages)
+            errors.place = place

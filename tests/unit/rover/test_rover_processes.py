@@ -1,3 +1,4 @@
+import signal
 import socket
 import subprocess
 import sys
@@ -96,7 +97,7 @@ def test_a_goal_in_the_south_kills_the_planner():
             return running["planner"].poll() is not None
 
         until(planner_died)
-        assert running["planner"].returncode == 1
+        assert running["planner"].returncode in (1, -signal.SIGABRT)  # Zenoh's threads may abort a dying interpreter
         assert "ValueError: Array length must be >= 0" in running["planner"].stderr.read()
         assert running["mapper"].poll() is None
 

@@ -1,7 +1,7 @@
 import pytest
 
 from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.inject.predicate import parse_predicate
+from riot_bus.predicate import parse_predicate
 
 FIELDS = {"mode": 2, "speed": 1.5, "name": "home", "on": True, "bad": float("nan"), "a.b[2].c": -3, "len(xs)": 4}
 

@@ -1,0 +1,125 @@
+"""When an interceptor is asked: which messages, on which way, during which time, and how often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.predicate import parse_predicate
+from riot_bus.selector import parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.pipeline.event import Event
+    from riot_bus.predicate import Predicate
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Selective", "When"]
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """Conditions; all must hold.
+
+    Attributes:
+        select: Selectors, of which one must match; None for every message.
+        source: Segment that the message comes from.
+        target: Segment that the message goes to; if it goes to several, the others get it as it was.
+        start: Earliest time, seconds since the first message that the pipeline saw.
+        end: Latest time (exclusive), seconds.
+        first: First number of the message within its topic.
+        last: Last number (inclusive).
+        where: Predicate on the message's fields; a message without them is left alone.
+        probability: Share of the messages, chosen by seed, content and number of the message in its topic.
+        seed: Seed of that choice, and of `Event.draw`.
+    """
+
+    select: str | tuple[str, ...] | None = None
+    source: str | None = None
+    target: str | None = None
+    start: float = 0.0
+    end: float | None = None
+    first: int = 0
+    last: int | None = None
+    where: str | None = None
+    probability: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.probability <= 1:
+            raise ConfigError(f"probability = {self.probability} is not between 0 and 1")
+        if self.end is not None and self.end <= self.start:
+            raise ConfigError(f"end = {self.end} is not later than start = {self.start}")
+        if self.last is not None and self.last < self.first:
+            raise ConfigError(f"last = {self.last} is before first = {self.first}")
+        if self.where is not None:
+            parse_predicate(self.where)
+        self.selectors()
+
+    def selectors(self) -> tuple[tuple[str, str | None], ...] | None:
+        """Return topic expression and predicate of each selector, None for every message.
+
+        Raises:
+            ConfigError: A selector does not parse, or names a field.
+        """
+        if self.select is None:
+            return None
+        parsed = [parse_selector(text) for text in ([self.select] if isinstance(self.select, str) else self.select)]
+        for each in parsed:
+            if each.field is not None:
+                hint = f"write '{each.topic} where {each.field} > 0', say, or only {each.topic!r}"
+                raise ConfigError(f"selector '{each}' chooses a field, not messages", hint=hint)
+        return tuple((each.topic, each.where) for each in parsed)
+
+    def for_key(self, key: str, registry: TypeRegistry) -> Callable[[Event], bool] | None:
+        """Return what decides about the messages of one key; None if none of them is meant."""
+        predicates = [parse_predicate(self.where)] if self.where is not None else []
+        selectors = self.selectors()
+        choices: list[Predicate] = []
+        if selectors is not None:
+            matching = [where for topic, where in selectors if registry.matches(topic, key)]
+            if not matching:
+                return None
+            if None not in matching:
+                choices = [parse_predicate(where) for where in matching if where is not None]
+        return self._decider(predicates, choices)
+
+    def _decider(self, predicates: list[Predicate], choices: list[Predicate]) -> Callable[[Event], bool]:
+        timed = self.start > 0 or self.end is not None
+        numbered = self.first > 0 or self.last is not None
+        chance = self.probability < 1.0
+        if not (timed or numbered or chance or self.source or predicates or choices):
+            return _always
+
+        def decide(event: Event) -> bool:
+            if self.source is not None and event.segment != self.source:
+                return False
+            if timed and not (self.start <= event.seconds and (self.end is None or event.seconds < self.end)):
+                return False
+            if numbered and not (self.first <= event.index and (self.last is None or event.index <= self.last)):
+                return False
+            try:
+                if not all(holds(event.read) for holds in predicates):
+                    return False
+                if choices and not any(holds(event.read) for holds in choices):
+                    return False
+            except PayloadError:
+                return False
+            return not chance or event.draw("chosen") < self.probability
+
+        return decide
+
+
+def _always(event: Event) -> bool:
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Selective:
+    """An interceptor that is asked only under conditions."""
+
+    interceptor: object
+    when: When
+    name: str | None = None
