@@ -79,7 +79,7 @@ class Client:
 
     def declare(self, key: str, qos: Qos = Qos()) -> None:  # noqa: B008 - immutable
         """Declare a publisher ahead of its first message."""
-        self._outlets.declare(key, qos)
+        self._outlets.publisher(key, qos)
 
     def close(self) -> None:
         """Disconnect, then make the calls that are queued; safe to call twice."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Claims", "Converter", "Outlets"]
+__all__ = ["Claims", "Converter", "Outlets", "is_delete", "is_droppable"]
 
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
@@ -36,25 +36,49 @@ class Converter:
 
     def __call__(self, sample: zenoh.Sample) -> Message:
         """Return the message that the sample carries; its time is now."""
-        now = time.time_ns()
+        return self.at(sample, time.time_ns())
+
+    def at(self, sample: zenoh.Sample, now: int) -> Message:
+        """Return the message that the sample carries.
+
+        Args:
+            sample: What came.
+            now: When it came, nanoseconds since the Unix epoch.
+        """
+        encoding = str(sample.encoding)
+        attachment = sample.attachment
+        return Message(
+            now,
+            str(sample.key_expr),
+            sample.payload.to_bytes(),
+            "delete" if is_delete(sample) else "put",
+            "" if encoding == _DEFAULT_ENCODING else encoding,
+            None if attachment is None else attachment.to_bytes(),
+            self.qos(sample),
+            self._segment,
+            next(self._sequence),
+        )
+
+    def qos(self, sample: zenoh.Sample) -> Qos:
+        """Return the delivery settings of a sample."""
         raw: Any = sample  # the stubs know nothing of the enums' numbers
         code = (int(raw.priority), int(raw.congestion_control), raw.express)
         qos = self._qos.get(code)
         if qos is None:
             qos = self._qos[code] = Qos(code[0], _CONGESTION[code[1]], code[2])  # type: ignore[arg-type]
-        encoding = str(raw.encoding)
-        attachment = raw.attachment
-        return Message(
-            now,
-            str(raw.key_expr),
-            raw.payload.to_bytes(),
-            "delete" if int(raw.kind) else "put",
-            "" if encoding == _DEFAULT_ENCODING else encoding,
-            None if attachment is None else attachment.to_bytes(),
-            qos,
-            self._segment,
-            next(self._sequence),
-        )
+        return qos
+
+
+def is_delete(sample: zenoh.Sample) -> bool:
+    """Return whether a sample is a delete."""
+    kind: Any = sample.kind
+    return int(kind) != 0
+
+
+def is_droppable(sample: zenoh.Sample) -> bool:
+    """Return whether a sample may be dropped when its receivers are slow."""
+    congestion: Any = sample.congestion_control
+    return int(congestion) == 0
 
 
 class Outlets:
@@ -73,23 +97,35 @@ class Outlets:
 
     def publish(self, message: Message) -> None:
         """Put or delete; raises zenoh.ZError when the session is closed."""
-        publisher = self._publishers.get((message.key, message.qos)) or self.declare(message.key, message.qos)
+        publisher = self.publisher(message.key, message.qos)
         began = time.monotonic()
         if message.kind == "delete":
             publisher.delete(attachment=message.attachment)
         else:
-            encoding = self._encodings.get(message.encoding) or self._encoding(message.encoding)
-            publisher.put(message.payload, encoding=encoding, attachment=message.attachment)
-        took = time.monotonic() - began
-        if took > self.longest_s:
-            self.longest_s = took
+            publisher.put(message.payload, encoding=self.encoding(message.encoding), attachment=message.attachment)
+        self.took(time.monotonic() - began)
 
-    def declare(self, key: str, qos: Qos) -> zenoh.Publisher:
-        """Declare a publisher ahead of its first message."""
+    def took(self, seconds: float) -> None:
+        """Take note of how long a publication took."""
+        if seconds > self.longest_s:
+            self.longest_s = seconds
+
+    def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | None = None) -> zenoh.Publisher:
+        """Return the publisher of a key, declared at its first message.
+
+        Args:
+            key: Key without wildcards.
+            qos: Delivery settings.
+            encoding: What the publisher puts if nothing else is said; only for its first declaration.
+        """
         import zenoh
 
+        known = self._publishers.get((key, qos))
+        if known is not None:
+            return known
         publisher = self._session.declare_publisher(
             key,
+            encoding=encoding,
             priority=getattr(zenoh.Priority, _PRIORITIES[qos.priority - 1]),
             congestion_control=getattr(zenoh.CongestionControl, qos.congestion.upper()),
             express=qos.express,
@@ -99,9 +135,13 @@ class Outlets:
         self._publishers[key, qos] = publisher
         return publisher
 
-    def _encoding(self, text: str) -> zenoh.Encoding:
+    def encoding(self, text: str) -> zenoh.Encoding:
+        """Return Zenoh's object for an encoding string."""
         import zenoh
 
+        known = self._encodings.get(text)
+        if known is not None:
+            return known
         if len(self._encodings) >= _CACHED_PUBLISHERS:
             self._encodings.clear()
         encoding = self._encodings[text] = zenoh.Encoding(text or _DEFAULT_ENCODING)

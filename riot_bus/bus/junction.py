@@ -60,7 +60,7 @@ class Junction:
             EnvironmentFaultError: The segments are not joined in time.
         """
         settings = router_config(
-            connect=[segment.endpoints[0] for segment in self._segments],
+            connect=[segment.inner or segment.endpoints[0] for segment in self._segments],
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **access_control(cut)},
         )

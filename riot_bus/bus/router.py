@@ -1,69 +1,45 @@
-"""The bus: isolated segments, a junction between them, and interceptors in place of what the junction cuts."""
+"""The bus: isolated segments, a junction between them, and lanes in place of what the junction cuts."""
 
 from __future__ import annotations
 
 import itertools
-import logging
+import shutil
+import tempfile
 import threading
 import time
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.client import Subscription, subscribe
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
-from riot_bus.bus.forward import Forwarder
+from riot_bus.bus.crossing import Crossing
+from riot_bus.bus.gate import BUDGET_S, Gate
 from riot_bus.bus.junction import Junction
-from riot_bus.bus.mailbox import Dispatcher, Mailbox
+from riot_bus.bus.lane import Lane
+from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.runtime import canonical, prepare_runtime, release, wait_until
 from riot_bus.bus.segments import Segment
-from riot_bus.bus.watch import BrokenLink, TransportWatch
+from riot_bus.bus.tally import Losses, TopicCounts, count
+from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
-from riot_bus.message import Qos
+from riot_bus.message import Message, Qos
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     import zenoh
 
     from riot_bus.bus.recorder import Recorder
-    from riot_bus.message import Message
 
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
-_LOG = logging.getLogger(__name__)
-_SETTLE_S = 0.5
 _MATCHING_INTERVAL_S = 0.002
 _QUIET_POLLS = 3
-
-
-@dataclass(slots=True)
-class TopicCounts:
-    """What happened to one topic; `recorded` includes what was only observed."""
-
-    seen: int = 0
-    changed: int = 0
-    dropped: int = 0
-    added: int = 0
-    delivered: int = 0
-    recorded: int = 0
-    lost: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Losses:
-    """What was lost against everybody's will; false when nothing was."""
-
-    messages: dict[str, int] = field(default_factory=dict)
-    recordings: dict[str, int] = field(default_factory=dict)
-    links: tuple[BrokenLink, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.messages or self.recordings or self.links)
 
 
 class BusPublisher:
@@ -74,8 +50,6 @@ class BusPublisher:
 
     def put(self, payload: bytes, *, encoding: str = "", attachment: bytes | None = None) -> None:
         """Publish a payload."""
-        from riot_bus.message import Message
-
         self._bus.put(
             self._segment, Message(0, self._key, payload, encoding=encoding, attachment=attachment, qos=self._qos)
         )
@@ -94,8 +68,8 @@ class Bus:
         recorder: Records intercepted messages and `record`. Closed by its owner, after the bus.
         record: Key expressions that are recorded as they pass, although they are not intercepted.
         wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
+        budget_s: How long an interceptor may take for one message before it is bypassed.
         config: Further Zenoh configuration of every segment.
-        capacity: Most intercepted messages that wait for the pipeline.
         timeout: Seconds within which everything must be up.
     """
 
@@ -109,41 +83,43 @@ class Bus:
         recorder: Recorder | None = None,
         record: Sequence[str] = (),
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
+        budget_s: float = BUDGET_S,
         config: Mapping[str, Any] | None = None,
-        capacity: int = 100_000,
         timeout: float = 10.0,
     ) -> None:
         if not segments:
             raise ConfigError("a bus needs at least one segment", hint="such as unit=tcp/127.0.0.1:7447")
         self._names = {name: list(listen) for name, listen in segments.items()}
         self._registry = registry or TypeRegistry()
-        self._pipeline = pipeline or Pipeline((), registry=self._registry)
-        self._recorder = recorder
         self._wait_before_close_s = wait_before_close_s
         self._config = dict(config or {})
         self._timeout = timeout
         self._sequence = itertools.count(1)
-        self._lost: Counter[str] = Counter()
-        self._lock = threading.Lock()
         self._segments: dict[str, Segment] = {}
         self._outlets: dict[str, Outlets] = {}
         self._converters = {name: Converter(name, self._sequence) for name in segments}
-        self._others = {name: [other for other in segments if other != name] for name in segments}
         self._junction: Junction | None = None
-        self._cuts: dict[str, list[Subscription]] = {}
+        self._lanes: dict[str, list[Lane]] = {}
+        self._retired: list[Lane] = []
         self._observers: list[Subscription] = []
         self._claims = Claims(canonical(intercept))
         self._record = Claims(canonical(record))
-        self._mailbox: Mailbox[Message] = Mailbox(capacity=capacity)
-        self._forwarder = Forwarder(
-            self._mailbox,
-            self._pipeline,
-            publish=self._forward,
-            recorder=recorder,
+        self._recorder = recorder
+        self._recorders: list[Recorder] = [recorder] if recorder is not None else []
+        self._changing = threading.RLock()
+        self.gate = Gate(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
+        """The way to the interceptors, also for those who want to change them."""
+        self._crossing = Crossing(
+            self.gate,
+            self._outlets,
+            targets={name: tuple(other for other in segments if other != name) for name in segments},
+            owned=lambda key: self._claims.owner(key) is not None,
             sequence=self._sequence,
-            lost=self._count_lost,
+            topic=self._registry.topic,
         )
-        self._dispatcher = Dispatcher("riot-observe", self._count_lost)
+        self._crossing.recorder = recorder
+        self._slow: Counter[str] = Counter()
+        self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
         self._stack = ExitStack()
 
@@ -158,8 +134,16 @@ class Bus:
         """
         prepare_runtime(len(self._names))
         with ExitStack() as stack:
-            for name, listen in self._names.items():
-                segment = Segment(name, listen, config=self._config, wait_before_close_s=self._wait_before_close_s)
+            folder = Path(tempfile.mkdtemp(prefix="riot-"))  # only this user can connect to the sockets in it
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            for number, (name, listen) in enumerate(self._names.items()):
+                segment = Segment(
+                    name,
+                    listen,
+                    inner=f"unixsock-stream/{folder}/{number}" if len(self._names) > 1 else None,
+                    config=self._config,
+                    wait_before_close_s=self._wait_before_close_s,
+                )
                 stack.callback(segment.close)
                 self._segments[name] = segment
                 self._outlets[name] = Outlets(segment.session)
@@ -172,7 +156,9 @@ class Bus:
                 stack.callback(self._junction.close)
             self._watch = self._watched()
             stack.callback(self._watch.stop)
-            self._forwarder.start()
+            self.gate.start()
+            stack.callback(self.gate.close)
+            self._crossing.start()
             stack.callback(self._stop)
             self._connect(self._claims)
             self._stack = stack.pop_all()
@@ -188,54 +174,6 @@ class Bus:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def set_intercept(self, keyexprs: Sequence[str]) -> None:
-        """Cut other keys from now on, while components stay connected.
-
-        No message crosses twice or against both the old and the new rule; of keys whose rule changes, and natively
-        while routes change, some may be lost within about 200 ms.
-
-        Args:
-            keyexprs: All key expressions that are intercepted from now on.
-        """
-        claims = Claims(canonical(keyexprs))
-        for expression in self._cuts.keys() - set(claims.expressions):
-            release(*self._cuts.pop(expression))
-        self._connect(claims)
-
-    def _connect(self, claims: Claims) -> None:
-        import zenoh
-
-        if self._junction is not None:
-            self._junction.open(claims.expressions)
-        for expression in claims.expressions:
-            if expression not in self._cuts:
-                self._cuts[expression] = [
-                    segment.session.declare_subscriber(
-                        expression,
-                        self._interception(name, expression),
-                        allowed_origin=zenoh.Locality.REMOTE,  # what we publish ourselves must not come back
-                    )
-                    for name, segment in self._segments.items()
-                ]
-        self._claims = claims
-        self._observe()
-
-    def _observe(self) -> None:
-        if self._recorder is None:
-            return
-        if self._junction is not None and self._junction.session is not None:
-            # The junction sees every message that is not intercepted once, whichever segment it comes from.
-            session, segment = self._junction.session, ""
-        else:
-            segment = next(iter(self._segments))
-            session = self._segments[segment].session
-        release(*self._observers)  # those of a former junction are gone already, which does no harm
-        converter = Converter(segment, self._sequence)
-        self._observers = [
-            subscribe(session, expression, take=self._observation(expression), convert=converter)
-            for expression in self._record.expressions
-        ]
-
     def _watched(self) -> TransportWatch:
         junction = self._junction
         watch = TransportWatch(
@@ -248,49 +186,114 @@ class Bus:
         return watch
 
     def _stop(self) -> None:
-        release(*itertools.chain(self._observers, *self._cuts.values()))
+        release(*self._observers)
         self._observers.clear()
-        self._cuts.clear()
-        wait_until(self._forwarder.idle, _SETTLE_S)
-        self._forwarder.close()
+        for expression in list(self._lanes):
+            self._retire(expression)
+        self._crossing.close()
         self._dispatcher.close()
 
-    # -- interception -------------------------------------------------------------------------------------------------
+    # -- what is intercepted and recorded -----------------------------------------------------------------------------
 
-    def _interception(self, segment: str, expression: str) -> Callable[[zenoh.Sample], None]:
-        convert = self._converters[segment]
+    @property
+    def intercepted(self) -> list[str]:
+        """The key expressions that are intercepted."""
+        return list(self._claims.expressions)
 
-        def take(sample: zenoh.Sample) -> None:
-            message = convert(sample)
-            if self._claims.owner(message.key) == expression:
-                self._intercept(message)
+    def set_intercept(self, keyexprs: Sequence[str]) -> None:
+        """Cut other keys from now on, while components stay connected.
 
-        return take
+        Of keys that were and stay intercepted nothing is lost. Of keys whose rule changes, and of natively routed ones,
+        messages may be lost for about 100 ms while routes change; no message crosses both ways.
+
+        Args:
+            keyexprs: All key expressions that are intercepted from now on.
+        """
+        with self._changing:
+            claims = Claims(canonical(keyexprs))
+            for expression in self._lanes.keys() - set(claims.expressions):
+                self._retire(expression)
+            self._connect(claims)
+
+    def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
+        """Record with another recorder from now on, or with none; the former one is its owner's to close.
+
+        Args:
+            recorder: Records intercepted messages and `record`.
+            record: Key expressions that are recorded although they are not intercepted.
+        """
+        with self._changing:
+            self._recorder = self._crossing.recorder = recorder
+            if recorder is not None:
+                self._recorders.append(recorder)
+            self._record = Claims(canonical(record))
+            self._forget()
+            self._observe()
+
+    def set_interceptors(self, interceptors: Sequence[object]) -> None:
+        """Go on with other interceptors; those that stay are not started again.
+
+        Raises:
+            ConfigError: One of them is not usable; then nothing has changed.
+        """
+        with self._changing:
+            self.gate.replace(interceptors)
+            self._forget()
+
+    def _connect(self, claims: Claims) -> None:
+        if self._junction is not None:
+            self._junction.open(claims.expressions)
+        self._claims = claims
+        for expression in claims.expressions:
+            if expression not in self._lanes:
+                self._lanes[expression] = [
+                    Lane(
+                        name,
+                        segment.session,
+                        expression,
+                        crossing=self._crossing,
+                        convert=self._converters[name],
+                        owner=lambda key: self._claims.owner(key),
+                    )
+                    for name, segment in self._segments.items()
+                ]
+        self._forget()
+        self._observe()
+
+    def _retire(self, expression: str) -> None:
+        for lane in self._lanes.pop(expression):
+            lane.close()
+            self._retired.append(lane)
+
+    def _forget(self) -> None:
+        for lane in itertools.chain(*self._lanes.values()):
+            lane.forget()
+
+    def _observe(self) -> None:
+        # Those of a former junction are gone already, which does no harm.
+        release(*self._observers)
+        self._observers = []
+        if self._recorder is None:
+            return
+        if self._junction is not None and self._junction.session is not None:
+            # The junction sees every message that is not intercepted once, whichever segment it comes from.
+            session, segment = self._junction.session, ""
+        else:
+            segment = next(iter(self._segments))
+            session = self._segments[segment].session
+        converter = Converter(segment, self._sequence)
+        self._observers = [
+            subscribe(session, expression, take=self._observation(expression), convert=converter)
+            for expression in self._record.expressions
+        ]
 
     def _observation(self, expression: str) -> Callable[[Message], None]:
-        recorder = self._recorder
-
         def take(message: Message) -> None:
-            key = message.key
+            key, recorder = message.key, self._recorder
             if recorder and self._record.owner(key) == expression and self._claims.owner(key) is None:
                 recorder.delivered(message)
 
         return take
-
-    def _intercept(self, message: Message) -> None:
-        if not self._mailbox.offer(message, len(message.payload), patient=message.qos.congestion != "drop"):
-            self._count_lost(message)
-
-    def _forward(self, message: Message) -> None:
-        targets = self._others.get(message.segment, list(self._names))
-        if self._claims.owner(message.key) is None:
-            targets = targets[:1]  # an added message on a key that is not cut reaches the others by itself
-        for name in targets:
-            self._outlets[name].publish(message)
-
-    def _count_lost(self, message: Message) -> None:
-        with self._lock:
-            self._lost[self._registry.topic(message.key)] += 1
 
     # -- for players, monitors and trial runners ----------------------------------------------------------------------
 
@@ -323,7 +326,7 @@ class Bus:
         """
         self.segment(segment)
         if self._claims.owner(message.key) is not None:
-            self._intercept(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
+            self._crossing.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
         self._outlets[segment].publish(message)
 
     def publisher(self, segment: str, key: str, *, qos: Qos | None = None) -> BusPublisher:
@@ -336,7 +339,7 @@ class Bus:
         """
         self.segment(segment)
         qos = qos or Qos()
-        self._outlets[segment].declare(key, qos)
+        self._outlets[segment].publisher(key, qos)
         return BusPublisher(self, segment, key, qos)
 
     def subscribe(self, segment: str, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
@@ -417,8 +420,11 @@ class Bus:
 
         def drained() -> bool:
             nonlocal quiet, before
-            arrived, before = self._mailbox.accepted - before, self._mailbox.accepted
-            done = not arrived and self._forwarder.idle() and self._dispatcher.idle()
+            lanes = list(itertools.chain(*self._lanes.values()))
+            received = sum(lane.received for lane in lanes)
+            arrived, before = received - before, received
+            done = not arrived and all(lane.idle() for lane in lanes)
+            done = done and not self._crossing.held() and self._dispatcher.idle()
             quiet = quiet + 1 if done and (self._recorder is None or self._recorder.idle()) else 0
             return quiet >= _QUIET_POLLS
 
@@ -438,16 +444,38 @@ class Bus:
         return self._junction.ids if self._junction is not None else set()
 
     def counts(self) -> dict[str, TopicCounts]:
-        """Return what happened so far, by topic."""
-        table: dict[str, TopicCounts] = {}
-        for topic, each in list(self._pipeline.counts.items()):
-            table[topic] = TopicCounts(each.seen, each.changed, each.dropped, each.added, each.delivered)
-        for topic, count in dict(self._recorder.recorded if self._recorder else {}).items():
-            table.setdefault(topic, TopicCounts()).recorded = count
-        for source in (self.losses.messages, self.losses.recordings):
-            for topic, count in source.items():
-                table.setdefault(topic, TopicCounts()).lost += count
-        return dict(sorted(table.items()))
+        """Return what happened so far to intercepted messages, and how many of all messages were recorded, by topic."""
+        undelivered: Counter[str] = Counter()
+        for topics in self._crossing.losses().values():
+            undelivered.update(topics)
+        return count(
+            self.gate.pipeline.counts,
+            passed=self._by_topic(lane.passed() for lane in self._all_lanes()),
+            shed=self._by_topic(lane.shed for lane in self._all_lanes()),
+            undelivered=undelivered,
+            held=self._crossing.held(),
+            recorded=self._recordings("recorded"),
+            unrecorded=self._recordings("lost"),
+        )
+
+    def _all_lanes(self) -> list[Lane]:
+        return [*self._retired, *itertools.chain(*list(self._lanes.values()))]
+
+    def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:
+        total: Counter[str] = Counter()
+        for part in parts:
+            for key, number in dict(part).items():
+                total[self._registry.topic(key)] += number
+        return total
+
+    def _recordings(self, which: str) -> Counter[str]:
+        total: Counter[str] = Counter()
+        for recorder in self._recorders:
+            total.update(getattr(recorder, which))
+        return total
+
+    def _count_slow(self, message: Message) -> None:
+        self._slow[self._registry.topic(message.key)] += 1
 
     @property
     def departures(self) -> int:
@@ -457,7 +485,12 @@ class Bus:
     @property
     def losses(self) -> Losses:
         """What was lost so far against everybody's will."""
-        with self._lock:
-            messages = dict(self._lost)
+        parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
+        parts["no room"] = self._by_topic(lane.shed for lane in self._all_lanes())
+        parts["observer too slow"] = +self._slow
+        messages: Counter[str] = Counter()
+        for topics in parts.values():
+            messages.update(topics)
         links = tuple(self._watch.broken) if self._watch is not None else ()
-        return Losses(messages, dict(self._recorder.lost) if self._recorder else {}, links)
+        reasons = {reason: sum(topics.values()) for reason, topics in parts.items() if topics}
+        return Losses(dict(messages), dict(self._recordings("lost")), links, reasons)

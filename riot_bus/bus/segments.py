@@ -22,6 +22,7 @@ class Segment:
     Args:
         name: The segment's name.
         listen: Endpoints to listen on; none means a free port of this machine.
+        inner: Further endpoint, for the junction alone.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
@@ -34,14 +35,17 @@ class Segment:
         name: str,
         listen: Sequence[str] = (),
         *,
+        inner: str | None = None,
         config: Mapping[str, Any] | None = None,
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
     ) -> None:
         self.name = name
-        settings = router_config(listen=listen or [EPHEMERAL], wait_before_close_s=wait_before_close_s, extra=config)
+        self.inner = inner
+        endpoints = [*(listen or [EPHEMERAL]), *([inner] if inner else [])]
+        settings = router_config(listen=endpoints, wait_before_close_s=wait_before_close_s, extra=config)
         self.session = open_session(settings, purpose=f"segment {name!r}")
         self.zid = str(self.session.info.zid())
-        self.endpoints = tuple(listening(self.session))
+        self.endpoints = tuple(each for each in listening(self.session) if each != inner)
         """Where components can connect."""
 
     def peers(self) -> set[str]:

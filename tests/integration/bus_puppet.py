@@ -152,7 +152,8 @@ def _main(endpoint: str, mode: str) -> None:
             case "declare":
                 keep.append(session.declare_publisher(key))
             case "flood":
-                publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+                order.setdefault("congestion", "BLOCK")
+                publisher = session.declare_publisher(key, **qos(order))
                 for index in range(order["count"]):
                     publisher.put(index.to_bytes(8, "little") + bytes(order.get("padding", 56)))
             case "wait":

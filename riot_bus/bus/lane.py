@@ -1,0 +1,301 @@
+"""A lane: the thread that takes the messages of one intercepted key expression from one segment to the others.
+
+This is the hot path of the router: most of its work is reading a sample's attributes and one `put`. Two rules keep it
+fast: nothing is taken apart that passes as it is, and messages are fetched in batches, since a full channel of Zenoh's
+wakes its sender for each single message that is taken out.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.arrival import SampleArrival
+from riot_bus.bus.convert import Converter, is_delete, is_droppable
+from riot_bus.bus.runtime import release
+from riot_bus.pipeline.runner import AbandonedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from riot_bus.bus.crossing import Crossing
+    from riot_bus.message import Qos
+
+__all__ = ["Lane"]
+
+_LOG = logging.getLogger(__name__)
+_CHANNEL = 256
+_SLICE = 1024
+_BACKLOG = 8192
+_BACKLOG_BYTES = 1 << 26
+_SURPLUS = 64
+_CACHED_KEYS = 1 << 13
+_TAKE = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
+_TURN_S = 0.005
+
+
+class _Way:
+    """How the messages of one key and QoS pass: ready-made calls, and a count of what passed without a look."""
+
+    __slots__ = (
+        "congestion",
+        "encoding",
+        "express",
+        "key",
+        "looked_at",
+        "passed",
+        "priority",
+        "publishers",
+        "put",
+        "qos",
+    )
+
+    def __init__(self, key: str, qos: Qos, sample: Any, publishers: list[zenoh.Publisher], *, looked_at: bool) -> None:
+        self.key = key
+        self.qos = qos
+        self.priority = sample.priority
+        self.congestion = sample.congestion_control
+        self.express = sample.express
+        self.encoding = sample.encoding
+        self.publishers = publishers
+        self.put = publishers[0].put if len(publishers) == 1 else self._put
+        self.looked_at = looked_at
+        self.passed = 0
+
+    def _put(self, payload: Any, **more: Any) -> None:
+        for publisher in self.publishers:
+            publisher.put(payload, **more)
+
+
+class Lane:
+    """Receives on one segment and forwards to the others, through the pipeline where it wants to see messages.
+
+    Order is kept within a lane. A receiver that is slow for `BLOCK` messages holds the lane up, and in the end the
+    senders, as in a plain router. Droppable messages for which there is no room are dropped and counted.
+
+    Args:
+        segment: Name of the segment.
+        session: The segment's own session.
+        expression: What is intercepted.
+        crossing: What happens to the messages.
+        convert: Makes messages of samples.
+        owner: Says which of several overlapping expressions a key belongs to.
+    """
+
+    def __init__(
+        self,
+        segment: str,
+        session: zenoh.Session,
+        expression: str,
+        *,
+        crossing: Crossing,
+        convert: Converter,
+        owner: Callable[[str], str | None],
+    ) -> None:
+        import zenoh
+
+        self.segment = segment
+        self.expression = expression
+        self.waiting = False
+        """Whether everything so far was processed."""
+        self.received = 0
+        self.shed: Counter[str] = Counter()
+        """Droppable messages per key for which there was no room."""
+        self._crossing = crossing
+        self._convert = convert
+        self._owner = owner
+        self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
+        self._by_qos: dict[tuple[str, Qos], _Way] = {}
+        self._passed: Counter[str] = Counter()
+        self._backlog: deque[zenoh.Sample] = deque()
+        self._room = _BACKLOG
+        self._current: zenoh.Sample | None = None
+        self._generation = 0
+        self._zenoh_error = zenoh.ZError
+        self._subscriber = session.declare_subscriber(
+            expression,
+            zenoh.handlers.FifoChannel(_CHANNEL),
+            allowed_origin=zenoh.Locality.REMOTE,  # what we publish ourselves must not come back
+        )
+        self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
+        self._thread = self._spawn()
+
+    def passed(self) -> Counter[str]:
+        """Return how many messages per key were forwarded without a look at them."""
+        counts = Counter(self._passed)
+        for way in list(self._by_qos.values()):
+            counts[way.key] += way.passed
+        return counts
+
+    def forget(self) -> None:
+        """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
+        ways, self._ways, self._by_qos = self._by_qos, {}, {}
+        for way in ways.values():
+            self._passed[way.key] += way.passed
+
+    def close(self) -> None:
+        """Forward what has come in, then end; safe to call twice."""
+        release(self._subscriber)
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way."""
+        return self.waiting or not self._thread.is_alive()
+
+    def take_over(self) -> None:
+        """Go on with another thread, beginning with the message at which the present one is stuck."""
+        stuck, self._current = self._current, None
+        if stuck is not None:
+            self._backlog.appendleft(stuck)
+        self._generation += 1
+        self._thread = self._spawn()
+
+    def _spawn(self) -> threading.Thread:
+        name = f"riot-lane-{self.segment}"
+        thread = threading.Thread(target=self._run, args=(self._generation,), name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def _run(self, generation: int) -> None:
+        backlog, receive, fill, slice_ = self._backlog, self._channel.recv, self._fill, self._slice
+        while generation == self._generation:
+            try:
+                if not backlog:
+                    self.waiting = True
+                    sample = receive()
+                    self.waiting = False
+                    backlog.append(sample)
+                    self.received += 1
+                fill()
+            except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
+                if not backlog:
+                    self.waiting = True
+                    return
+            try:
+                slice_()
+            except AbandonedError:
+                return
+            except Exception:
+                _LOG.exception("a message of %s was lost", self.expression)
+                self._crossing.lose(self.expression, "failure of ours")
+
+    def _fill(self) -> None:
+        backlog, fetch = self._backlog, self._channel.try_recv
+        before = len(backlog)
+        append = backlog.append
+        for _ in range(min(_SLICE, self._room - before)):
+            sample = fetch()
+            if sample is None:
+                break
+            append(sample)
+        if len(backlog) >= self._room:
+            self._shed()
+        self.received += len(backlog) - before
+
+    def _shed(self) -> None:
+        """Take more in than there is room for, and keep only what must not be dropped."""
+        kept = 0
+        for _ in range(_SLICE):
+            if kept >= _SURPLUS or (sample := self._channel.try_recv()) is None:
+                return
+            if is_droppable(sample):
+                key = str(sample.key_expr)
+                if self._owner(key) == self.expression:
+                    self.shed[key] += 1
+            else:
+                self._backlog.append(sample)
+                kept += 1
+
+    def _slice(self) -> None:
+        backlog = self._backlog
+        size = len(backlog[0].payload)
+        self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
+        began = time.monotonic()
+        take, next_sample = _TAKE, backlog.popleft
+        for _ in range(min(len(backlog), _SLICE)):
+            sample = next_sample()
+            key, priority, congestion, express, encoding, attachment, payload = take(sample)
+            try:
+                way = self._ways[key]
+            except KeyError:
+                way = self._learn(key, sample)
+            if way is None:
+                continue
+            if not (way.express is express and way.priority == priority and way.congestion == congestion):
+                way = self._learn(key, sample)
+                if way is None:
+                    continue
+            if way.looked_at or not payload:
+                self._look(way, sample)
+                if time.monotonic() - began > _TURN_S:
+                    break  # interceptors are slow: see what has come in meanwhile
+                continue
+            way.passed += 1
+            try:
+                if attachment is not None:
+                    way.put(payload, encoding=encoding, attachment=attachment)
+                elif way.encoding == encoding:
+                    way.put(payload)
+                else:
+                    way.put(payload, encoding=encoding)
+            except self._zenoh_error as error:
+                self._failed(way.key, error)
+        took = time.monotonic() - began
+        for name in self._crossing.targets[self.segment]:
+            self._crossing.outlets[name].took(took)
+
+    def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _Way | None:
+        """Find out how messages of this key and QoS pass; None if another lane has them."""
+        if len(self._ways) >= _CACHED_KEYS:
+            self.forget()
+        key = str(key_expr)
+        if self._owner(key) != self.expression:
+            self._ways[key_expr] = None
+            return None
+        qos = self._convert.qos(sample)
+        way = self._by_qos.get((key, qos))
+        if way is None:
+            crossing = self._crossing
+            looked_at = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
+            outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
+            publishers = [outlet.publisher(key, qos, sample.encoding) for outlet in outlets]
+            way = self._by_qos[key, qos] = _Way(key, qos, sample, publishers, looked_at=looked_at)
+        self._ways[key_expr] = way
+        return way
+
+    def _look(self, way: _Way, sample: zenoh.Sample) -> None:
+        """Forward one message that somebody wants to see, or that has no payload."""
+        if way.looked_at:
+            self._current = sample
+            arrival = SampleArrival(sample, way.key, time.time_ns(), self.segment, self._convert.at)
+            payload = self._crossing.feed(way.key, arrival, self)
+            self._current = None
+            if payload is None:
+                return
+        else:
+            payload = True
+            way.passed += 1
+        try:
+            if is_delete(sample):
+                for publisher in way.publishers:
+                    publisher.delete(attachment=sample.attachment)
+                return
+            what = sample.payload if payload is True else payload
+            attachment = sample.attachment
+            if attachment is None and way.encoding == sample.encoding:
+                way.put(what)
+            else:
+                way.put(what, encoding=sample.encoding, attachment=attachment)
+        except self._zenoh_error as error:
+            self._failed(way.key, error)
+
+    def _failed(self, key: str, error: Exception) -> None:
+        _LOG.warning("a message of %s could not be forwarded: %s", key, error)
+        self._crossing.lose(key, "not published")
