@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from riot_bus.bus.settings import RouterSettings, router_keys
+from riot_bus.bus.tomlfile import explained, line_of, read_toml
 from riot_bus.errors import ConfigError, did_you_mean
 
 __all__ = [
@@ -146,6 +147,7 @@ class SystemFile(_Table):
     external: External = External()
     monitors: tuple[MonitorSettings, ...] = ()
     unit: dict[str, Unit] = {}
+    router: RouterSettings | None = None
     path: Path = Path("riot.toml")
 
     @model_validator(mode="after")
@@ -194,46 +196,18 @@ def load_system(path: Path) -> SystemFile:
     Raises:
         ConfigError: Missing file, TOML syntax error, unknown key or bad value; with place and suggestion.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"cannot read the system file: {error.strerror}",
-            where=str(path),
-            hint="name one with --system, or see examples/rover/riot.toml",
-        ) from None
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(error), where=str(path), hint="this is not valid TOML") from None
+    document, text = read_toml(path)
     if "path" in document:
-        raise ConfigError("unknown key 'path'", where=f"{path}:{_line(text, ['path'])}")
+        raise ConfigError("unknown key 'path'", where=f"{path}:{line_of(text, ['path'])}")
     try:
         return SystemFile.model_validate({**document, "path": path.resolve()})
     except ValidationError as error:
-        raise _explained(error, path, text) from None
-
-
-def _explained(error: ValidationError, path: Path, text: str) -> ConfigError:
-    problem = error.errors()[0]
-    place = [str(part) for part in problem["loc"]]
-    hint = None
-    if problem["type"] == "value_error":
-        dotted, message, hint = (str(problem["msg"]).removeprefix("Value error, ") + "||").split("|")[:3]
-        place = dotted.split(".")
-    elif problem["type"] == "extra_forbidden":
-        message = f"unknown key {place[-1]!r}"
-        hint = did_you_mean(place[-1], _known_keys(place[:-1]))
-    else:
-        message = f"{problem['msg']} (got {problem.get('input')!r})"
-        if problem["type"] == "missing":
-            message = f"key {place[-1]!r} is missing"
-    line = _line(text, place)
-    where = f"{path}:{line}: [{'.'.join(place[:-1])}]" if len(place) > 1 else f"{path}:{line}"
-    return ConfigError(message, where=where, hint=hint or None)
+        raise explained(error, path, text, _known_keys) from None
 
 
 def _known_keys(place: list[str]) -> list[str]:
+    if place[:1] == ["router"]:
+        return router_keys(place)
     tables: dict[str, type[BaseModel]] = {
         "": SystemFile,
         "system": System,
@@ -253,24 +227,3 @@ def _known_keys(place: list[str]) -> list[str]:
         if name in tables:
             return [key for key in tables[name].model_fields if key != "path"]
     return []
-
-
-def _line(text: str, place: list[str]) -> int:
-    """Return the line that a key most likely stands on: its table's header first, then the key itself."""
-    lines = text.splitlines()
-    names = [part for part in place if not part.isdigit()]
-    at = 0
-    for depth in range(len(names), 0, -1):
-        header = ".".join(names[:depth])
-        for number, line in enumerate(lines):
-            if line.strip().strip("[]").strip().replace('"', "") == header:
-                at = number
-                break
-        else:
-            continue
-        break
-    if names:
-        for number in range(at, len(lines)):
-            if lines[number].split("=")[0].strip().strip("\"'") == names[-1]:
-                return number + 1
-    return at + 1

@@ -1,0 +1,189 @@
+"""The graph of a bus: components, topics, who publishes and who subscribes, and what is not known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterable, Mapping
+
+__all__ = ["Change", "Component", "Edge", "Graph", "Role", "Topic", "Unknown"]
+
+Role = Literal["publishes", "subscribes", "serves", "calls"]
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A session that is connected to a segment.
+
+    Attributes:
+        segment: Where; empty if it is behind another router or peer.
+        zid: Id of its Zenoh session.
+        mode: `client`, `peer` or `router`; empty if unknown.
+        name: `metadata.name` of its configuration, which shows only if its admin space is enabled.
+        nodes: Its ROS nodes.
+        addresses: Its ends of the links to the segment.
+        pid: The process, if it runs on this host and we may see it.
+        command: The process's command.
+    """
+
+    segment: str
+    zid: str
+    mode: str = ""
+    name: str = ""
+    nodes: tuple[str, ...] = ()
+    addresses: tuple[str, ...] = ()
+    pid: int | None = None
+    command: str = ""
+
+    @property
+    def label(self) -> str:
+        """What people call it: its name, ROS nodes, command, or the start of its id."""
+        return self.name or ", ".join(self.nodes) or self.command or self.zid[:8]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic, service or subscribed key expression.
+
+    Attributes:
+        key: Key or key expression.
+        name: What people call it.
+        type_name: Message type, as far as an announcement tells.
+        intercepted: Whether its messages go through the pipeline.
+    """
+
+    key: str
+    name: str
+    type_name: str = ""
+    intercepted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A component publishes on, subscribes to, serves or calls a topic.
+
+    Attributes:
+        topic: Key of the topic.
+        role: What the component does.
+        segment: Where; empty if not known.
+        zid: The component; empty if not known.
+        node: Its ROS node, if one says so.
+        evidence: How we know, sorted: `ros2 token`, `bridge token`, `advanced token`, `traffic`, `timestamp` (the
+            sender stamped its messages), `matching` (somebody would receive), `declaration`, and
+            `only component` (of that segment: a conclusion).
+        messages: Messages so far, if they could be told apart; not compared.
+        rate: Messages per second lately; not compared.
+    """
+
+    topic: str
+    role: Role
+    segment: str = ""
+    zid: str = ""
+    node: str = ""
+    evidence: tuple[str, ...] = ()
+    messages: int = field(default=0, compare=False)
+    rate: float = field(default=0.0, compare=False)
+
+    @property
+    def identity(self) -> tuple[str, str, str, str, str]:
+        """What makes it this edge and no other."""
+        return (self.topic, self.role, self.segment, self.zid, self.node)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Unknown:
+    """Something that the graph does not show.
+
+    Attributes:
+        about: A topic's key, a component's id, or empty.
+        segment: Where; empty if it holds for the whole bus.
+        text: What is not known, and why.
+    """
+
+    about: str
+    segment: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Change:
+    """One difference between two graphs."""
+
+    what: Literal["component", "topic", "edge", "unknown"]
+    kind: Literal["appeared", "vanished", "changed"]
+    subject: str
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Who talks to whom; sorted, so that equal networks give equal graphs. Counts and rates are not compared."""
+
+    components: tuple[Component, ...] = ()
+    topics: tuple[Topic, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    unknown: tuple[Unknown, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        components: Iterable[Component],
+        topics: Iterable[Topic],
+        edges: Iterable[Edge],
+        unknown: Iterable[Unknown],
+    ) -> Graph:
+        """Return a graph in order."""
+        return cls(
+            components=tuple(sorted(components, key=lambda each: (each.segment, each.zid))),
+            topics=tuple(sorted(topics, key=lambda each: each.key)),
+            edges=tuple(sorted(edges, key=lambda each: each.identity)),
+            unknown=tuple(sorted(set(unknown))),
+        )
+
+    def component(self, zid: str, segment: str | None = None) -> Component | None:
+        """Return a component by its id, in any segment unless one is named; None if there is none."""
+        found = (each for each in self.components if each.zid == zid and segment in (None, each.segment))
+        return next(found, None)
+
+    def changes_since(self, other: Graph) -> tuple[Change, ...]:
+        """Return what is different from an earlier graph, sorted; counts and rates do not count.
+
+        Args:
+            other: The earlier graph.
+        """
+        changes = [
+            *_compare("component", _components(other), _components(self)),
+            *_compare("topic", {each.key: each for each in other.topics}, {each.key: each for each in self.topics}),
+            *_compare("edge", {_subject(each): each for each in other.edges}, {_subject(e): e for e in self.edges}),
+            *_compare("unknown", {_text(each): each for each in other.unknown}, {_text(e): e for e in self.unknown}),
+        ]
+        return tuple(sorted(changes))
+
+
+def _components(graph: Graph) -> dict[str, Component]:
+    return {f"{each.zid} in {each.segment or 'no segment'}": each for each in graph.components}
+
+
+def _subject(edge: Edge) -> str:
+    who = edge.zid or "somebody"
+    node = f" ({edge.node})" if edge.node else ""
+    return f"{who}{node} in {edge.segment or 'an unknown segment'} {edge.role} {edge.topic}"
+
+
+def _text(unknown: Unknown) -> str:
+    return ": ".join(filter(None, (unknown.about, unknown.segment, unknown.text)))
+
+
+def _compare(
+    what: Literal["component", "topic", "edge", "unknown"],
+    before: Mapping[str, Hashable],
+    after: Mapping[str, Hashable],
+) -> Iterable[Change]:
+    for subject in before.keys() | after.keys():
+        if subject not in before:
+            yield Change(what, "appeared", subject)
+        elif subject not in after:
+            yield Change(what, "vanished", subject)
+        elif before[subject] != after[subject]:
+            yield Change(what, "changed", subject)
