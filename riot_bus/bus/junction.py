@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S, access_control, router_config
@@ -27,6 +28,7 @@ class Junction:
 
     Args:
         segments: At least two.
+        inner: Where it listens by turns, for segments that it may not connect to.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
@@ -36,6 +38,7 @@ class Junction:
         self,
         segments: Sequence[Segment],
         *,
+        inner: Sequence[str] = (),
         config: Mapping[str, Any] | None = None,
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
         timeout: float = 10.0,
@@ -46,6 +49,8 @@ class Junction:
         self.ids: set[str] = set()
         """Ids of all routers that were in this place."""
         self._segments = tuple(segments)
+        self._inner = itertools.cycle(inner)
+        self._listens = any(not segment.open_to_all for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
         self._timeout = timeout
@@ -60,7 +65,8 @@ class Junction:
             EnvironmentFaultError: The segments are not joined in time.
         """
         settings = router_config(
-            connect=[segment.inner or segment.endpoints[0] for segment in self._segments],
+            connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
+            listen=[next(self._inner)] if self._listens else [],
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **access_control(cut)},
         )

@@ -38,6 +38,7 @@ _SURPLUS = 64
 _CACHED_KEYS = 1 << 13
 _TAKE = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
 _TURN_S = 0.005
+_MOST_SENDERS = 64
 
 
 class _Way:
@@ -54,6 +55,8 @@ class _Way:
         "publishers",
         "put",
         "qos",
+        "seen",
+        "senders",
     )
 
     def __init__(self, key: str, qos: Qos, sample: Any, publishers: list[zenoh.Publisher], *, looked_at: bool) -> None:
@@ -66,7 +69,8 @@ class _Way:
         self.publishers = publishers
         self.put = publishers[0].put if len(publishers) == 1 else self._put
         self.looked_at = looked_at
-        self.passed = 0
+        self.passed = self.seen = 0
+        self.senders: set[str] = set()
 
     def _put(self, payload: Any, **more: Any) -> None:
         for publisher in self.publishers:
@@ -113,6 +117,8 @@ class Lane:
         self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
         self._by_qos: dict[tuple[str, Qos], _Way] = {}
         self._passed: Counter[str] = Counter()
+        self._seen: Counter[str] = Counter()
+        self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
@@ -133,11 +139,29 @@ class Lane:
             counts[way.key] += way.passed
         return counts
 
+    def flows(self) -> Counter[str]:
+        """Return how many messages per key came."""
+        counts = self.passed() + self._seen + self.shed
+        for way in list(self._by_qos.values()):
+            counts[way.key] += way.seen
+        return counts
+
+    def senders(self) -> dict[str, set[str]]:
+        """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
+        found = {key: set(zids) for key, zids in self._senders.items()}
+        for way in list(self._by_qos.values()):
+            if way.senders:
+                found.setdefault(way.key, set()).update(way.senders)
+        return found
+
     def forget(self) -> None:
         """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
         ways, self._ways, self._by_qos = self._by_qos, {}, {}
         for way in ways.values():
             self._passed[way.key] += way.passed
+            self._seen[way.key] += way.seen
+            if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
+                self._senders.setdefault(way.key, set()).update(way.senders)
 
     def close(self) -> None:
         """Forward what has come in, then end; safe to call twice."""
@@ -215,7 +239,8 @@ class Lane:
 
     def _slice(self) -> None:
         backlog = self._backlog
-        size = len(backlog[0].payload)
+        first = backlog[0]
+        size = len(first.payload)
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
         take, next_sample = _TAKE, backlog.popleft
@@ -247,9 +272,16 @@ class Lane:
                     way.put(payload, encoding=encoding)
             except self._zenoh_error as error:
                 self._failed(way.key, error)
+        self._note_sender(first)
         took = time.monotonic() - began
         for name in self._crossing.targets[self.segment]:
             self._crossing.outlets[name].took(took)
+
+    def _note_sender(self, sample: zenoh.Sample) -> None:
+        stamp = sample.timestamp
+        way = self._ways.get(sample.key_expr)
+        if stamp is not None and way is not None and len(way.senders) < _MOST_SENDERS:
+            way.senders.add(str(stamp.get_id()))
 
     def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _Way | None:
         """Find out how messages of this key and QoS pass; None if another lane has them."""
@@ -273,6 +305,7 @@ class Lane:
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
         """Forward one message that somebody wants to see, or that has no payload."""
         if way.looked_at:
+            way.seen += 1
             self._current = sample
             arrival = SampleArrival(sample, way.key, time.time_ns(), self.segment, self._convert.at)
             payload = self._crossing.feed(way.key, arrival, self)

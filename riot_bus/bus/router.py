@@ -21,7 +21,8 @@ from riot_bus.bus.junction import Junction
 from riot_bus.bus.lane import Lane
 from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.runtime import canonical, prepare_runtime, release, wait_until
-from riot_bus.bus.segments import Segment
+from riot_bus.bus.segments import Segment, is_open_to_all
+from riot_bus.bus.settings import SegmentSettings
 from riot_bus.bus.tally import Losses, TopicCounts, count
 from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
@@ -61,7 +62,8 @@ class Bus:
     Several may live in one process.
 
     Args:
-        segments: Endpoints to listen on by segment name; no endpoints means a free port of this machine.
+        segments: By name, each segment's settings, or just the endpoints to listen on; none means a free port of this
+            machine.
         intercept: Key expressions that go through the pipeline instead of the junction.
         pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
         registry: Names topics in counts.
@@ -75,7 +77,7 @@ class Bus:
 
     def __init__(
         self,
-        segments: Mapping[str, Sequence[str]],
+        segments: Mapping[str, SegmentSettings | Sequence[str]],
         *,
         intercept: Sequence[str] = (),
         pipeline: Pipeline | None = None,
@@ -89,7 +91,10 @@ class Bus:
     ) -> None:
         if not segments:
             raise ConfigError("a bus needs at least one segment", hint="such as unit=tcp/127.0.0.1:7447")
-        self._names = {name: list(listen) for name, listen in segments.items()}
+        self._settings = {
+            name: each if isinstance(each, SegmentSettings) else SegmentSettings(listen=tuple(each))
+            for name, each in segments.items()
+        }
         self._registry = registry or TypeRegistry()
         self._wait_before_close_s = wait_before_close_s
         self._config = dict(config or {})
@@ -132,24 +137,20 @@ class Bus:
             ConfigError: Zenoh refuses a configuration.
             EnvironmentFaultError: A port is in use, or the machine is too slow.
         """
-        prepare_runtime(len(self._names))
+        prepare_runtime(len(self._settings))
         with ExitStack() as stack:
             folder = Path(tempfile.mkdtemp(prefix="riot-"))  # only this user can connect to the sockets in it
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            for number, (name, listen) in enumerate(self._names.items()):
-                segment = Segment(
-                    name,
-                    listen,
-                    inner=f"unixsock-stream/{folder}/{number}" if len(self._names) > 1 else None,
-                    config=self._config,
-                    wait_before_close_s=self._wait_before_close_s,
-                )
+            inner = [f"unixsock-stream/{folder}/{number}" for number in range(2)]
+            for name in self._settings:
+                segment = self._open_segment(name, inner)
                 stack.callback(segment.close)
                 self._segments[name] = segment
                 self._outlets[name] = Outlets(segment.session)
             if len(self._segments) > 1:
                 self._junction = Junction(
                     list(self._segments.values()),
+                    inner=inner,
                     wait_before_close_s=self._wait_before_close_s,
                     timeout=self._timeout,
                 )
@@ -173,6 +174,19 @@ class Bus:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+    def _open_segment(self, name: str, inner: Sequence[str]) -> Segment:
+        settings = self._settings[name]
+        config = {**self._config, **settings.config}
+        alone = len(self._settings) == 1 or is_open_to_all(settings.listen, config)
+        return Segment(
+            name,
+            settings.listen,
+            connect=settings.connect,
+            inner=() if alone else inner,
+            config=config,
+            wait_before_close_s=self._wait_before_close_s,
+        )
 
     def _watched(self) -> TransportWatch:
         junction = self._junction
@@ -307,7 +321,7 @@ class Bus:
         try:
             return self._segments[name]
         except KeyError:
-            hint = did_you_mean(name, self._names) if self._segments else "open the bus first"
+            hint = did_you_mean(name, self._settings) if self._segments else "open the bus first"
             raise ConfigError(f"no segment {name!r}", hint=hint) from None
 
     def endpoint(self, segment: str) -> str:
@@ -457,6 +471,25 @@ class Bus:
             recorded=self._recordings("recorded"),
             unrecorded=self._recordings("lost"),
         )
+
+    def flows(self) -> dict[tuple[str, str], int]:
+        """Return how many intercepted messages came so far, by key and the segment that they came from."""
+        total: Counter[tuple[str, str]] = Counter()
+        for lane in self._all_lanes():
+            for key, number in lane.flows().items():
+                total[key, lane.segment] += number
+        return dict(total)
+
+    def senders(self) -> dict[tuple[str, str], set[str]]:
+        """Return ids of components whose stamps intercepted messages carried, by key and segment.
+
+        A component stamps its messages only if its configuration says so (`timestamping/enabled`).
+        """
+        found: dict[tuple[str, str], set[str]] = {}
+        for lane in self._all_lanes():
+            for key, zids in lane.senders().items():
+                found.setdefault((key, lane.segment), set()).update(zids - self.ids)
+        return found
 
     def _all_lanes(self) -> list[Lane]:
         return [*self._retired, *itertools.chain(*list(self._lanes.values()))]

@@ -15,6 +15,8 @@ __all__ = ["EPHEMERAL", "Segment"]
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Listen on a free port of this machine; `Segment.endpoints` tells which."""
 
+_RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}
+
 
 class Segment:
     """One isolated router; opened when it is made.
@@ -22,7 +24,8 @@ class Segment:
     Args:
         name: The segment's name.
         listen: Endpoints to listen on; none means a free port of this machine.
-        inner: Further endpoint, for the junction alone.
+        connect: Routers and peers outside that it joins.
+        inner: Where junctions will listen, if the segment lets nobody in without asking who it is.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
@@ -35,18 +38,25 @@ class Segment:
         name: str,
         listen: Sequence[str] = (),
         *,
-        inner: str | None = None,
+        connect: Sequence[str] = (),
+        inner: Sequence[str] = (),
         config: Mapping[str, Any] | None = None,
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
     ) -> None:
         self.name = name
-        self.inner = inner
-        endpoints = [*(listen or [EPHEMERAL]), *([inner] if inner else [])]
-        settings = router_config(listen=endpoints, wait_before_close_s=wait_before_close_s, extra=config)
+        listen = listen or [EPHEMERAL]
+        settings = router_config(
+            listen=listen,
+            connect=[*connect, *inner],
+            wait_before_close_s=wait_before_close_s,
+            extra={**({"connect/retry": _RETRY} if inner else {}), **(config or {})},
+        )
         self.session = open_session(settings, purpose=f"segment {name!r}")
         self.zid = str(self.session.info.zid())
-        self.endpoints = tuple(each for each in listening(self.session) if each != inner)
+        self.endpoints = tuple(listening(self.session) or listen)  # Zenoh does not show where it listens for ws
         """Where components can connect."""
+        self.open_to_all = not inner
+        """Whether the junction may connect to the first endpoint; if not, the segment connects to the junction."""
 
     def peers(self) -> set[str]:
         """Return the ids of the sessions that are connected."""
@@ -55,3 +65,14 @@ class Segment:
     def close(self) -> None:
         """Disconnect everybody; safe to call twice."""
         release(self.session)
+
+
+def is_open_to_all(listen: Sequence[str], config: Mapping[str, Any]) -> bool:
+    """Return whether anybody on this machine may connect to a segment, the junction included.
+
+    Args:
+        listen: Endpoints that the segment listens on.
+        config: Its Zenoh configuration.
+    """
+    plain = all(text.startswith("tcp/") for text in list(listen)[:1])
+    return plain and not any(key.startswith(("transport/auth", "access_control")) for key in config)

@@ -12,9 +12,12 @@ from typing import Any
 class Puppet:
     """The test's end of a puppet process."""
 
-    def __init__(self, endpoint: str, *, mode: str = "client") -> None:
+    def __init__(self, endpoint: str, *, mode: str = "client", config: dict[str, Any] | None = None) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, __file__, endpoint, mode], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, __file__, endpoint, mode, json.dumps(config or {})],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         self.zid = self._answer()
 
@@ -54,7 +57,7 @@ class Puppet:
         self.kill()
 
 
-def _main(endpoint: str, mode: str) -> None:
+def _main(endpoint: str, mode: str, more: str) -> None:
     import threading
 
     import zenoh
@@ -67,6 +70,7 @@ def _main(endpoint: str, mode: str) -> None:
         "scouting/delay": 0,
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
+        **json.loads(more),
     }
     if mode == "peer":
         settings["listen/endpoints"] = ["tcp/127.0.0.1:0"]

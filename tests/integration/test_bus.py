@@ -14,6 +14,7 @@ from riot_bus.bus.client import open_client
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
+from riot_bus.bus.settings import SegmentSettings
 from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Event
@@ -460,3 +461,26 @@ def test_opening_and_closing_leaves_nothing_behind() -> None:
         descriptors(),
         threading.active_count(),
     )
+
+
+def test_a_segment_that_asks_for_passwords_is_joined_and_cut_like_any_other(tmp_path: Path) -> None:
+    users = tmp_path / "users.txt"
+    users.write_text("robot:secret\n")
+    guarded = SegmentSettings(config={"transport/auth/usrpwd/dictionary_file": str(users)})
+    login = {"transport/auth/usrpwd/user": "robot", "transport/auth/usrpwd/password": "secret"}
+    with (
+        Bus({"system": (), "unit": guarded}) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit"), config=login) as sink,
+    ):
+        sink.do("subscribe", key="**")
+        for number, cut in enumerate([[], ["cut/**"], [], ["cut/**"], ["cut/x", "free/**"]]):
+            bus.set_intercept(cut)
+            assert bus.wait_subscribed("unit", ["cut/x", "free/x"], timeout=5) == []
+            for key in ("cut/x", "free/x"):
+                source.do("put_texts", key=key, payloads=[str(number)], congestion="BLOCK")
+            sink.do("wait", count=2 * (number + 1))
+        samples = sink.do("wait", count=10)
+        assert sorted(texts(samples)) == [str(number) for number in range(5) for _ in range(2)]
+        assert bus.counts()["cut/x"].received == 3
+        assert not bus.losses
