@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from riot_bus.bus.tally import Tally
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Emission
 
@@ -62,7 +63,7 @@ class Crossing:
         self._waiting = EmissionQueue()
         self._held: Counter[str] = Counter()
         self._condition = threading.Condition()
-        self._lost: dict[str, Counter[str]] = {}
+        self._lost: dict[str, Tally] = {}
         self._lost_lock = threading.Lock()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
@@ -142,7 +143,7 @@ class Crossing:
     def lose(self, key: str, reason: str) -> None:
         """Count a message that is not delivered."""
         with self._lost_lock:
-            self._lost.setdefault(reason, Counter())[self._topic(key)] += 1
+            self._lost.setdefault(reason, Tally()).add(self._topic(key))
 
     def losses(self) -> dict[str, Counter[str]]:
         """Return how many messages were not delivered against everybody's will, by reason and topic."""

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.bus.arrival import SampleArrival
 from riot_bus.bus.convert import Converter, is_delete, is_droppable
 from riot_bus.bus.runtime import release
+from riot_bus.bus.tally import Tally
 from riot_bus.pipeline.runner import AbandonedError
 
 if TYPE_CHECKING:
@@ -109,15 +110,15 @@ class Lane:
         self.waiting = False
         """Whether everything so far was processed."""
         self.received = 0
-        self.shed: Counter[str] = Counter()
+        self.shed = Tally()
         """Droppable messages per key for which there was no room."""
         self._crossing = crossing
         self._convert = convert
         self._owner = owner
         self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
         self._by_qos: dict[tuple[str, Qos], _Way] = {}
-        self._passed: Counter[str] = Counter()
-        self._seen: Counter[str] = Counter()
+        self._passed = Tally()
+        self._seen = Tally()
         self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
         self._room = _BACKLOG
@@ -158,8 +159,8 @@ class Lane:
         """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
         ways, self._ways, self._by_qos = self._by_qos, {}, {}
         for way in ways.values():
-            self._passed[way.key] += way.passed
-            self._seen[way.key] += way.seen
+            self._passed.add(way.key, way.passed)
+            self._seen.add(way.key, way.seen)
             if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
                 self._senders.setdefault(way.key, set()).update(way.senders)
 
@@ -232,7 +233,7 @@ class Lane:
             if is_droppable(sample):
                 key = str(sample.key_expr)
                 if self._owner(key) == self.expression:
-                    self.shed[key] += 1
+                    self.shed.add(key)
             else:
                 self._backlog.append(sample)
                 kept += 1
@@ -243,12 +244,12 @@ class Lane:
         size = len(first.payload)
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
-        take, next_sample = _TAKE, backlog.popleft
+        take, next_sample, ways = _TAKE, backlog.popleft, self._ways
         for _ in range(min(len(backlog), _SLICE)):
             sample = next_sample()
             key, priority, congestion, express, encoding, attachment, payload = take(sample)
             try:
-                way = self._ways[key]
+                way = ways[key]
             except KeyError:
                 way = self._learn(key, sample)
             if way is None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
+from riot_bus.bus.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -67,9 +67,9 @@ class Recorder:
         capacity_bytes: int = 1 << 28,
         topic: Callable[[str], str] = str,
     ) -> None:
-        self.recorded: Counter[str] = Counter()
+        self.recorded = Tally()
         """Messages written per topic, originals not counted."""
-        self.lost: Counter[str] = Counter()
+        self.lost = Tally()
         """Messages per topic that did not fit or could not be written."""
         self._writer = writer
         self._topic = topic
@@ -106,7 +106,7 @@ class Recorder:
 
     def _count_lost(self, message: Message) -> None:
         with self._lock:
-            self.lost[self._topic(message.key)] += 1
+            self.lost.add(self._topic(message.key))
 
     def _run(self) -> None:
         ticked = time.monotonic()
@@ -127,7 +127,7 @@ class Recorder:
         if not self._guard(lambda: self._writer.write(message, role=entry.role, changes=entry.changes)):
             self._count_lost(message)
         elif entry.role == "delivered":
-            self.recorded[self._topic(message.key)] += 1
+            self.recorded.add(self._topic(message.key))
 
     def _guard(self, action: Callable[[], None]) -> bool:
         try:

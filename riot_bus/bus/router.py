@@ -23,7 +23,7 @@ from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.runtime import canonical, prepare_runtime, release, wait_until
 from riot_bus.bus.segments import Segment, is_open_to_all
 from riot_bus.bus.settings import SegmentSettings
-from riot_bus.bus.tally import Losses, TopicCounts, count
+from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
 from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.message import Message, Qos
@@ -123,7 +123,7 @@ class Bus:
             topic=self._registry.topic,
         )
         self._crossing.recorder = recorder
-        self._slow: Counter[str] = Counter()
+        self._slow = Tally()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
         self._stack = ExitStack()
@@ -508,7 +508,7 @@ class Bus:
         return total
 
     def _count_slow(self, message: Message) -> None:
-        self._slow[self._registry.topic(message.key)] += 1
+        self._slow.add(self._registry.topic(message.key))
 
     @property
     def departures(self) -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -11,7 +14,17 @@ if TYPE_CHECKING:
     from riot_bus.bus.watch import BrokenLink
     from riot_bus.pipeline.runner import Counts
 
-__all__ = ["Losses", "TopicCounts", "count"]
+__all__ = ["Losses", "Tally", "TopicCounts", "count"]
+
+
+class Tally(Counter[str]):
+    """Counts by topic or key, in bounded memory: for those that come too late there is one common count."""
+
+    def add(self, topic: str, number: int = 1) -> None:
+        """Count."""
+        if topic not in self and len(self) >= MOST_TOPICS:
+            topic = OTHER_TOPICS
+        self[topic] += number
 
 
 @dataclass(slots=True)

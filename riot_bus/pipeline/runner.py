@@ -21,7 +21,23 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["AbandonedError", "Counts", "Emission", "InterceptorErrors", "Pipeline", "Result", "Route"]
+__all__ = [
+    "MOST_TOPICS",
+    "OTHER_TOPICS",
+    "AbandonedError",
+    "Counts",
+    "Emission",
+    "InterceptorErrors",
+    "Pipeline",
+    "Result",
+    "Route",
+]
+
+OTHER_TOPICS = "(other topics)"
+"""What topics are counted as for which there is no room any more."""
+
+MOST_TOPICS = 1 << 16
+"""How many topics are counted one by one, so that somebody who invents keys cannot take the memory."""
 
 _CACHED_KEYS = 1 << 16
 
@@ -317,7 +333,9 @@ class Pipeline:
     def _count(self, topic: str) -> Counts:
         counts = self.counts.get(topic)
         if counts is None:
-            counts = self.counts[topic] = Counts()
+            if len(self.counts) >= MOST_TOPICS:
+                topic = OTHER_TOPICS
+            counts = self.counts.setdefault(topic, Counts())
         return counts
 
     def _call(self, stages: Sequence[Stage], hook: str, *arguments: object) -> None:
