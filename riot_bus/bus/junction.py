@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Junction"]
 
 _PROBE_INTERVAL_S = 0.002
+_FLUSH_S = 1.0
 
 
 class Junction:
@@ -97,8 +98,18 @@ class Junction:
 
     def _leave(self, session: zenoh.Session | None, zid: str) -> None:
         if session is not None:
+            self._flush(zid)
             release(session)
             wait_until(lambda: all(zid not in segment.peers() for segment in self._segments), self._timeout)
+
+    def _flush(self, zid: str) -> None:
+        """Wait until the junction has taken in what segments told it.
+
+        Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
+        """
+        for segment in self._segments:
+            for _ in segment.session.get(f"@/{zid}/router", timeout=_FLUSH_S):
+                pass
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)

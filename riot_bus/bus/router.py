@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
 _MATCHING_INTERVAL_S = 0.002
+_SHARED_MEMORY = "transport/shared_memory/enabled"
 _QUIET_POLLS = 3
 
 
@@ -151,6 +152,7 @@ class Bus:
                 self._junction = Junction(
                     list(self._segments.values()),
                     inner=inner,
+                    config=self._shared_memory(),
                     wait_before_close_s=self._wait_before_close_s,
                     timeout=self._timeout,
                 )
@@ -187,6 +189,11 @@ class Bus:
             config=config,
             wait_before_close_s=self._wait_before_close_s,
         )
+
+    def _shared_memory(self) -> dict[str, Any]:
+        """Return the junction's part of the configuration; without it shared memory would end at the junction."""
+        configs = [{**self._config, **settings.config} for settings in self._settings.values()]
+        return {_SHARED_MEMORY: True} if any(config.get(_SHARED_MEMORY) for config in configs) else {}
 
     def _watched(self) -> TransportWatch:
         junction = self._junction

@@ -1,0 +1,1 @@
+"""Scenarios by theme; every module here is loaded."""
