@@ -123,7 +123,7 @@ def test_router_runs_until_a_signal_and_prints_a_table(number: int, tmp_path: Pa
         code, out, err = router.end(number)
         table = [line.split() for line in out.splitlines()]
         assert table == [
-            "topic received changed added forwarded dropped lost held recorded unrecorded".split(),
+            ["topic", "received", "changed", "added", "forwarded", "dropped", "lost", "held", "recorded", "unrecorded"],
                 ["cut/x", "1", "1", "0", "1", "0", "0", "0", "0", "0"],
                 ["cut/y", "1", "0", "0", "1", "0", "0", "0", "0", "0"],
         ]
