@@ -117,6 +117,7 @@ class Crossing:
             key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], holder=holder
         )
         if result is not None:
+            holder.flush()  # what came before goes out before
             self.deliver(result)
             return None
         recorder = self.recorder

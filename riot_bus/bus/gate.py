@@ -33,6 +33,10 @@ class Holder(Protocol):
         """Go on with another thread; this one is stuck in an interceptor."""
         ...
 
+    def flush(self) -> None:
+        """Publish what it has ready."""
+        ...
+
 
 class Gate:
     """Lets several threads feed one pipeline, and frees them from an interceptor that does not come back.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Lane"]
 
 _LOG = logging.getLogger(__name__)
-_CHANNEL = 256
+_CHANNEL = 1024
 _SLICE = 1024
 _BACKLOG = 8192
 _BACKLOG_BYTES = 1 << 26
@@ -121,6 +121,7 @@ class Lane:
         self._seen = Tally()
         self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
+        self._out: deque[tuple[_Way, Any, dict[str, Any] | None]] = deque()
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
@@ -190,6 +191,7 @@ class Lane:
 
     def _run(self, generation: int) -> None:
         backlog, receive, fill, slice_ = self._backlog, self._channel.recv, self._fill, self._slice
+        self.flush()
         while generation == self._generation:
             try:
                 if not backlog:
@@ -244,7 +246,7 @@ class Lane:
         size = len(first.payload)
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
-        take, next_sample, ways = _TAKE, backlog.popleft, self._ways
+        take, next_sample, ways, out = _TAKE, backlog.popleft, self._ways, self._out.append
         for _ in range(min(len(backlog), _SLICE)):
             sample = next_sample()
             key, priority, congestion, express, encoding, attachment, payload = take(sample)
@@ -264,15 +266,13 @@ class Lane:
                     break  # interceptors are slow: see what has come in meanwhile
                 continue
             way.passed += 1
-            try:
-                if attachment is not None:
-                    way.put(payload, encoding=encoding, attachment=attachment)
-                elif way.encoding == encoding:
-                    way.put(payload)
-                else:
-                    way.put(payload, encoding=encoding)
-            except self._zenoh_error as error:
-                self._failed(way.key, error)
+            if attachment is not None:
+                out((way, payload, {"encoding": encoding, "attachment": attachment}))
+            elif way.encoding == encoding:
+                out((way, payload, None))
+            else:
+                out((way, payload, {"encoding": encoding}))
+        self.flush()
         self._note_sender(first)
         took = time.monotonic() - began
         for name in self._crossing.targets[self.segment]:
@@ -304,31 +304,42 @@ class Lane:
         return way
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
-        """Forward one message that somebody wants to see, or that has no payload."""
+        """Take one message that somebody wants to see, or that has no payload."""
+        payload: Any = sample.payload
         if way.looked_at:
             way.seen += 1
             self._current = sample
             arrival = SampleArrival(sample, way.key, time.time_ns(), self.segment, self._convert.at)
-            payload = self._crossing.feed(way.key, arrival, self)
+            what = self._crossing.feed(way.key, arrival, self)
             self._current = None
-            if payload is None:
+            if what is None:
                 return
+            payload = payload if what is True else what
         else:
-            payload = True
             way.passed += 1
-        try:
-            if is_delete(sample):
-                for publisher in way.publishers:
-                    publisher.delete(attachment=sample.attachment)
-                return
-            what = sample.payload if payload is True else payload
-            attachment = sample.attachment
-            if attachment is None and way.encoding == sample.encoding:
-                way.put(what)
-            else:
-                way.put(what, encoding=sample.encoding, attachment=attachment)
-        except self._zenoh_error as error:
-            self._failed(way.key, error)
+        attachment, encoding = sample.attachment, sample.encoding
+        if is_delete(sample):
+            self._out.append((way, None, {"attachment": attachment}))
+        elif attachment is None and way.encoding == encoding:
+            self._out.append((way, payload, None))
+        else:
+            self._out.append((way, payload, {"encoding": encoding, "attachment": attachment}))
+
+    def flush(self) -> None:
+        """Publish what is ready. In one go, since what Zenoh gets at once it sends at once."""
+        out, error = self._out, self._zenoh_error
+        while out:
+            way, payload, more = out.popleft()
+            try:
+                if more is None:
+                    way.put(payload)
+                elif payload is not None:
+                    way.put(payload, **more)
+                else:
+                    for publisher in way.publishers:
+                        publisher.delete(**more)
+            except error as problem:
+                self._failed(way.key, problem)
 
     def _failed(self, key: str, error: Exception) -> None:
         _LOG.warning("a message of %s could not be forwarded: %s", key, error)
