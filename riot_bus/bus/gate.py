@@ -98,7 +98,9 @@ class Gate:
             AbandonedError: `holder` goes on with another thread.
         """
         while True:
-            lock = self._enter()
+            lock = self._lock
+            if not lock.acquire(blocking=False) or lock is not self._lock:
+                lock = self._enter()
             self._thread_id, self._holder = threading.get_ident(), holder
             try:
                 pipeline = self.pipeline

@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING, Protocol
 from riot_bus.errors import PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from riot_bus.message import Message
     from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
-State = tuple["Message | None", bytes | None, bool, bool, int, int, int, int]
+State = tuple[
+    "Message | None", bytes | None, bool, bool, int, int, "tuple[tuple[Message, int], ...]", "tuple[Change, ...]"
+]
 
 __all__ = ["Arrival", "Change", "Event", "Interceptor"]
 
@@ -75,30 +79,17 @@ class Event:
         touched: Whether the message itself was changed.
     """
 
-    __slots__ = (
-        "_arrival",
-        "_digest",
-        "_message",
-        "_original",
-        "_payload",
-        "_type",
-        "_types",
-        "added",
-        "branches",
-        "changes",
-        "copies",
-        "delay_ns",
-        "dropped",
-        "index",
-        "interceptor",
-        "provenance",
-        "seconds",
-        "seed",
-        "segment",
-        "targets",
-        "topic",
-        "touched",
-    )
+    # Most messages pass untouched: what few events need has its default in the class, and lists are made on demand.
+    _message: Message | None
+    _payload: bytes | None = None
+    _digest = b""
+    touched = dropped = False
+    delay_ns = copies = 0
+    added: Sequence[tuple[Message, int]] = ()
+    changes: Sequence[Change] = ()
+    branches: Sequence[Event] = ()
+    interceptor = ""
+    seed = 0
 
     def __init__(
         self,
@@ -106,32 +97,24 @@ class Event:
         topic: str,
         index: int,
         seconds: float,
-        *,
         arrival: Arrival | None = None,
         segment: str = "",
         targets: tuple[str, ...] = (),
         kind: MessageType | None = None,
         types: TypeRegistry | None = None,
+        *,
         provenance: bool = True,
     ) -> None:
         self._message = self._original = message
         self._arrival = arrival
-        self._payload: bytes | None = None
-        self._type, self._types = kind, types
-        self._digest = b""
+        self._type = kind
+        self._types = types
         self.topic = topic
         self.index = index
         self.seconds = seconds
         self.segment = segment
         self.targets = targets
         self.provenance = provenance
-        self.touched = self.dropped = False
-        self.delay_ns = self.copies = 0
-        self.added: list[tuple[Message, int]] = []
-        self.changes: list[Change] = []
-        self.branches: list[Event] = []
-        self.interceptor = ""
-        self.seed = 0
 
     @property
     def original(self) -> Message:
@@ -156,7 +139,7 @@ class Event:
     def message(self, message: Message) -> None:
         self._message = message
         self.touched = True
-        self.changes.append(Change(self.interceptor, "replace"))
+        self._note(Change(self.interceptor, "replace"))
 
     @property
     def key(self) -> str:
@@ -222,27 +205,27 @@ class Event:
         else:
             self._message = self._message.with_payload(payload)
         self.touched = True
-        self.changes.append(change)
+        self._note(change)
 
     def drop(self) -> None:
         """Do not deliver the message."""
         self.dropped = True
-        self.changes.append(Change(self.interceptor, "drop"))
+        self._note(Change(self.interceptor, "drop"))
 
     def delay(self, seconds: float) -> None:
         """Deliver the message later."""
         self.delay_ns += int(seconds * 1e9)
-        self.changes.append(Change(self.interceptor, "delay", after=seconds))
+        self._note(Change(self.interceptor, "delay", after=seconds))
 
     def duplicate(self, copies: int = 1) -> None:
         """Deliver the message `copies` more times."""
         self.copies += copies
-        self.changes.append(Change(self.interceptor, "duplicate", after=copies))
+        self._note(Change(self.interceptor, "duplicate", after=copies))
 
     def add(self, message: Message, *, seconds: float = 0.0) -> None:
         """Deliver another message as well, `seconds` from now."""
-        self.added.append((message, int(seconds * 1e9)))
-        self.changes.append(Change(self.interceptor, "add"))
+        self.added = [*self.added, (message, int(seconds * 1e9))]
+        self._note(Change(self.interceptor, "add"))
 
     def draw(self, salt: str = "") -> float:
         """Return a number in [0, 1): the same for the same seed, content and number of the message in its topic.
@@ -263,21 +246,24 @@ class Event:
             self.topic,
             self.index,
             self.seconds,
-            arrival=self._arrival,
-            segment=self.segment,
-            targets=(target,),
-            kind=self._type,
-            types=self._types,
+            self._arrival,
+            self.segment,
+            (target,),
+            self._type,
+            self._types,
             provenance=self.provenance,
         )
         branch._message, branch._payload, branch._digest = self._message, self._payload, self._digest
         branch.touched, branch.delay_ns, branch.copies = self.touched, self.delay_ns, self.copies
         branch.changes = list(self.changes)
+        self.branches = [*self.branches, branch]
         self.targets = tuple(name for name in self.targets if name != target)
         return branch
 
-    def snapshot(self) -> State:
-        """Return the state that `restore` brings back."""
+    def snapshot(self) -> State | None:
+        """Return the state that `restore` brings back; None as long as nothing has happened."""
+        if not self.changes:
+            return None
         return (
             self._message,
             self._payload,
@@ -285,14 +271,22 @@ class Event:
             self.dropped,
             self.delay_ns,
             self.copies,
-            len(self.added),
-            len(self.changes),
+            tuple(self.added),
+            tuple(self.changes),
         )
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: State | None) -> None:
         """Undo what happened since `snapshot`."""
-        self._message, self._payload, self.touched, self.dropped, self.delay_ns, self.copies, added, changes = state
-        del self.added[added:], self.changes[changes:]
+        self._message, self._payload, self.touched, self.dropped, self.delay_ns, self.copies, self.added, changes = (
+            state or (self._original, None, False, False, 0, 0, (), ())
+        )
+        self.changes = list(changes)
+
+    def _note(self, change: Change) -> None:
+        if isinstance(self.changes, list):
+            self.changes.append(change)
+        else:
+            self.changes = [change]
 
     def _dice(self, salt: str) -> bytes:
         text = f"{self.seed}:{self.interceptor}:{salt}:{self.topic}:{self.index}:".encode()

@@ -203,11 +203,11 @@ class Pipeline:
             route.topic,
             counts.seen,
             (time - self._origin) / 1e9,
-            arrival=arrival,
-            segment=segment,
-            targets=targets,
-            kind=route.kind,
-            types=self._registry,
+            arrival,
+            segment,
+            targets,
+            route.kind,
+            self._registry,
             provenance=self.provenance,
         )
         counts.seen += 1
@@ -227,7 +227,6 @@ class Pipeline:
                     continue
                 if len(event.targets) > 1:
                     branch = event.branch(target)
-                    event.branches.append(branch)
                     self._run(branch, route, number)
                     continue
             event.interceptor, event.seed = stage.name, stage.when.seed
