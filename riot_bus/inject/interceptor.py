@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from riot_bus.trial import Scalar
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Injector"]
+__all__ = ["Injector", "fit_value"]
 
 _LOG = logging.getLogger(__name__)
 _ALL_ELEMENTS = 1 << 20
@@ -132,7 +132,7 @@ def _apply(injection: Injection, event: Event) -> None:
 
 def _set(event: Event, path: str, value: Scalar) -> None:
     if "[*]" not in path:
-        event.set(path, _fit(value, event.read(path)))
+        event.set(path, fit_value(value, event.read(path)))
         return
     kind, payload = event.type, event.payload
     if kind is None:
@@ -140,11 +140,11 @@ def _set(event: Event, path: str, value: Scalar) -> None:
         return
     pattern = re.compile(re.escape(path).replace(r"\[\*\]", r"\[\d+\]"))
     leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
-    patched = kind.patch(payload, {leaf.path: _fit(value, leaf.value) for leaf in leaves})
+    patched = kind.patch(payload, {leaf.path: fit_value(value, leaf.value) for leaf in leaves})
     event.patched(patched, Change(event.interceptor, "set", path, None, value))
 
 
-def _fit(value: Scalar, before: Scalar) -> Scalar:
+def fit_value(value: Scalar, before: Scalar) -> Scalar:
     """Bring a plan's value into the field's kind: `"nan"` is a number where the field is one."""
     if isinstance(before, float):
         if isinstance(value, str) and value.strip().lower() in _NUMBERS:

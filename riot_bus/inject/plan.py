@@ -32,7 +32,7 @@ from riot_bus.predicate import parse_predicate
 from riot_bus.selector import parse_selector
 from riot_bus.trial import Scalar
 
-__all__ = ["plan_to_toml", "read_plan"]
+__all__ = ["parse_plan", "plan_to_toml", "read_plan"]
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -103,16 +103,33 @@ def read_plan(path: Path | str) -> tuple[Injection, ...]:
         ConfigError: The file is missing, is not TOML, or a key or value in it is wrong.
     """
     try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(path)) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise ConfigError(f"not a TOML file: {error}", where=str(path)) from error
+    return parse_plan(text, name=str(path))
+
+
+def parse_plan(text: str, *, name: str) -> tuple[Injection, ...]:
+    """Read an injection plan from a text.
+
+    Args:
+        text: TOML.
+        name: What errors call it.
+
+    Raises:
+        ConfigError: It is not TOML, or a key or value in it is wrong.
+    """
+    try:
+        document = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"not a TOML file: {error}", where=name) from error
     try:
         plan = _Plan.model_validate(document)
     except ValidationError as error:
-        raise _explain(error, str(path)) from None
-    return tuple(_injection(each, plan.seed, f"{path}: inject[{index}]") for index, each in enumerate(plan.inject))
+        raise _explain(error, name) from None
+    return tuple(_injection(each, plan.seed, f"{name}: inject[{index}]") for index, each in enumerate(plan.inject))
 
 
 def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:

@@ -10,7 +10,7 @@ from types import ModuleType
 
 from riot_bus.errors import ConfigError, did_you_mean
 
-__all__ = ["load_interceptor"]
+__all__ = ["load_class", "load_interceptor"]
 
 
 def load_interceptor(path: str) -> object:
@@ -22,6 +22,16 @@ def load_interceptor(path: str) -> object:
     Raises:
         ConfigError: The file is missing or does not run, the class is missing, or the choice is ambiguous.
     """
+    kind = load_class(path)
+    file, _ = _split(path)
+    try:
+        return kind()
+    except Exception as error:
+        raise ConfigError(f"{kind.__name__}() raised {error!r}", where=_place(error, file)) from error
+
+
+def load_class(path: str) -> type:
+    """Return the interceptor class in `FILE.py[:NAME]`; see `load_interceptor`."""
     file, name = _split(path)
     classes = _classes(file)
     if name is None:
@@ -36,10 +46,7 @@ def load_interceptor(path: str) -> object:
     elif name not in classes:
         hint = did_you_mean(name, classes) or "an interceptor is a class with a method message(self, event)"
         raise ConfigError(f"no interceptor class {name!r} in this file", where=str(file), hint=hint)
-    try:
-        return classes[name]()
-    except Exception as error:
-        raise ConfigError(f"{name}() raised {error!r}", where=_place(error, file)) from error
+    return classes[name]
 
 
 def _split(path: str) -> tuple[Path, str | None]:

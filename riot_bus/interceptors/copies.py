@@ -1,0 +1,64 @@
+"""Interceptors that make more messages: duplicates, and copies under another key."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from riot_bus.errors import ConfigError
+from riot_bus.interceptors.timing import check_seconds
+
+if TYPE_CHECKING:
+    from riot_bus.pipeline.event import Event
+
+__all__ = ["Duplicate", "Tee"]
+
+
+@dataclass
+class Duplicate:
+    """Deliver messages more than once.
+
+    Args:
+        copies: How many times more.
+        spacing: Seconds between two copies.
+    """
+
+    name: ClassVar[str] = "duplicate"
+    copies: int = 1
+    spacing: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.copies < 1:
+            raise ConfigError(f"copies = {self.copies} is below 1")
+        check_seconds("spacing", self.spacing)
+
+    def message(self, event: Event) -> None:
+        """Copy it."""
+        if not self.spacing:
+            event.duplicate(self.copies)
+            return
+        for number in range(1, self.copies + 1):
+            event.add(event.message, seconds=self.spacing * number)
+
+
+@dataclass
+class Tee:
+    """Deliver a copy under another key as well.
+
+    Args:
+        key: Of the copy; `{key}` and `{topic}` stand for those of the message, such as `copy/{key}`.
+    """
+
+    name: ClassVar[str] = "tee"
+    key: str
+
+    def __post_init__(self) -> None:
+        chunks = self.key.replace("{key}", "k").replace("{topic}", "t").split("/")
+        if any(not chunk or set(chunk) & set("*$?#") for chunk in chunks):
+            hint = "write it without wildcards, such as copy/{key}"
+            raise ConfigError(f"{self.key!r} is not a key", hint=hint)
+
+    def message(self, event: Event) -> None:
+        """Copy it."""
+        key = self.key.replace("{topic}", event.topic.strip("/")).replace("{key}", event.key)
+        event.add(event.message.with_(key=key))

@@ -1,0 +1,110 @@
+"""Faults by which messages get lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from riot_bus.errors import ConfigError
+from riot_bus.interceptors.per_topic import PerTopic
+
+if TYPE_CHECKING:
+    from riot_bus.pipeline.event import Event
+
+__all__ = ["Bandwidth", "Drop", "Throttle"]
+
+
+@dataclass
+class Drop:
+    """Drop messages: all that are selected, every n-th, or some by chance, one by one or in bursts.
+
+    Args:
+        every: Drop only every n-th message of a topic.
+        chance: Share of messages at which a drop begins.
+        burst: How many messages of the topic a drop takes.
+    """
+
+    name: ClassVar[str] = "drop"
+    every: int = 1
+    chance: float = 1.0
+    burst: int = 1
+    _until: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.every < 1 or self.burst < 1:
+            raise ConfigError(f"every = {self.every} and burst = {self.burst} must be 1 or more")
+        if not 0 <= self.chance <= 1:
+            raise ConfigError(f"chance = {self.chance} is not between 0 and 1")
+
+    def message(self, event: Event) -> None:
+        """Drop it, or not."""
+        index = event.index
+        if index < self._until.get(event.topic, 0):
+            event.drop()
+        elif index % self.every == self.every - 1 and (self.chance >= 1 or event.draw() < self.chance):
+            if self.burst > 1:
+                self._until[event.topic] = index + self.burst
+            event.drop()
+
+
+@dataclass
+class Throttle:
+    """Let at most so many messages of each topic pass per second, and drop the rest.
+
+    Args:
+        rate: Messages per second.
+    """
+
+    name: ClassVar[str] = "throttle"
+    rate: float
+    _next: PerTopic[float] = field(default_factory=PerTopic, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate < float("inf"):
+            raise ConfigError(f"rate = {self.rate} is not above 0", hint="give messages per second")
+
+    def message(self, event: Event) -> None:
+        """Drop it if it comes too early."""
+        now, due = event.seconds, self._next.get(event.topic)
+        if due is not None and now < due:
+            event.drop()
+            return
+        period = 1 / self.rate
+        # A message that is a little late does not slow the following ones down.
+        self._next[event.topic] = due + period if due is not None and now - due < period else now + period
+
+
+@dataclass
+class Bandwidth:
+    """Send messages as over a slow link: each waits for those before it; what does not fit in the queue is dropped.
+
+    Args:
+        bytes_per_second: Speed of the link.
+        queue: Most payload bytes that wait.
+        shared: Whether all topics share one link; if not, each has its own.
+    """
+
+    name: ClassVar[str] = "bandwidth"
+    bytes_per_second: float
+    queue: int = 1 << 20
+    shared: bool = False
+    _free: PerTopic[float] = field(default_factory=PerTopic, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.bytes_per_second < float("inf"):
+            raise ConfigError(f"bytes_per_second = {self.bytes_per_second} is not above 0")
+        if self.queue < 0:
+            raise ConfigError(f"queue = {self.queue} is below 0")
+
+    def message(self, event: Event) -> None:
+        """Delay or drop it."""
+        link = "" if self.shared else event.topic
+        now, size = event.seconds, len(event.payload)
+        free = max(now, self._free.get(link, 0.0))
+        waiting = (free - now) * self.bytes_per_second
+        if waiting > 0 and waiting + size > self.queue:
+            event.drop()
+            return
+        free += size / self.bytes_per_second
+        self._free[link] = free
+        event.delay(free - now)
