@@ -7,9 +7,9 @@ import inspect
 import re
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.pipeline.conditions import Selective, When
@@ -151,7 +151,7 @@ def _options(kind: type) -> dict[str, tuple[str, Any]]:
             for each in dataclasses.fields(kind)
             if each.init
         }
-    if kind.__init__ is object.__init__:
+    if not any("__init__" in vars(each) for each in kind.__mro__[:-1]):
         return {}
     parameters = list(inspect.signature(kind).parameters.values())
     return {
@@ -166,12 +166,11 @@ def _options(kind: type) -> dict[str, tuple[str, Any]]:
 
 def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], place: str) -> object:
     try:
-        if dataclasses.is_dataclass(kind):
-            made: object = TypeAdapter(kind).validate_python(own)
-            return made
-        return kind(**own)
-    except ValidationError as error:
-        raise _explained(error, place) from None
+        hints = get_type_hints(kind if dataclasses.is_dataclass(kind) else vars(kind).get("__init__", kind))
+    except Exception:  # a file's own annotations may name what is not imported
+        hints = {}
+    try:
+        made: object = kind(**{key: _validated(key, value, hints, place) for key, value in own.items()})
     except ConfigError as error:
         raise ConfigError(error.message, where=place, hint=error.hint) from None
     except TypeError as error:
@@ -179,13 +178,23 @@ def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], plac
         raise ConfigError(str(error), where=place, hint=hint) from error
     except Exception as error:
         raise ConfigError(f"{kind.__name__} raised {error!r}", where=place) from error
+    return made
 
 
-def _explained(error: ValidationError, place: str) -> ConfigError:
+def _validated(key: str, value: Any, hints: Mapping[str, Any], place: str) -> Any:
+    if key not in hints:
+        return value
+    try:
+        return TypeAdapter(hints[key]).validate_python(value)
+    except ValidationError as error:
+        raise _explained(error, place, key) from None
+    except PydanticUserError:  # a type that is only known to its author
+        return value
+
+
+def _explained(error: ValidationError, place: str, option: str = "") -> ConfigError:
     problem = error.errors()[0]
-    option = str(problem["loc"][0]) if problem["loc"] else ""
-    if problem["type"] in ("missing", "missing_argument"):
-        return ConfigError(f"option {option!r} is missing", where=place)
+    option = option or (str(problem["loc"][0]) if problem["loc"] else "")
     text = problem["msg"].removeprefix("Value error, ")
     got = f" (got {problem['input']!r})" if option else ""
     return ConfigError(f"{option}: {text}{got}" if option else text, where=place)
