@@ -281,6 +281,32 @@ class CdrType:
                 raise
         return self._rebuild(bytes(data), longer) if longer else bytes(data)
 
+    def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
+        """Return what sets a field to always the same value, None unless its place is the same in all payloads.
+
+        Args:
+            path: A scalar field.
+            value: What it is set to.
+        """
+        plan = self._plans.get(path) or self._plan(path)
+        target = plan.target
+        if plan.steps or not isinstance(target, _Number):
+            return None
+        start, end = plan.start, plan.start + target.size
+        data = {}
+        for head, count in ((b"\0\1", _COUNT_LE), (b"\0\0", _COUNT_BE)):
+            packed = bytearray(target.size)
+            target.write(packed, 0, count, value)
+            data[head] = bytes(packed)
+
+        def patch(payload: bytes) -> bytes:
+            packed = data.get(payload[:2])
+            if packed is None or len(payload) < end:
+                return self.patch(payload, {path: value})  # says what is wrong
+            return b"%b%b%b" % (payload[:start], packed, payload[end:])
+
+        return patch
+
     def _rebuild(self, payload: bytes, changes: Mapping[str, str]) -> bytes:
         message = self._store.decode(payload, self.name)
         for path, text in changes.items():

@@ -245,6 +245,7 @@ class Bus:
         """
         with self._changing:
             self._recorder = self._crossing.recorder = recorder
+            self.gate.pipeline.provenance = recorder is not None
             if recorder is not None:
                 self._recorders.append(recorder)
             self._record = Claims(canonical(record))

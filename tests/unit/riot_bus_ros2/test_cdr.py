@@ -345,3 +345,27 @@ def test_a_real_recording():
                 assert (len(value) if leaf.path.startswith("len(") else value) == leaf.value
             assert kind.schema.name == schema.name
     assert seen["/odom"] == 2639
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("value", [0, -1, 7, 300, 2**40, 1.5, math.inf, True])
+def test_a_patcher_does_what_patch_does(mixed, order, value):
+    payload = mixed_payload(order)
+    compared = 0
+    for leaf in mixed.leaves(payload):
+        try:
+            expected = mixed.patch(payload, {leaf.path: value})
+            patcher = mixed.patcher(leaf.path, value)
+        except PayloadError:
+            continue
+        if patcher is not None:
+            assert patcher(payload) == expected
+            with pytest.raises(PayloadError):
+                patcher(payload[:4])
+            compared += 1
+    assert compared
+
+
+def test_a_place_that_depends_on_the_payload_has_no_patcher(mixed):
+    behind = [leaf.path for leaf in mixed.leaves(mixed_payload()) if leaf.type != "string"][-1]
+    assert mixed.patcher(behind, 1) is None
