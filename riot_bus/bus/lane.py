@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Lane"]
 
 _LOG = logging.getLogger(__name__)
-_CHANNEL = 1024
+_CHANNEL = 256
 _SLICE = 1024
 _BACKLOG = 8192
 _BACKLOG_BYTES = 1 << 26
