@@ -41,17 +41,27 @@ _BUILT_IN = {
 _CONDITIONS = {"from": "source", "to": "target"} | {
     each.name: each.name for each in dataclasses.fields(When) if each.name not in ("source", "target")
 }
+_REQUIRED = dataclasses.MISSING
 _WHEN: TypeAdapter[When] = TypeAdapter(When)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Option:
-    """One option of an interceptor."""
+    """One option of an interceptor.
+
+    Attributes:
+        name: As it is written.
+        type: As it is declared, empty if it is not.
+        default: None also if it is required.
+        doc: What it means.
+        required: Whether it has to be given.
+    """
 
     name: str
     type: str
-    default: Any = dataclasses.MISSING
+    default: Any = None
     doc: str = ""
+    required: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -107,14 +117,24 @@ def names() -> list[str]:
 
 
 def describe() -> list[Description]:
-    """Return what is shipped and installed, by name."""
+    """Return what is shipped and installed, by name; of what cannot be loaded, why."""
     found = []
     for name in names():
-        kind = _find(name, None)
+        try:
+            kind = _find(name, None)
+        except ConfigError as error:
+            found.append(Description(name, error.message, ()))
+            continue
         text = inspect.getdoc(kind) or ""
         docs = dict(re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE))
         options = tuple(
-            Option(key, annotation, default, " ".join(docs.get(key, "").split()))
+            Option(
+                key,
+                annotation,
+                None if default is _REQUIRED else default,
+                " ".join(docs.get(key, "").split()),
+                required=default is _REQUIRED,
+            )
             for key, (annotation, default) in _options(kind).items()
         )
         found.append(Description(name, text.partition("\n")[0], options))
@@ -135,7 +155,7 @@ def _find(use: str, where: str | None) -> type:
     module, _, attribute = targets[use].partition(":")
     try:
         kind = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+    except Exception as error:  # somebody else's package
         hint = "mend or uninstall the package"
         raise ConfigError(f"interceptor {use!r} cannot be loaded: {error}", where=targets[use], hint=hint) from error
     if not inspect.isclass(kind):
@@ -144,24 +164,30 @@ def _find(use: str, where: str | None) -> type:
 
 
 def _options(kind: type) -> dict[str, tuple[str, Any]]:
-    """Return type and default of each option that a class declares."""
+    """Return type and default of each option that a class declares; the default is `_REQUIRED` if there is none."""
     if dataclasses.is_dataclass(kind):
-        return {
-            each.name: (str(each.type), None if each.default is dataclasses.MISSING else each.default)
-            for each in dataclasses.fields(kind)
-            if each.init
-        }
+        return {each.name: (_spelt(each.type), _default(each)) for each in dataclasses.fields(kind) if each.init}
     if not any("__init__" in vars(each) for each in kind.__mro__[:-1]):
         return {}
     parameters = list(inspect.signature(kind).parameters.values())
     return {
         each.name: (
-            "" if each.annotation is each.empty else str(each.annotation),
-            None if each.default is each.empty else each.default,
+            "" if each.annotation is each.empty else _spelt(each.annotation),
+            _REQUIRED if each.default is each.empty else each.default,
         )
         for each in parameters
         if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)
     }
+
+
+def _spelt(annotation: Any) -> str:
+    return annotation.__name__ if inspect.isclass(annotation) else str(annotation)
+
+
+def _default(option: dataclasses.Field[Any]) -> Any:
+    if option.default_factory is not dataclasses.MISSING:
+        return option.default_factory()
+    return _REQUIRED if option.default is dataclasses.MISSING else option.default
 
 
 def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], place: str) -> object:

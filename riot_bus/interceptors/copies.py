@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -38,7 +39,7 @@ class Duplicate:
             event.duplicate(self.copies)
             return
         for number in range(1, self.copies + 1):
-            event.add(event.message, seconds=self.spacing * number)
+            event.add(event.message, seconds=event.delay_ns / 1e9 + self.spacing * number)
 
 
 @dataclass
@@ -53,6 +54,9 @@ class Tee:
     key: str
 
     def __post_init__(self) -> None:
+        for found in re.findall(r"\{(.*?)\}", self.key):
+            if found not in ("key", "topic"):
+                raise ConfigError(f"{{{found}}} in {self.key!r} stands for nothing", hint="write {key} or {topic}")
         chunks = self.key.replace("{key}", "k").replace("{topic}", "t").split("/")
         if any(not chunk or set(chunk) & set("*$?#") for chunk in chunks):
             hint = "write it without wildcards, such as copy/{key}"
@@ -60,5 +64,6 @@ class Tee:
 
     def message(self, event: Event) -> None:
         """Copy it."""
-        key = self.key.replace("{topic}", event.topic.strip("/")).replace("{key}", event.key)
-        event.add(event.message.with_(key=key))
+        own = {"{key}": event.key, "{topic}": event.topic.strip("/")}
+        key = re.sub(r"\{(?:key|topic)\}", lambda found: own[found.group()], self.key)
+        event.add(event.message.with_(key=key), seconds=event.delay_ns / 1e9)

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.errors import ConfigError
 from riot_bus.interceptors.per_topic import PerTopic
+from riot_bus.interceptors.timing import came, due, hold_until
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
 __all__ = ["Bandwidth", "Drop", "Throttle"]
+
+_CLOCK_STEP_NS = 10**9
 
 
 @dataclass
@@ -28,7 +31,7 @@ class Drop:
     every: int = 1
     chance: float = 1.0
     burst: int = 1
-    _until: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False)
+    _until: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.every < 1 or self.burst < 1:
@@ -39,7 +42,7 @@ class Drop:
     def message(self, event: Event) -> None:
         """Drop it, or not."""
         index = event.index
-        if index < self._until.get(event.topic, 0):
+        if index < (self._until.get(event.topic) or 0):
             event.drop()
         elif index % self.every == self.every - 1 and (self.chance >= 1 or event.draw() < self.chance):
             if self.burst > 1:
@@ -57,7 +60,7 @@ class Throttle:
 
     name: ClassVar[str] = "throttle"
     rate: float
-    _next: PerTopic[float] = field(default_factory=PerTopic, init=False, repr=False)
+    _next: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 0 < self.rate < float("inf"):
@@ -65,13 +68,14 @@ class Throttle:
 
     def message(self, event: Event) -> None:
         """Drop it if it comes too early."""
-        now, due = event.seconds, self._next.get(event.topic)
-        if due is not None and now < due:
+        now, period = came(event), int(1e9 / self.rate)
+        wanted = self._next.get(event.topic)
+        if wanted is not None and now < wanted <= now + period:  # beyond that, the clock was set back
             event.drop()
             return
-        period = 1 / self.rate
         # A message that is a little late does not slow the following ones down.
-        self._next[event.topic] = due + period if due is not None and now - due < period else now + period
+        late = wanted is not None and 0 <= now - wanted < period
+        self._next[event.topic] = period + (wanted if wanted is not None and late else now)
 
 
 @dataclass
@@ -88,7 +92,7 @@ class Bandwidth:
     bytes_per_second: float
     queue: int = 1 << 20
     shared: bool = False
-    _free: PerTopic[float] = field(default_factory=PerTopic, init=False, repr=False)
+    _links: PerTopic[tuple[int, int]] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 0 < self.bytes_per_second < float("inf"):
@@ -99,12 +103,14 @@ class Bandwidth:
     def message(self, event: Event) -> None:
         """Delay or drop it."""
         link = "" if self.shared else event.topic
-        now, size = event.seconds, len(event.payload)
-        free = max(now, self._free.get(link, 0.0))
-        waiting = (free - now) * self.bytes_per_second
+        now, start, size = came(event), due(event), len(event.payload)
+        free, last = self._links.get(link) or (start, now)
+        if last - now > _CLOCK_STEP_NS:  # the clock was set back: what waits has still as long to wait
+            free -= last - now
+        waiting = (free - start) * self.bytes_per_second / 1e9
         if waiting > 0 and waiting + size > self.queue:
             event.drop()
             return
-        free += size / self.bytes_per_second
-        self._free[link] = free
-        event.delay(free - now)
+        free = max(free, start) + int(1e9 * size / self.bytes_per_second)
+        self._links[link] = free, now
+        hold_until(event, free)

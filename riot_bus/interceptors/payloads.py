@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
-from riot_bus.errors import ConfigError
+from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject.interceptor import fit_value
 from riot_bus.interceptors.per_topic import PerTopic
+from riot_bus.pipeline.event import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from riot_bus.pipeline.event import Event
 
 __all__ = ["ClockOffset", "Corrupt", "Freeze", "SetField", "Truncate"]
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _NANOSECONDS = 10**9
+_FROZEN_BYTES = 1 << 28
+_STATE_BYTES = 256
+_MOST_ELEMENTS = 1 << 16
+_SET_SINGLY = 8
+"""So many fields are set one by one, which notes each of them; more are set at once, which is fast."""
+
+_INDEX = re.compile(r"\[\d+\]")
+
+
+class _Frozen(NamedTuple):
+    payload: bytes
+    first: int
+    last: int
+
+    def size(self) -> int:
+        return len(self.payload) + _STATE_BYTES
 
 
 @dataclass
 class Freeze:
     """Repeat the last value: selected messages carry the payload of the first one that was selected.
 
-    A message that is not selected ends it; the next one that is selected is repeated anew.
+    A message that it does not see, because it is not selected or was dropped before, ends it, and so does a delete; the
+    next one is repeated anew.
 
     Args:
         hold: For how many messages a value is repeated; 0 for as long as messages are selected.
@@ -32,7 +50,9 @@ class Freeze:
 
     name: ClassVar[str] = "freeze"
     hold: int = 0
-    _frozen: PerTopic[tuple[bytes, int, int]] = field(default_factory=PerTopic, init=False, repr=False)
+    _frozen: PerTopic[_Frozen] = field(
+        default_factory=lambda: PerTopic(most=_FROZEN_BYTES, size=_Frozen.size), init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         if self.hold < 0:
@@ -40,14 +60,15 @@ class Freeze:
 
     def message(self, event: Event) -> None:
         """Replace its payload."""
-        payload, first, last = self._frozen.get(event.topic, (b"", 0, -2))
-        index = event.index
-        if index != last + 1 or (self.hold and index - first > self.hold):
-            self._frozen[event.topic] = (event.payload, index, index)
+        if event.original.kind == "delete":
             return
-        self._frozen[event.topic] = (payload, first, index)
-        if event.payload != payload:
-            event.replace(payload)
+        index, frozen = event.index, self._frozen.get(event.topic)
+        if frozen is None or index != frozen.last + 1 or (self.hold and index - frozen.first > self.hold):
+            self._frozen[event.topic] = _Frozen(event.payload, index, index)
+            return
+        self._frozen[event.topic] = frozen._replace(last=index)
+        if event.payload != frozen.payload:
+            event.replace(frozen.payload)
 
 
 @dataclass
@@ -70,6 +91,8 @@ class Corrupt:
     def __post_init__(self) -> None:
         if min(self.bits, self.count, self.offset, self.length or 0) < 0:
             raise ConfigError("bits, count, offset and length must be 0 or more")
+        if not self.bits and not self.count:
+            raise ConfigError("nothing is to be spoiled", hint="give bits = NUMBER or count = NUMBER OF BYTES")
 
     def message(self, event: Event) -> None:
         """Spoil its payload."""
@@ -152,26 +175,51 @@ class ClockOffset:
     field: str | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
 
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.seconds) and math.isfinite(self.drift)):
+            raise ConfigError(f"seconds = {self.seconds} and drift = {self.drift} must be finite")
+
     def message(self, event: Event) -> None:
         """Shift its stamps."""
         offset = self.seconds + self.drift * event.seconds
-        if self.field is not None:
-            value = event.read(self.field)
-            if isinstance(value, int) and not isinstance(value, bool):
-                event.set(self.field, value + round(offset * _UNITS[self.unit]))
-            elif isinstance(value, float):
-                event.set(self.field, value + offset * _UNITS[self.unit])
+        if self.field is None:
+            self._shift_stamps(event, round(offset * _NANOSECONDS))
             return
-        for stamp in list(_stamps(event)):
-            seconds, nanoseconds = event.read(f"{stamp}.sec"), event.read(f"{stamp}.nanosec")
-            if isinstance(seconds, int) and isinstance(nanoseconds, int):
-                total = seconds * _NANOSECONDS + nanoseconds + round(offset * _NANOSECONDS)
-                event.set(f"{stamp}.sec", total // _NANOSECONDS)
-                event.set(f"{stamp}.nanosec", total % _NANOSECONDS)
+        value = event.read(self.field)
+        if isinstance(value, int) and not isinstance(value, bool):
+            event.set(self.field, value + round(offset * _UNITS[self.unit]))
+        elif isinstance(value, float):
+            event.set(self.field, value + offset * _UNITS[self.unit])
+        else:
+            raise PayloadError(f"{value!r} is no time", where=self.field, hint="name a field that holds a number")
+
+    def _shift_stamps(self, event: Event, offset: int) -> None:
+        kind, changed = event.type, {}
+        for stamp, (seconds, nanoseconds) in _stamps(event).items():
+            total = seconds * _NANOSECONDS + nanoseconds + offset
+            changed[f"{stamp}.sec"], changed[f"{stamp}.nanosec"] = divmod(total, _NANOSECONDS)
+        if kind is not None and len(changed) > _SET_SINGLY:
+            event.patched(kind.patch(event.payload, changed), Change(event.interceptor, "set", "*.stamp", after=offset))
+            return
+        for path, value in changed.items():
+            event.set(path, value)
 
 
-def _stamps(event: Event) -> Iterator[str]:
-    if event.type is not None:
-        for leaf in event.type.leaves(event.payload):
-            if leaf.path.endswith(("stamp.sec", "stamp.sec]")) and leaf.path.rpartition(".")[2] == "sec":
-                yield leaf.path.removesuffix(".sec")
+def _stamps(event: Event) -> dict[str, tuple[int, int]]:
+    """Return seconds and nanoseconds of each stamp in a message, by path, those in arrays included."""
+    kind, elements = event.type, 16
+    while kind is not None:
+        values = {leaf.path: leaf.value for leaf in kind.leaves(event.payload, elements=elements)}
+        found = {}
+        for path, seconds in values.items():
+            stamp = path.removesuffix(".sec")
+            nanoseconds = values.get(f"{stamp}.nanosec")
+            if stamp != path and stamp.endswith("stamp") and isinstance(seconds, int) and isinstance(nanoseconds, int):
+                found[stamp] = seconds, nanoseconds
+        arrays = {path[: at.start()] for path in found for at in _INDEX.finditer(path)}
+        lengths = [length for each in arrays if isinstance(length := values.get(f"len({each})"), int)]
+        longest = min(max(lengths, default=0), _MOST_ELEMENTS)
+        if longest <= elements:
+            return found
+        elements = longest
+    return {}

@@ -2,18 +2,48 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["PerTopic"]
 
-_MOST = 1 << 16
+_MOST_TOPICS = 1 << 16
 ValueT = TypeVar("ValueT")
 
 
-class PerTopic(dict[str, ValueT]):
-    """State by topic; the oldest topics are forgotten when somebody invents too many."""
+class PerTopic(Generic[ValueT]):
+    """State by topic; what was not set for longest is forgotten when somebody invents too many topics.
+
+    Args:
+        most: Greatest sum of the sizes.
+        size: Of one state; by default each counts as one.
+    """
+
+    def __init__(self, *, most: int = _MOST_TOPICS, size: Callable[[ValueT], int] | None = None) -> None:
+        self._states: OrderedDict[str, ValueT] = OrderedDict()
+        self._most, self._size = most, size
+        self._sum = 0
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def get(self, topic: str) -> ValueT | None:
+        """Return a topic's state, None if there is none."""
+        return self._states.get(topic)
 
     def __setitem__(self, topic: str, value: ValueT) -> None:
-        if topic not in self and len(self) >= _MOST:
-            del self[next(iter(self))]
-        super().__setitem__(topic, value)
+        former = self._states.get(topic)
+        if former is not None:
+            self._sum -= self._size_of(former)
+        self._states[topic] = value
+        self._states.move_to_end(topic)
+        self._sum += self._size_of(value)
+        while self._sum > self._most and len(self._states) > 1:
+            _, oldest = self._states.popitem(last=False)
+            self._sum -= self._size_of(oldest)
+
+    def _size_of(self, value: ValueT) -> int:
+        return 1 if self._size is None else self._size(value)

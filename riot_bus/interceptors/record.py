@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+from riot_bus.errors import ConfigError, DataLossError
 from riot_bus.log.writer import LogWriter
+from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from riot_bus.message import Message
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
@@ -19,30 +23,41 @@ __all__ = ["Record"]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25
+_JOIN_S = 60.0
+_OVERHEAD_BYTES = 256
 
 
 @dataclass
 class Record:
     """Record messages as they are at this place, before and after other interceptors.
 
+    The file is written on a thread of its own. What does not fit in the queue is not recorded, but goes on as it is: it
+    is counted in `lost`, and the loss is an error of this interceptor.
+
     Args:
-        path: The log to write.
+        path: The log to write; an existing file is overwritten.
         compression: zstd, lz4 or none.
-        capacity: Most messages that wait to be written; more are counted as lost.
+        capacity: Most messages that wait to be written.
+        capacity_bytes: Most payload bytes that wait to be written.
     """
 
     name: ClassVar[str] = "record"
     path: str
-    compression: str = "zstd"
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
     capacity: int = 100_000
+    capacity_bytes: int = 1 << 27
 
     def __post_init__(self) -> None:
-        self.recorded = self.lost = 0
+        if self.capacity < 1 or self.capacity_bytes < 1:
+            raise ConfigError("capacity and capacity_bytes must be 1 or more")
+        self.recorded = 0
+        self.lost: Counter[str] = Counter()
+        """Messages by topic that did not fit or could not be written."""
         self._registry: TypeRegistry | None = None
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[tuple[str, Message]] = deque()
+        self._bytes = 0
         self._bell = threading.Condition()
-        self._stopping = False
-        self._writer: LogWriter | None = None
+        self._stopping = self._told = False
         self._thread: threading.Thread | None = None
 
     def load(self, registry: TypeRegistry) -> None:
@@ -51,50 +66,82 @@ class Record:
 
     def start(self) -> None:
         """Open the log."""
-        self._stopping = False
-        self._writer = LogWriter(self.path, registry=self._registry, compression=self.compression)
-        self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
+        writer = LogWriter(self.path, registry=self._registry, compression=self.compression)
+        self._stopping = self._told = False
+        self._thread = threading.Thread(target=self._run, args=(writer,), name="riot-record", daemon=True)
         self._thread.start()
 
     def message(self, event: Event) -> None:
-        """Queue it; never waits."""
-        if self._thread is None or len(self._waiting) >= self.capacity:
-            self.lost += 1
-            return
+        """Queue it; never waits.
+
+        Raises:
+            DataLossError: At the first loss, so that it is seen while it happens.
+        """
+        size = len(event.payload) + _OVERHEAD_BYTES
         with self._bell:
-            self._waiting.append(event.message)
-            self._bell.notify()
+            room = len(self._waiting) < self.capacity and self._bytes + size <= self.capacity_bytes
+            if room and self._thread is not None:
+                self._waiting.append((event.topic, event.message))
+                self._bytes += size
+                self._bell.notify()
+            else:
+                self._lose(event.topic)
+            if not self.lost or self._told:
+                return
+            self._told = True
+        raise DataLossError("messages are not recorded", where=self.path, hint="is the disk full, or too slow?")
 
     def stop(self) -> None:
-        """Write what waits and finish the log."""
+        """Write what waits and finish the log.
+
+        Raises:
+            DataLossError: The log lacks messages.
+        """
         with self._bell:
             self._stopping = True
             self._bell.notify()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-        if self._writer is not None:
-            self._writer.close()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(_JOIN_S)
+            if thread.is_alive():
+                raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=self.path)
         if self.lost:
-            _LOG.warning("%s lacks %d messages", self.path, self.lost)
+            topics = ", ".join(f"{topic} {number}" for topic, number in self.lost.most_common(5))
+            raise DataLossError(f"the log lacks {self.lost.total()} messages: {topics}", where=self.path)
 
-    def _run(self) -> None:
-        assert self._writer is not None
+    def _lose(self, topic: str, number: int = 1) -> None:
+        self.lost[topic if topic in self.lost or len(self.lost) < MOST_TOPICS else OTHER_TOPICS] += number
+
+    def _run(self, writer: LogWriter) -> None:
         while True:
             with self._bell:
                 if not self._waiting and not self._stopping:
                     self._bell.wait(_TICK_S)
                 if not self._waiting and self._stopping:
-                    return
-                batch = list(self._waiting)
-                self._waiting.clear()
-            written = 0
-            try:
-                for message in batch:
-                    self._writer.write(message)
-                    written += 1
-                self._writer.tick()
-            except Exception:
+                    break
+                batch = [self._waiting.popleft() for _ in range(min(len(self._waiting), 1000))]
+                self._bytes -= sum(len(message.payload) + _OVERHEAD_BYTES for _, message in batch)
+            for topic, message in batch:
+                self._write(writer, topic, message)
+            self._guard(writer.tick)
+        self._guard(writer.close)
+        with self._bell:
+            for topic, number in writer.lost.items():
+                self.recorded -= number
+                self._lose(topic, number)
+
+    def _write(self, writer: LogWriter, topic: str, message: Message) -> None:
+        if self._guard(lambda: writer.write(message)):
+            self.recorded += 1
+        else:
+            with self._bell:
+                self._lose(topic)
+
+    def _guard(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except Exception:
+            if not self.lost:
                 _LOG.exception("%s cannot be written", self.path)
-                self.lost += len(batch) - written
-            self.recorded += written
+            return False
+        return True

@@ -74,6 +74,9 @@ def from_tables(tables: Iterable[Mapping[str, Any]], *, where: str = "riot.toml"
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+        document = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text
+    value = document["value"]
+    plain = isinstance(value, bool | int | float) and "#" not in text  # else the rest would be a comment
+    return value if len(document) == 1 and (plain or isinstance(value, str | list | dict)) else text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -11,9 +12,7 @@ from riot_bus.interceptors.per_topic import PerTopic
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
-__all__ = ["Delay", "Jitter", "Reorder"]
-
-_NEXT_S = 1e-6
+__all__ = ["Delay", "Jitter", "Reorder", "came", "check_seconds", "due", "hold_until"]
 
 
 @dataclass
@@ -47,7 +46,7 @@ class Jitter:
     name: ClassVar[str] = "jitter"
     seconds: float
     spread: float
-    _due: PerTopic[float] = field(default_factory=PerTopic, init=False, repr=False)
+    _last: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_seconds("seconds", self.seconds)
@@ -55,10 +54,14 @@ class Jitter:
 
     def message(self, event: Event) -> None:
         """Delay it, but not less than what came before."""
-        wanted = event.seconds + max(0.0, self.seconds + self.spread * (2 * event.draw() - 1))
-        due = max(wanted, self._due.get(event.topic, 0.0) + _NEXT_S)
-        self._due[event.topic] = due
-        event.delay(due - event.seconds)
+        now = due(event)
+        wanted = now + int(1e9 * max(0.0, self.seconds + self.spread * (2 * event.draw() - 1)))
+        last = self._last.get(event.topic)
+        if last is not None:
+            # A clock that was set back must not hold up messages until it is where it was.
+            wanted = max(wanted, min(last, now + int(1e9 * (self.seconds + self.spread))))
+        self._last[event.topic] = wanted
+        hold_until(event, wanted)
 
 
 @dataclass
@@ -78,6 +81,26 @@ class Reorder:
     def message(self, event: Event) -> None:
         """Delay it by chance."""
         event.delay(self.window * event.draw())
+
+
+def came(event: Event) -> int:
+    """Return when a message came, in nanoseconds since the first message."""
+    return round(event.seconds * 1e9)
+
+
+def due(event: Event) -> int:
+    """Return when a message falls due as things stand, in nanoseconds since the first message."""
+    return came(event) + event.delay_ns
+
+
+def hold_until(event: Event, when: int) -> None:
+    """Delay a message so that it falls due at `when`, to the nanosecond: what falls due together keeps its order."""
+    left = when - due(event)
+    if left > 0:
+        seconds = left / 1e9
+        while int(seconds * 1e9) < left:
+            seconds = math.nextafter(seconds, math.inf)
+        event.delay(seconds)
 
 
 def check_seconds(option: str, value: float) -> None:

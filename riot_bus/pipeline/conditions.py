@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,8 @@ class When:
     def __post_init__(self) -> None:
         if not 0 <= self.probability <= 1:
             raise ConfigError(f"probability = {self.probability} is not between 0 and 1")
+        if math.isnan(self.start) or (self.end is not None and math.isnan(self.end)):
+            raise ConfigError(f"start = {self.start} and end = {self.end} must be times", hint="give seconds")
         if self.end is not None and self.end <= self.start:
             raise ConfigError(f"end = {self.end} is not later than start = {self.start}")
         if self.last is not None and self.last < self.first:
@@ -67,7 +70,11 @@ class When:
         if self.select is None:
             return None
         parsed = [parse_selector(text) for text in ([self.select] if isinstance(self.select, str) else self.select)]
+        if not parsed:
+            raise ConfigError("select is an empty list", hint="name a topic, or leave it out for every message")
         for each in parsed:
+            if each.where is not None:
+                parse_predicate(each.where)
             if each.field is not None:
                 hint = f"write '{each.topic} where {each.field} > 0', say, or only {each.topic!r}"
                 raise ConfigError(f"selector '{each}' chooses a field, not messages", hint=hint)
@@ -100,12 +107,9 @@ class When:
                 return False
             if numbered and not (self.first <= event.index and (self.last is None or event.index <= self.last)):
                 return False
-            try:
-                if not all(holds(event.read) for holds in predicates):
-                    return False
-                if choices and not any(holds(event.read) for holds in choices):
-                    return False
-            except PayloadError:
+            if not all(_holds(each, event) for each in predicates):
+                return False
+            if choices and not any(_holds(each, event) for each in choices):
                 return False
             return not chance or event.draw("chosen") < self.probability
 
@@ -114,6 +118,14 @@ class When:
 
 def _always(event: Event) -> bool:
     return True
+
+
+def _holds(predicate: Predicate, event: Event) -> bool:
+    """Return whether a message meets a predicate; one that lacks its fields does not."""
+    try:
+        return predicate(event.read)
+    except (PayloadError, TypeError):  # such as bytes, that have no order with text
+        return False
 
 
 @dataclass(frozen=True, slots=True)

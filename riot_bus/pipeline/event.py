@@ -214,7 +214,7 @@ class Event:
 
     def delay(self, seconds: float) -> None:
         """Deliver the message later."""
-        self.delay_ns += int(seconds * 1e9)
+        self.delay_ns += round(seconds * 1e9)
         self._note(Change(self.interceptor, "delay", after=seconds))
 
     def duplicate(self, copies: int = 1) -> None:
@@ -224,7 +224,7 @@ class Event:
 
     def add(self, message: Message, *, seconds: float = 0.0) -> None:
         """Deliver another message as well, `seconds` from now."""
-        self.added = [*self.added, (message, int(seconds * 1e9))]
+        self.added = [*self.added, (message, round(seconds * 1e9))]
         self._note(Change(self.interceptor, "add"))
 
     def draw(self, salt: str = "") -> float:
