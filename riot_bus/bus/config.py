@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["WAIT_BEFORE_CLOSE_S", "SessionConfig", "access_control", "client_config", "router_config"]
+__all__ = ["OWN_CHUNK", "WAIT_BEFORE_CLOSE_S", "SessionConfig", "access_control", "client_config", "router_config"]
 
 SessionConfig = dict[str, Any]
 """Configuration keys such as `listen/endpoints`, and their JSON values."""
+
+OWN_CHUNK = "@riot"
+"""First chunk of our own keys; being verbatim, it stays out of everybody's wildcards."""
 
 WAIT_BEFORE_CLOSE_S = 5.0
 """How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
@@ -67,21 +70,23 @@ def access_control(cut: Sequence[str]) -> SessionConfig:
     """Return the rules by which a junction keeps the cut keys to their segments.
 
     Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
+    Questions to the router itself stay in their segment, so that each is answered once, and only where control is
+    allowed; else a question would be carried on to every segment.
 
     Args:
         cut: Key expressions that are intercepted.
     """
-    if not cut:
-        return {}
-    rules = [
-        {"id": "cut", "messages": ["put", "delete", "declare_subscriber"], "key_exprs": list(cut)},
-        # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches.
-        {
-            "id": "cut-caches",
-            "messages": ["put", "delete", "query", "reply"],
-            "key_exprs": [f"{k}/@adv/**" for k in cut],
-        },
-    ]
+    rules = [{"id": "control", "messages": ["query", "reply", "declare_queryable"], "key_exprs": [f"{OWN_CHUNK}/**"]}]
+    if cut:
+        rules += [
+            {"id": "cut", "messages": ["put", "delete", "declare_subscriber"], "key_exprs": list(cut)},
+            # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches.
+            {
+                "id": "cut-caches",
+                "messages": ["put", "delete", "query", "reply"],
+                "key_exprs": [f"{k}/@adv/**" for k in cut],
+            },
+        ]
     return {
         "access_control": {
             "enabled": True,

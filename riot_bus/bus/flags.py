@@ -32,6 +32,7 @@ class RouterFlags:
     intercept: Sequence[str] = ()
     record: Path | None = None
     budget: float | None = None
+    control: Sequence[str] = ()
 
 
 def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str, ...]]:
@@ -89,6 +90,7 @@ def merged(settings: RouterSettings, flags: RouterFlags, *, cwd: Path | None = N
         "intercept": tuple(flags.intercept) or None,
         "record": None if flags.record is None else str((cwd or Path.cwd()) / flags.record),
         "budget": flags.budget,
+        "control": tuple(flags.control) or None,
     }
     document = {name: getattr(settings, name) for name in RouterSettings.model_fields}
     document |= {name: value for name, value in changed.items() if value is not None}

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
 from riot_bus.bus.tally import Tally
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.message import Message
     from riot_bus.pipeline.event import Change
@@ -31,6 +32,10 @@ class Writer(Protocol):
         """Write one message."""
         ...
 
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        """Write something else that belongs to the log."""
+        ...
+
     def tick(self) -> None:
         """Make what was written readable, if it is time."""
         ...
@@ -44,6 +49,16 @@ class _Entry(NamedTuple):
     message: Message
     role: Literal["delivered", "original"]
     changes: Sequence[Change]
+
+
+class _Note(NamedTuple):
+    name: str
+    mapping: Mapping[str, str]
+
+
+class _Switch(NamedTuple):
+    writer: Writer
+    totals: Future[tuple[int, int]]
 
 
 class Recorder:
@@ -73,7 +88,7 @@ class Recorder:
         """Messages per topic that did not fit or could not be written."""
         self._writer = writer
         self._topic = topic
-        self._mailbox: Mailbox[_Entry] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
+        self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
         self._lock = threading.Lock()
         self._done = 0
         self._closing = False
@@ -87,6 +102,37 @@ class Recorder:
     def delivered(self, message: Message, changes: Sequence[Change] = ()) -> None:
         """Record a message as it was delivered."""
         self._offer(_Entry(message, "delivered", changes))
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> bool:
+        """Write something that is no message, in its place among the messages; return whether there was room.
+
+        Args:
+            name: Such as `riot_bus.graph`.
+            mapping: Keys and texts.
+        """
+        return self._mailbox.offer(_Note(name, mapping), sum(map(len, mapping.values())))
+
+    def totals(self) -> tuple[int, int]:
+        """Return how many messages were written so far, originals not counted, and how many were lost."""
+        return sum(self.recorded.copy().values()), sum(self.lost.copy().values())
+
+    def switch(self, writer: Writer, *, timeout: float = 60.0) -> tuple[int, int]:
+        """Go on with another writer: each message is in one of both files, and in one only.
+
+        Args:
+            writer: The new one; the former is closed.
+            timeout: Seconds to wait until what came before is written.
+
+        Returns:
+            `totals` of what came before.
+
+        Raises:
+            TimeoutError: That took longer; the new writer takes over all the same.
+        """
+        totals: Future[tuple[int, int]] = Future()
+        while not self._mailbox.offer(_Switch(writer, totals), 0):
+            time.sleep(_TICK_S / 100)  # the box is full, and its messages are being written
+        return totals.result(timeout)
 
     def idle(self) -> bool:
         """Return whether everything so far was written."""
@@ -111,9 +157,9 @@ class Recorder:
     def _run(self) -> None:
         ticked = time.monotonic()
         while True:
-            entry = self._mailbox.take(0 if self._closing else _TICK_S)
-            if entry is not None:
-                self._write(entry)
+            item = self._mailbox.take(0 if self._closing else _TICK_S)
+            if item is not None:
+                self._take(item)
                 self._done += 1
             elif self._closing:
                 return
@@ -121,6 +167,16 @@ class Recorder:
             if now - ticked >= _TICK_S:
                 ticked = now
                 self._guard(self._writer.tick)
+
+    def _take(self, item: _Entry | _Note | _Switch) -> None:
+        if isinstance(item, _Entry):
+            self._write(item)
+        elif isinstance(item, _Note):
+            self._guard(lambda: self._writer.note(item.name, item.mapping))
+        else:
+            former, self._writer = self._writer, item.writer
+            self._guard(former.close)
+            item.totals.set_result(self.totals())
 
     def _write(self, entry: _Entry) -> None:
         message = entry.message

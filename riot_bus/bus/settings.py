@@ -67,6 +67,15 @@ class SegmentSettings(_Table):
         """`listen`, taken apart."""
         return tuple(parse_endpoint(text) for text in self.listen)
 
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine reaches it: it listens on loopback or socket files, and joins nobody elsewhere."""
+        scouting = any(
+            key.startswith("scouting/multicast") and value is not False for key, value in self.config.items()
+        )
+        connected = (parse_endpoint(text, connect=True) for text in self.connect)
+        return not scouting and all(each.is_local for each in (*self.listeners, *connected))
+
 
 DEFAULT_SEGMENTS = {
     "system": SegmentSettings(listen=("tcp/127.0.0.1:7447",)),
@@ -83,6 +92,8 @@ class RouterSettings(_Table):
     record: _Text | None = None
     budget: Annotated[float, Field(gt=0, le=86_400)] = 1.0
     """Seconds that an interceptor may block."""
+    control: tuple[SegmentName, ...] | None = None
+    """Segments whose components may control the router; None means those that only this machine reaches."""
     segments: dict[SegmentName, SegmentSettings] = {}
     """Empty means `DEFAULT_SEGMENTS`."""
     interceptors: tuple[dict[str, Any], ...] = ()
@@ -105,6 +116,10 @@ class RouterSettings(_Table):
                 )
         for name, segment in self.segments.items():
             self._connects_outside(name, segment)
+        for number, name in enumerate(self.control or ()):
+            if self.segments and name not in self.segments:
+                known = did_you_mean(name, self.segments)
+                raise mistake(f"no segment {name!r}", hint=known, place=["control", str(number)])
         return self
 
     def _connects_outside(self, name: str, segment: SegmentSettings) -> None:
@@ -117,6 +132,13 @@ class RouterSettings(_Table):
                         hint="riot joins its segments itself",
                         place=["segments", name, "connect"],
                     )
+
+    @property
+    def controlled_from(self) -> tuple[str, ...]:
+        """Names of the segments whose components may control the router."""
+        if self.control is not None:
+            return self.control
+        return tuple(name for name, segment in self.segments.items() if segment.is_local)
 
     def segment(self, name: str) -> SegmentSettings:
         """Return a segment's settings.

@@ -1,59 +1,166 @@
-"""`riot router`: a drop-in Zenoh router that intercepts what flows between its segments."""
+"""`riot router`: a drop-in Zenoh router that intercepts what flows between its segments; `riot router env`."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-__all__ = ["router"]
+from riot_bus.cli.options import Format, OutputFormat
+
+__all__ = ["register"]
+
+Segments = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=ENDPOINT[,ENDPOINT...]",
+        envvar="RIOT_SEGMENT",
+        help="A segment and where it listens; repeatable. "
+        "[default: system=tcp/127.0.0.1:7447 and unit=tcp/127.0.0.1:7448]",
+    ),
+]
+SystemFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--system", "-s", metavar="FILE", envvar="RIOT_SYSTEM", help="System file. [default: riot.toml, if it exists]"
+    ),
+]
+
+
+class FlavourName(StrEnum):
+    """Who reads an environment."""
+
+    RMW_ZENOH = "rmw_zenoh"
+    ZENOH = "zenoh"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    group = typer.Typer(rich_markup_mode=None)
+    group.callback(invoke_without_command=True)(router)
+    group.command("env")(env)
+    app.add_typer(group, name="router")
 
 
 def router(
-    segment: Annotated[
+    context: typer.Context,
+    *,
+    system: SystemFile = None,
+    segment: Segments = None,
+    connect: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=ENDPOINT[,ENDPOINT...]",
-            help="A segment and where it listens; repeatable. "
-            "[default: system=tcp/127.0.0.1:7447 and unit=tcp/127.0.0.1:7448]",
-        ),
+        typer.Option(metavar="SEGMENT=ENDPOINT[,...]", envvar="RIOT_CONNECT", help="A router that a segment joins."),
+    ] = None,
+    cfg: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SEGMENT:KEY=VALUE", envvar="RIOT_CFG", help="A Zenoh setting of a segment; repeatable."),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", envvar="RIOT_NAME", help="The router's name. [default: router]")
     ] = None,
     intercept: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEYEXPR", help="What goes through the interceptors; ROS names such as /odom will do."),
+        typer.Option(
+            metavar="KEYEXPR",
+            envvar="RIOT_INTERCEPT",
+            help="What goes through the interceptors; ROS names such as /odom will do.",
+        ),
     ] = None,
     interceptor: Annotated[
         list[str] | None,
-        typer.Option(metavar="FILE.py[:NAME]", help="An interceptor class; repeatable, carried out in this order."),
+        typer.Option(
+            metavar="'NAME key=value ...'|FILE.py[:NAME]",
+            help="A shipped interceptor (riot interceptors), or your own class; repeatable, carried out in this order.",
+        ),
     ] = None,
     inject: Annotated[
-        Path | None, typer.Option(metavar="PLAN.toml", help="Injections; their topics are intercepted.")
+        Path | None,
+        typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections; their topics are intercepted."),
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(metavar="OUT.mcap", help="Record all that passes, intercepted or not.")
+        Path | None,
+        typer.Option(metavar="OUT.mcap", envvar="RIOT_RECORD", help="Record all that passes, intercepted or not."),
     ] = None,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
     msg: Annotated[list[Path] | None, typer.Option(metavar="FILE.msg", help="Definition of a message type.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of everything that is random.")] = 0,
+    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
+    budget: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", envvar="RIOT_BUDGET", help="How long an interceptor may block. [default: 1]"),
+    ] = None,
+    control: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SEGMENT",
+            envvar="RIOT_CONTROL",
+            help="A segment from which riot ctl may be used; repeatable. [default: those that only this host reaches]",
+        ),
+    ] = None,
+    bypass_watch: Annotated[
+        bool, typer.Option("--bypass-watch/--no-bypass-watch", help="Look for ways around the router.")
+    ] = True,
+    form: Format = OutputFormat.TEXT,
 ) -> None:
     """Route messages between segments and intercept some of them, until Ctrl-C.
 
     Components connect to their segment's endpoint as to any Zenoh router; nothing else changes for them. When it ends,
     it prints what happened to each topic. Exit code 3: messages were lost. 4: an endpoint is in use.
     """
-    from riot_bus.bus.serve import DEFAULT_SEGMENTS, RouterOptions, run_router
+    if context.invoked_subcommand is not None:
+        return
+    from riot_bus.bus.assemble import RouterOptions
+    from riot_bus.bus.flags import RouterFlags
+    from riot_bus.bus.running import run_router
 
-    options = RouterOptions(
-        segments=segment or DEFAULT_SEGMENTS,
+    flags = RouterFlags(
+        segments=segment or (),
+        connect=connect or (),
+        cfg=cfg or (),
+        name=name,
         intercept=intercept or (),
+        record=record,
+        budget=budget,
+        control=control or (),
+    )
+    options = RouterOptions(
+        system=system,
+        flags=flags,
         interceptors=interceptor or (),
         inject=inject,
-        record=record,
         types=type_ or (),
         definitions=msg or (),
         seed=seed,
+        bypass_watch=bypass_watch,
     )
-    run_router(options, say=typer.echo, warn=lambda line: typer.echo(line, err=True))
+    run_router(options, say=typer.echo, warn=lambda line: typer.echo(line, err=True), as_json=form is OutputFormat.JSON)
+
+
+def env(
+    segment_name: Annotated[str, typer.Argument(metavar="SEGMENT", help="The segment that the component shall use.")],
+    *,
+    flavour: Annotated[
+        FlavourName, typer.Option(help="ROS 2 nodes, or programs that use Zenoh themselves.")
+    ] = FlavourName.RMW_ZENOH,
+    host: Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")] = None,
+    cfg: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the component; repeatable.")
+    ] = None,
+    file: Annotated[
+        Path | None, typer.Option(help="For zenoh: the file to write. [default: zenoh-SEGMENT.json5]")
+    ] = None,
+    system: SystemFile = None,
+    segment: Segments = None,
+) -> None:
+    """Print what makes a component use a segment, for eval "$(...)"."""
+    from riot_bus.bus.component import component_environment
+
+    lines, hints = component_environment(
+        segment_name, flavour.value, system=system, segments=segment or (), host=host, cfg=cfg or (), file=file
+    )
+    for hint in hints:
+        typer.echo(f"hint: {hint}", err=True)
+    typer.echo("\n".join(lines))

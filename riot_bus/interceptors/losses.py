@@ -60,7 +60,7 @@ class Throttle:
 
     name: ClassVar[str] = "throttle"
     rate: float
-    _next: PerTopic[int] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
+    _next: PerTopic[tuple[int, int]] = field(default_factory=PerTopic, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 0 < self.rate < float("inf"):
@@ -69,13 +69,15 @@ class Throttle:
     def message(self, event: Event) -> None:
         """Drop it if it comes too early."""
         now, period = came(event), int(1e9 / self.rate)
-        wanted = self._next.get(event.topic)
-        if wanted is not None and now < wanted <= now + period:  # beyond that, the clock was set back
+        wanted, passed = self._next.get(event.topic) or (now, -1)
+        if event.index == passed:
+            return  # the same message on its way to another segment
+        if now < wanted <= now + period:  # beyond that, the clock was set back
             event.drop()
             return
         # A message that is a little late does not slow the following ones down.
-        late = wanted is not None and 0 <= now - wanted < period
-        self._next[event.topic] = period + (wanted if wanted is not None and late else now)
+        late = 0 <= now - wanted < period
+        self._next[event.topic] = (wanted if late else now) + period, event.index
 
 
 @dataclass

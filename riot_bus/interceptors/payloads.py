@@ -29,12 +29,13 @@ _INDEX = re.compile(r"\[\d+\]")
 
 
 class _Frozen(NamedTuple):
-    payload: bytes
+    payloads: dict[tuple[str, ...], bytes]
+    """By the segments that a message goes to: on its way to each of them it may have been changed before."""
     first: int
     last: int
 
     def size(self) -> int:
-        return len(self.payload) + _STATE_BYTES
+        return sum(map(len, self.payloads.values())) + _STATE_BYTES
 
 
 @dataclass
@@ -63,12 +64,13 @@ class Freeze:
         if event.original.kind == "delete":
             return
         index, frozen = event.index, self._frozen.get(event.topic)
-        if frozen is None or index != frozen.last + 1 or (self.hold and index - frozen.first > self.hold):
-            self._frozen[event.topic] = _Frozen(event.payload, index, index)
-            return
-        self._frozen[event.topic] = frozen._replace(last=index)
-        if event.payload != frozen.payload:
-            event.replace(frozen.payload)
+        if frozen is None or index - frozen.last not in (0, 1) or (self.hold and index - frozen.first > self.hold):
+            frozen = _Frozen({}, index, index)
+        payload = frozen.payloads.get(event.targets)
+        payloads = frozen.payloads if payload is not None else {**frozen.payloads, event.targets: event.payload}
+        self._frozen[event.topic] = _Frozen(payloads, frozen.first, index)
+        if payload is not None and payload != event.payload:
+            event.replace(payload)
 
 
 @dataclass

@@ -33,6 +33,7 @@ KEY, TOPIC, ROLE, SEGMENT = "riot.key", "riot.topic", "riot.role", "riot.segment
 ENCODING, QOS = "riot.encoding", "riot.qos"
 ORIGINAL_PREFIX = "riot/original/"
 RUN, PROVENANCE, EXTRAS = "riot_bus.run", "riot_bus.provenance", "riot_bus.extras"
+GRAPH = "riot_bus.graph"
 EXTRAS_TYPE = "application/msgpack+zstd"
 LIBRARY = "riot_bus"
 MAX_BLOCK = 1 << 30

@@ -200,6 +200,20 @@ class LogReader:
             else:
                 yield from entries
 
+    def notes(self, name: str) -> Iterator[Mapping[str, str]]:
+        """Yield what was written with `LogWriter.note`, in the order of writing; damaged ones are left out.
+
+        Args:
+            name: Such as `riot_bus.graph`.
+        """
+        for found, span in self._scan.metadata:
+            if found == name:
+                mapping = read_metadata(self._file, span)
+                if mapping is None:
+                    self._details.add(-span.offset)
+                else:
+                    yield mapping
+
     @cached_property
     def _channels(self) -> dict[int, Channel]:
         scan = self._scan

@@ -150,6 +150,18 @@ class LogWriter:
             if self._size >= self._chunk_bytes or self._clock.now() - self._opened_at >= self._chunk_ns:
                 self._end_chunk()
 
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        """Write an MCAP metadata record; `LogReader.notes` gives it back.
+
+        Args:
+            name: Such as `riot_bus.graph`.
+            mapping: Keys and texts.
+        """
+        with self._lock:
+            if not self._file.closed:
+                self._mcap.add_metadata(name, dict(mapping))
+                self._file.flush()
+
     def tick(self) -> None:
         """End a chunk that is old enough; call it now and then when messages are rare."""
         with self._lock:

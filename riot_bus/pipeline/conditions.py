@@ -103,7 +103,8 @@ class When:
         def decide(event: Event) -> bool:
             if self.source is not None and event.segment != self.source:
                 return False
-            if timed and not (self.start <= event.seconds and (self.end is None or event.seconds < self.end)):
+            seconds = max(0.0, event.seconds)  # a clock may be set back
+            if timed and not (self.start <= seconds and (self.end is None or seconds < self.end)):
                 return False
             if numbered and not (self.first <= event.index and (self.last is None or event.index <= self.last)):
                 return False

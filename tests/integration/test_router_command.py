@@ -2,77 +2,31 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.runtime import free_endpoint, wait_until
+from riot_bus.bus.remote import ask
+from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import LogReader
 from tests.integration.bus_puppet import Puppet
+from tests.integration.router_process import RouterProcess, failing, riot
 
 pytestmark = pytest.mark.integration
 
-APP = """
-import sys, typer
-from riot_bus.cli.router import router
-from riot_bus.errors import RiotError
-
-app = typer.Typer()
-app.command()(router)
-try:
-    app(standalone_mode=False)
-except RiotError as error:
-    print(error, file=sys.stderr)
-    sys.exit(error.exit_code)
-"""
 PLAN = """
 [[inject]]
 topic = "cut/x"
 field = "v"
 value = 99
 """
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-
-
-class Router:
-    """A running `riot router`."""
-
-    def __init__(self, arguments: Sequence[str]) -> None:
-        self.endpoints = {"system": free_endpoint(), "unit": free_endpoint()}
-        segments = [f"--segment={name}={endpoint}" for name, endpoint in self.endpoints.items()]
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", APP, *segments, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=ENVIRONMENT,
-        )
-        assert self.process.stdout is not None
-        self.ready = self.process.stdout.readline().strip()
-
-    def end(self, number: int) -> tuple[int, str, str]:
-        self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=20)
-        return self.process.returncode, out, err
+running = RouterProcess
 
 
 @contextlib.contextmanager
-def running(*arguments: str) -> Iterator[Router]:
-    router = Router(arguments)
-    try:
-        yield router
-    finally:
-        router.process.kill()
-        router.process.communicate(timeout=10)
-
-
-@contextlib.contextmanager
-def components(router: Router) -> Iterator[tuple[Puppet, Puppet]]:
+def components(router: RouterProcess) -> Iterator[tuple[Puppet, Puppet]]:
     with Puppet(router.endpoints["system"]) as source, Puppet(router.endpoints["unit"]) as sink:
         sink.do("subscribe", key="**")
 
@@ -82,18 +36,6 @@ def components(router: Router) -> Iterator[tuple[Puppet, Puppet]]:
 
         assert wait_until(crossed, 10)
         yield source, sink
-
-
-def failing(*arguments: str) -> tuple[int, str]:
-    done = subprocess.run(
-        [sys.executable, "-c", APP, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        env=ENVIRONMENT,
-        check=False,
-    )
-    return done.returncode, done.stderr
 
 
 def arrived(sink: Puppet, key: str, count: int) -> list[bytes]:
@@ -124,8 +66,8 @@ def test_router_runs_until_a_signal_and_prints_a_table(number: int, tmp_path: Pa
         table = [line.split() for line in out.splitlines()]
         assert table == [
             ["topic", "received", "changed", "added", "forwarded", "dropped", "lost", "held", "recorded", "unrecorded"],
-                ["cut/x", "1", "1", "0", "1", "0", "0", "0", "0", "0"],
-                ["cut/y", "1", "0", "0", "1", "0", "0", "0", "0", "0"],
+            ["cut/x", "1", "1", "0", "1", "0", "0", "0", "0", "0"],
+            ["cut/y", "1", "0", "0", "1", "0", "0", "0", "0", "0"],
         ]
         assert (code, err) == (0, "")
 
@@ -175,7 +117,7 @@ def test_user_interceptor_that_raises_is_reported_and_traffic_goes_on(tmp_path: 
 
 def test_port_in_use_exits_with_4() -> None:
     with running() as router:
-        code, err = failing(f"--segment=a={router.endpoints['unit']}", "--segment=b=tcp/127.0.0.1:0")
+        code, err = failing([f"--segment=a={router.endpoints['unit']}", "--segment=b=tcp/127.0.0.1:0"])
     assert code == 4
     assert f"{router.endpoints['unit']} is in use" in err
     assert "Traceback" not in err
@@ -191,5 +133,72 @@ def test_wrong_options_exit_with_2(tmp_path: Path) -> None:
         ([*free, f"--interceptor={file}"], "--intercept KEYEXPR"),
         ([*free, "--type=odom"], "TOPIC=TYPE"),
     ):
-        code, err = failing(*arguments)
+        code, err = failing(arguments)
         assert (code, text in err, "Traceback" in err) == (2, True, False), err
+
+
+def test_interceptor_of_a_file_that_raises_is_in_the_status_with_name_line_and_count(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("class Mine:\n    def message(self, event):\n        raise RuntimeError('on purpose')\n")
+    with running(f"--interceptor={file}", "--intercept=cut/**") as router, components(router) as (source, sink):
+        source.do("put_texts", key="cut/x", payloads=["same", "same"], congestion="BLOCK")
+        assert arrived(sink, "cut/x", 2) == [b"same", b"same"]
+        (interceptor,) = ask(router.endpoints["unit"], None, "status")["interceptors"]
+    assert (interceptor["name"], interceptor["errors"], interceptor["place"]) == ("Mine", 2, f"{file}:3")
+    assert interceptor["error"] == "RuntimeError: on purpose"
+
+
+def test_shipped_interceptors_are_named_with_options_and_what_they_select_is_intercepted() -> None:
+    with running("--interceptor", "drop every=2 select=cut/**") as router, components(router) as (source, sink):
+        assert router.ready.endswith("intercepting cut/**")
+        texts = [str(number) for number in range(10)]
+        source.do("put_texts", key="cut/x", payloads=texts, congestion="BLOCK")
+        assert len(arrived(sink, "cut/x", 5)) == 5
+        status = ask(router.endpoints["system"], None, "status")
+    assert status["interceptors"][0]["conditions"] == {"select": "cut/**"}
+    assert (status["counts"]["cut/x"]["dropped"], status["counts"]["cut/x"]["balanced"]) == (5, True)
+
+
+def test_settings_of_riot_toml_are_used_and_replaced_by_options(tmp_path: Path) -> None:
+    (tmp_path / "riot.toml").write_text(
+        """
+[router]
+name = "lab"
+intercept = ["cut/**"]
+
+[router.segments.left]
+listen = ["tcp/127.0.0.1:0"]
+
+[router.segments.right]
+listen = ["tcp/127.0.0.1:0"]
+
+[[router.interceptors]]
+use = "drop"
+every = 1
+select = "gone"
+"""
+    )
+    with running("--name=other", "--format=json", cwd=tmp_path, segments=False) as router:
+        ready = json.loads(router.ready)
+        assert (ready["router"], ready["intercepted"]) == ("other", ["cut/**", "gone"])
+        assert list(ready["endpoints"]) == ["left", "right"]
+        code, out, err = router.end(signal.SIGTERM)
+    ended = json.loads(out)
+    assert (code, err) == (0, "")
+    assert (ended["event"], [each["name"] for each in ended["interceptors"]]) == ("ended", ["drop"])
+
+
+def test_environment_of_a_segment_and_hints_for_what_is_missing(tmp_path: Path) -> None:
+    (tmp_path / "riot.toml").write_text("[router.segments.lab]\nlisten = ['tcp/0.0.0.0:7450']\n")
+    code, out, err = riot("router", "env", "lab", "--host", "robot.local", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert "export RMW_IMPLEMENTATION=rmw_zenoh_cpp" in out
+    assert 'connect/endpoints=["tcp/robot.local:7450"]' in out
+    code, out, err = riot("router", "env", "lab", "--flavour=zenoh", "--cfg=timestamping/enabled=true", cwd=tmp_path)
+    file = tmp_path / "zenoh-lab.json5"
+    assert f"export ZENOH_CONFIG={file}" in out
+    assert json.loads(file.read_text())["timestamping"] == {"enabled": True}
+    assert file.stat().st_mode & 0o077 == 0
+    code, out, err = riot("router", "env", "lap", cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert "did you mean 'lab'?" in err

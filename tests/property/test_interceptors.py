@@ -1,11 +1,15 @@
 """What holds for all shipped interceptors, whatever the traffic."""
 
 import json
-from collections import defaultdict
+import struct
+from collections import Counter, defaultdict
 
+import msgpack
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from riot_bus.interceptors.catalogue import build, describe
 from riot_bus.interceptors.copies import Duplicate, Tee
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
 from riot_bus.interceptors.payloads import ClockOffset, Corrupt, Freeze, SetField, Truncate
@@ -14,7 +18,8 @@ from riot_bus.interceptors.timing import Delay, Jitter, Reorder
 from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.queue import EmissionQueue
-from riot_bus.pipeline.runner import Pipeline
+from riot_bus.pipeline.runner import Counts, Pipeline
+from riot_bus.types.model import wrap_integer
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 TOPICS = ("a", "b/c", "d")
@@ -217,3 +222,295 @@ def test_spelling_raises_nothing_but_config_errors(text):
         return
     assert isinstance(use, str)
     assert all(isinstance(value, bool | int | float | str | list | dict) for value in options.values())
+
+
+# Every shipped interceptor as users build it: by name, with options, conditions, types, and several ways to go.
+
+START = 1_700_000_000_000_000_000
+POINT = "geometry_msgs/msg/PointStamped"
+DECLARED = {"json": "json", "msgpack": "msgpack", "ros": POINT}
+TYPED = (*DECLARED, "unknown/a", "unknown/b")
+INT64 = st.integers(-(1 << 63), (1 << 63) - 1)
+INT32 = st.integers(-(1 << 31), (1 << 31) - 1)
+UINT32 = st.integers(0, (1 << 32) - 1)
+PLAN = """
+[[inject]]
+topic = "**"
+field = "x"
+value = nan
+probability = 0.5
+
+[[inject]]
+topic = "json"
+fault = "duplicate"
+first = 2
+"""
+OPTIONS = {
+    "bandwidth": st.fixed_dictionaries(
+        {"bytes_per_second": st.floats(1, 1e12)}, optional={"queue": st.integers(0, 200)}
+    ),
+    "clock_offset": st.fixed_dictionaries(
+        {"seconds": st.floats(-1e12, 1e12)},
+        optional={
+            "drift": st.floats(-1e6, 1e6),
+            "field": st.sampled_from(["x", "stamp.sec", "name", "[", "len(a)"]),
+            "unit": st.sampled_from(["s", "ms", "us", "ns"]),
+        },
+    ),
+    "corrupt": st.fixed_dictionaries(
+        {"bits": st.integers(1, 50)},
+        optional={"count": st.integers(0, 50), "offset": st.integers(0, 50), "length": st.none() | st.integers(0, 50)},
+    ),
+    "delay": st.fixed_dictionaries({"seconds": seconds}),
+    "drop": st.fixed_dictionaries(
+        {}, optional={"every": st.integers(1, 5), "chance": st.floats(0, 1), "burst": st.integers(1, 4)}
+    ),
+    "duplicate": st.fixed_dictionaries({"copies": st.integers(1, 3)}, optional={"spacing": seconds}),
+    "freeze": st.fixed_dictionaries({"hold": st.integers(0, 4)}),
+    "inject": st.fixed_dictionaries({"seed": st.integers(0, 5)}),
+    "jitter": st.fixed_dictionaries({"seconds": seconds, "spread": seconds}),
+    "record": st.just({}),
+    "reorder": st.fixed_dictionaries({"window": seconds}),
+    "set": st.fixed_dictionaries(
+        {
+            "field": st.sampled_from(["x", "stamp.sec", "header.frame_id", "name", "a[0]", "value", "no.such", "]"]),
+            "value": st.booleans() | st.integers() | st.floats() | st.text(max_size=4),
+        }
+    ),
+    "tee": st.fixed_dictionaries({"key": st.sampled_from(["copy", "{key}", "copy/{topic}/of/{key}"])}),
+    "throttle": st.fixed_dictionaries({"rate": st.floats(0.1, 1e6)}),
+    "truncate": st.fixed_dictionaries({"length": st.integers(0, 50)})
+    | st.fixed_dictionaries({"fraction": st.floats(0, 1)}),
+}
+CONDITIONS = st.fixed_dictionaries(
+    {"seed": st.integers(0, 3)},
+    optional={
+        "select": st.sampled_from(["**", "json", "unknown/*", ["json", "ros where header.stamp.sec > 0"]]),
+        "from": st.sampled_from(["here", "there"]),
+        "to": st.sampled_from(["b", "c"]),
+        "start": st.floats(0, 1),
+        "end": st.floats(1.5, 3),
+        "first": st.integers(0, 5),
+        "last": st.integers(5, 20),
+        "where": st.sampled_from(["x > 0.5", "name > 'a'", "x == nan or stamp.sec < 3"]),
+        "probability": st.floats(0, 1),
+    },
+)
+TARGETS = st.sampled_from([(), ("b",), ("b", "c"), ("b", "c", "d")])
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory):
+    """Build a shipped interceptor by name, with the files that it needs."""
+    folder = tmp_path_factory.mktemp("interceptors")
+    (folder / "plan.toml").write_text(PLAN)
+    files = {"inject": {"plan": str(folder / "plan.toml")}, "record": {"path": str(folder / "out.mcap")}}
+    return lambda name, options: build(name, {**files.get(name, {}), **options})
+
+
+def point(sec, nanosec, frame=b""):
+    padding = bytes(-(12 + len(frame) + 1) % 8)
+    head = struct.pack("<iII", sec, nanosec, len(frame) + 1) + frame + b"\x00"
+    return b"\x00\x01\x00\x00" + head + padding + struct.pack("<3d", 1, 2, 3)
+
+
+def documents():
+    stamps = st.fixed_dictionaries({"sec": INT64, "nanosec": INT64 | st.floats()})
+    return st.fixed_dictionaries(
+        {},
+        optional={
+            "x": st.floats() | INT64 | st.booleans() | st.none(),
+            "name": st.sampled_from(["a", "b"]),
+            "a": st.lists(INT64, max_size=3),
+            "stamp": stamps | st.integers(0, 9),
+        },
+    )
+
+
+def as_json(document):
+    return json.dumps(document).encode()
+
+
+def contents(topic):
+    """Payloads of the topic's type, and hostile ones: cut, spoiled, or anything."""
+    blob = st.fixed_dictionaries({"name": st.binary(max_size=2), "x": st.floats()})
+    packed = (documents() | blob).map(msgpack.packb)
+    printed = documents().map(as_json)
+    points = st.builds(point, INT32, UINT32, st.binary(max_size=5).map(lambda name: name.hex().encode()))
+    good = {"json": printed, "msgpack": packed, "ros": points}.get(topic, printed | packed)
+    place, other = st.integers(0, 60), st.binary(max_size=4)
+    spoiled = st.builds(lambda data, at, part: data[:at] + part + data[at + len(part) :], good, place, other)
+    return good | spoiled | st.builds(lambda data, end: data[:end], good, place) | st.binary(max_size=40)
+
+
+STEPS = st.sampled_from([0, 1, 10**6, 10**8]) | st.integers(0, 5 * 10**8)
+ROW = st.sampled_from(TYPED).flatmap(lambda topic: st.tuples(st.just(topic), STEPS, contents(topic)))
+ROWS = st.lists(ROW, max_size=25)
+
+
+def log_of(rows):
+    """Return messages in the order of the rows; each topic has times of its own, as if the others were not there."""
+    now, log = dict.fromkeys(TYPED, START), []
+    for number, (topic, step, payload) in enumerate(rows):
+        now[topic] += step
+        log.append(Message(now[topic], topic, payload, sequence=number, segment="here"))
+    return log
+
+
+def run_one(interceptor, log, targets=()):
+    pipeline = Pipeline([interceptor], registry=TypeRegistry(REGISTRY, declared=DECLARED), start=START)
+    results = [pipeline.feed(message, targets=targets) for message in log]
+    pipeline.close()
+    return pipeline, results
+
+
+def test_every_shipped_interceptor_is_tried():
+    assert set(OPTIONS) == {each.name for each in describe()}
+
+
+@pytest.mark.parametrize("name", sorted(OPTIONS))
+@settings(deadline=None, max_examples=30)
+@given(data=st.data())
+def test_whatever_comes_passes_and_is_counted(make, name, data):
+    log, targets = log_of(data.draw(ROWS)), data.draw(TARGETS)
+    pipeline, results = run_one(make(name, data.draw(OPTIONS[name]) | data.draw(CONDITIONS)), log, targets)
+    delivered = Counter(emission.message.key for result in results for emission in result.emissions)
+    seen = Counter(message.key for message in log)
+    for topic in {*pipeline.counts, *delivered, *seen}:
+        counts = pipeline.counts.get(topic, Counts())
+        assert counts.delivered == delivered[topic] == counts.seen - counts.dropped + counts.copies + counts.added
+        assert counts.seen == seen[topic]
+    for result in results:
+        own = [emission for emission in result.emissions if emission.original is not None]
+        assert result.dropped == (not own)
+        for emission in own:
+            if not any(change.action in ("set", "replace") for change in emission.changes):
+                assert emission.message is result.original
+            assert emission.message == result.original.with_payload(emission.message.payload)
+        if not result.changes:
+            assert all(emission.due == result.original.time for emission in own)
+            assert sorted(each for emission in own for each in emission.targets or targets) == sorted(targets)
+
+
+@pytest.mark.parametrize("name", sorted(OPTIONS))
+@settings(deadline=None, max_examples=30)
+@given(data=st.data())
+def test_seed_and_content_decide_and_not_the_order_of_topics(make, name, data):
+    rows, targets = data.draw(ROWS), data.draw(TARGETS)
+    options = data.draw(OPTIONS[name]) | data.draw(CONDITIONS)
+
+    def fates(rows):
+        pipeline, results = run_one(make(name, options), log_of(rows), targets)
+        told = {}
+        for result in results:
+            what = [(each.due, each.message.key, each.message.payload, each.targets) for each in result.emissions]
+            told.setdefault(result.original.key, []).append((what, repr(result.changes)))
+        return told, [error.count for error in pipeline.errors.values()]
+
+    assert fates(rows) == fates(rows)
+    order = data.draw(st.permutations([topic for topic, _, _ in rows]))
+    left = {topic: iter([row for row in rows if row[0] == topic]) for topic in TYPED}
+    assert fates([next(left[topic]) for topic in order]) == fates(rows)
+    for topic, fate in fates(rows)[0].items():
+        assert fates([row for row in rows if row[0] == topic])[0] == {topic: fate}
+
+
+@settings(deadline=None)
+@given(st.lists(ROW, min_size=1, max_size=25), st.integers(0, 1000))
+def test_another_seed_draws_other_numbers(rows, seed):
+    def draws(seed):
+        found = []
+        spy = type("Spy", (), {"message": lambda self, event: found.append(event.draw())})
+        run_one(Selective(spy(), When(seed=seed)), log_of(rows))
+        return found
+
+    assert draws(seed) == draws(seed)
+    assert not set(draws(seed)) & set(draws(seed + 1))
+
+
+@pytest.mark.parametrize("name", ["freeze", "throttle", "drop", "jitter", "corrupt", "truncate"])
+@settings(deadline=None, max_examples=30)
+@given(data=st.data())
+def test_a_message_on_two_ways_is_one_message(make, name, data):
+    """What was split for another interceptor's sake meets the same fate on each way."""
+    log = log_of(data.draw(ROWS))
+    interceptors = [build("delay", {"seconds": 0, "to": "b"}), make(name, data.draw(OPTIONS[name]))]
+    _, whole = run_one(fresh(interceptors[1]), log)
+    pipeline = Pipeline(interceptors, registry=TypeRegistry(REGISTRY, declared=DECLARED), start=START)
+    for message, alone in zip(log, whole, strict=True):
+        expected = [(each.due, each.message.payload) for each in alone.emissions]
+        found = pipeline.feed(message, targets=("b", "c")).emissions
+        for target in ("b", "c"):
+            assert [(each.due, each.message.payload) for each in found if each.targets == (target,)] == expected
+
+
+@settings(deadline=None)
+@given(st.lists(st.binary(max_size=60), max_size=8), OPTIONS["truncate"])
+def test_truncate_leaves_the_beginning(payloads, options):
+    _, results = run_one(build("truncate", options), log_of([("unknown/a", 1, payload) for payload in payloads]))
+    for result in results:
+        before, after = result.original.payload, result.emissions[0].message.payload
+        assert before.startswith(after)
+        if "length" in options:
+            assert len(after) == min(len(before), options["length"])
+        else:
+            assert len(after) == int(options["fraction"] * len(before))
+        assert (result.emissions[0].message is result.original) == (len(before) == len(after))
+
+
+@settings(deadline=None)
+@given(ROWS, st.integers(0, 4), st.integers(0, 5), st.integers(5, 30))
+def test_freeze_repeats_the_first_of_each_block(rows, hold, first, last):
+    pipeline, results = run_one(build("freeze", {"hold": hold, "first": first, "last": last}), log_of(rows))
+    for topic in TYPED:
+        mine = [result for result in results if result.original.key == topic]
+        for index, result in enumerate(mine):
+            model = index
+            if first <= index <= last:
+                model = index - (index - first) % (hold + 1) if hold else first
+            assert result.emissions[0].message.payload == mine[model].original.payload
+    assert not pipeline.errors
+
+
+@settings(deadline=None)
+@given(
+    st.fixed_dictionaries(
+        {"seconds": st.floats(-1e10, 1e10) | st.sampled_from([0.0, -1e-9, 1e-9, -0.5])},
+        optional={"drift": st.floats(-10, 10)},
+    ),
+    INT32,
+    UINT32,
+    st.integers(0, 2),
+    STEPS,
+)
+def test_stamps_carry_and_wrap_as_their_type_does(options, sec, nanosec, earlier, step):
+    document = {"header": {"stamp": {"sec": sec, "nanosec": nanosec}}, "x": 1}
+    cases = {
+        "json": (as_json(document), lambda data: json.loads(data)["header"]["stamp"].values(), 64),
+        "msgpack": (msgpack.packb(document), lambda data: msgpack.unpackb(data)["header"]["stamp"].values(), 64),
+        "ros": (point(sec, nanosec, b"map"), lambda data: struct.unpack("<iI", data[4:12]), 32),
+    }
+    for topic, (payload, stamp, bits) in cases.items():
+        log = log_of([(topic, step, payload)] * (earlier + 1))
+        pipeline, results = run_one(build("clock_offset", options), log)
+        offset = options["seconds"] + options.get("drift", 0.0) * ((log[-1].time - START) / 1e9)
+        carried, rest = divmod(sec * SECOND + nanosec + round(offset * SECOND), SECOND)
+        sec_after, nanosec_after = stamp(results[-1].emissions[0].message.payload)
+        assert 0 <= nanosec_after < SECOND
+        assert (sec_after, nanosec_after) == (wrap_integer(carried, bits=bits, signed=True), rest)
+        assert not pipeline.errors
+
+
+@settings(deadline=None)
+@given(st.floats(-1e15, 1e15), INT64, st.floats(allow_nan=False), st.sampled_from(["s", "ms", "us", "ns"]))
+def test_a_field_of_time_wraps_as_its_type_does(shift, whole, real, unit):
+    scale = {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]
+    for value in (whole, real):
+        log = log_of([("json", 1, as_json({"t": value}))])
+        pipeline, (result,) = run_one(build("clock_offset", {"seconds": shift, "field": "t", "unit": unit}), log)
+        after = json.loads(result.emissions[0].message.payload)["t"]
+        if isinstance(value, int):
+            assert after == wrap_integer(value + round(shift * scale), bits=64, signed=True)
+        else:
+            assert after == value + shift * scale
+        assert not pipeline.errors

@@ -11,12 +11,25 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.model import Change, Component, Edge, Graph
 
-__all__ = ["VERSION", "changes_json", "dot", "graph_json", "mermaid", "text"]
+__all__ = ["VERSION", "changes_json", "dot", "graph_json", "mermaid", "render", "text"]
 
 VERSION = 1
 """Version of the JSON format."""
 
 _OUTWARDS = ("publishes", "calls")
+
+
+def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
+    """Return the graph as `text`, `json`, `mermaid` or `dot`.
+
+    Args:
+        graph: The graph.
+        form: Which.
+        indent: For JSON: spaces per level; None for one line.
+    """
+    if form == "json":
+        return graph_json(graph, indent=indent)
+    return {"text": text, "mermaid": mermaid, "dot": dot}[form](graph)
 
 
 def graph_json(graph: Graph, *, indent: int | None = None) -> str:

@@ -17,14 +17,21 @@ def test_routers_open_fast_stay_alone_and_time_out_as_told() -> None:
 
 
 def test_cut_denies_caches_too_and_applies_to_everybody() -> None:
-    assert access_control([]) == {}
     rules = access_control(["a/*", "b/**"])["access_control"]
-    assert [rule["key_exprs"] for rule in rules["rules"]] == [["a/*", "b/**"], ["a/*/@adv/**", "b/**/@adv/**"]]
+    assert [rule["key_exprs"] for rule in rules["rules"][1:]] == [["a/*", "b/**"], ["a/*/@adv/**", "b/**/@adv/**"]]
     assert all(rule["permission"] == "deny" and rule["flows"] == ["ingress", "egress"] for rule in rules["rules"])
-    assert {"query", "reply"} <= set(rules["rules"][1]["messages"])
-    assert not {"query", "reply"} & set(rules["rules"][0]["messages"])
+    assert {"query", "reply"} <= set(rules["rules"][2]["messages"])
+    assert not {"query", "reply"} & set(rules["rules"][1]["messages"])
     assert rules["subjects"] == [{"id": "everybody"}]
-    assert rules["policies"] == [{"rules": ["cut", "cut-caches"], "subjects": ["everybody"]}]
+    assert rules["policies"] == [{"rules": ["control", "cut", "cut-caches"], "subjects": ["everybody"]}]
+
+
+def test_questions_to_the_router_never_cross_whatever_is_cut() -> None:
+    for cut in ([], ["a"]):
+        rule = access_control(cut)["access_control"]["rules"][0]
+        assert (rule["key_exprs"], rule["permission"]) == (["@riot/**"], "deny")
+        assert "query" in rule["messages"]
+        assert "put" not in rule["messages"]  # the junction's own probes
 
 
 def test_key_expressions_are_canonical_and_unique() -> None:

@@ -2,7 +2,11 @@ import pytest
 
 from riot_bus.errors import ConfigError
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
+from riot_bus.interceptors.timing import Delay
+from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.registry import TypeRegistry
 
 
 def runs(flags):
@@ -95,3 +99,10 @@ def test_bandwidth_goes_on_when_the_clock_is_set_back(bench):
     run = bench(Bandwidth(100, queue=100))
     run.feed_all([3600.0, 0.0, 2.0], payload=bytes(50))
     assert run.times() == [3600.5, 1.0, 2.5]
+
+
+def test_throttle_counts_a_message_on_several_ways_once():
+    pipeline = Pipeline([Selective(Delay(0.0), When(target="b")), Throttle(10)], registry=TypeRegistry())
+    for n in range(10):  # two at a time, of which one is too many
+        result = pipeline.feed(Message(n // 2 * 10**8, "a", b""), targets=("b", "c"))
+        assert sorted(each.targets for each in result.emissions) == ([("b",), ("c",)] if n % 2 == 0 else [])

@@ -47,6 +47,18 @@ def test_a_delete_stays_one_and_ends_the_freeze(bench):
     assert run.payloads() == [b'{"n": 0}', b"", b'{"n": 2}']
 
 
+def test_each_way_repeats_what_went_there():
+    """An interceptor before it has changed what goes to one segment."""
+    before = Selective(SetField("n", -1), When(target="b", last=0))
+    pipeline = Pipeline([before, Freeze()], registry=TypeRegistry())
+    for n in range(3):
+        result = pipeline.feed(Message(n, "a", b'{"n": %d}' % n), targets=("b", "c"))
+        assert {each.targets: each.message.payload for each in result.emissions} == {
+            ("b",): b'{"n": -1}',
+            ("c",): b'{"n": 0}',
+        }
+
+
 def test_freeze_forgets_rather_than_take_the_memory(bench, monkeypatch):
     monkeypatch.setattr("riot_bus.interceptors.payloads._FROZEN_BYTES", 10_000)
     run = bench(Freeze())

@@ -1,0 +1,188 @@
+"""The other end of control: asks a running router, and turns its refusals into errors."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.client import open_client
+from riot_bus.bus.config import OWN_CHUNK
+from riot_bus.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    import zenoh
+
+    from riot_bus.bus.graph.model import Graph
+
+__all__ = ["Remote", "ask", "find_routers", "graphs", "plan_payload"]
+
+_TIMEOUT_S = 30.0
+_FIND_S = 3.0
+_ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
+_VERSION = 1
+
+
+class Remote:
+    """A connection to a router, for several questions; a context manager.
+
+    Args:
+        endpoint: Where one of its segments listens.
+        name: The router's name; None if it is the only one.
+        config: Further Zenoh configuration, such as certificates.
+
+    Raises:
+        EnvironmentFaultError: Nobody answers at the endpoint.
+    """
+
+    def __init__(self, endpoint: str, name: str | None = None, *, config: Mapping[str, Any] | None = None) -> None:
+        self._endpoint = endpoint
+        self._name = name
+        self._client = open_client(endpoint, config=config)
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._client.close()
+
+    def find(self) -> list[str]:
+        """Return the names of all routers that answer here."""
+        names = set()
+        for reply in self._get(f"{OWN_CHUNK}/*/status", timeout=_FIND_S):
+            if reply.ok is not None:
+                names.add(str(reply.ok.key_expr).split("/")[1])
+        return sorted(names)
+
+    def ask(
+        self, command: str, payload: bytes | None = None, *, parameters: str = "", timeout: float = _TIMEOUT_S
+    ) -> dict[str, Any]:
+        """Return what the router answers.
+
+        Args:
+            command: Such as `status` or `plan/load`.
+            payload: What the command wants besides.
+            parameters: `name=value` pairs, joined by `;`.
+            timeout: Seconds.
+
+        Raises:
+            EnvironmentFaultError: No router answers.
+            ConfigError: Several do, or the command is wrong.
+            RiotError: What else the router says.
+        """
+        name = self._name if self._name is not None else self._only()
+        selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
+        for reply in self._get(selector, payload=payload, timeout=timeout):
+            if reply.ok is not None:
+                return _result(reply.ok.payload.to_bytes())
+            if reply.err is not None:
+                raise _error(reply.err.payload.to_bytes())
+        found = self.find()
+        if name in found:
+            raise EnvironmentFaultError(f"router {name!r} did not answer in {timeout:g} s", where=command)
+        raise self._nobody(name, found)
+
+    def _only(self) -> str:
+        found = self.find()
+        if not found:
+            raise self._nobody(None, found)
+        if len(found) > 1:
+            hint = "choose one: --router NAME"
+            raise ConfigError(f"several routers answer: {', '.join(found)}", where=self._endpoint, hint=hint)
+        return found[0]
+
+    def _nobody(self, name: str | None, found: list[str]) -> EnvironmentFaultError:
+        who = f"no router {name!r}" if name is not None else "no riot router"
+        hint = f"there are {', '.join(found)}" if found else "is it riot's, and may this segment control it (control)?"
+        return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
+
+    def _get(self, selector: str, *, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
+        import zenoh
+
+        try:
+            return list(
+                self._client.session.get(selector, payload=payload, timeout=timeout, target=zenoh.QueryTarget.ALL)
+            )
+        except zenoh.ZError as error:
+            raise ConfigError(f"{selector!r} cannot be asked: {error}", where=self._endpoint) from error
+
+
+def find_routers(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the names of all routers that answer at an endpoint; arguments as for `Remote`."""
+    with Remote(endpoint, config=config) as remote:
+        return remote.find()
+
+
+def ask(
+    endpoint: str,
+    name: str | None,
+    command: str,
+    payload: bytes | None = None,
+    *,
+    parameters: str = "",
+    config: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Ask one question; arguments and errors as for `Remote` and `Remote.ask`."""
+    with Remote(endpoint, name, config=config) as remote:
+        return remote.ask(command, payload, parameters=parameters)
+
+
+def plan_payload(file: Path) -> tuple[bytes, str]:
+    """Return payload and parameters of `plan/load`; raises ConfigError if the file cannot be read."""
+    try:
+        return file.read_bytes(), f"name={re.sub(r'[^A-Za-z0-9._-]', '_', file.name)}"
+    except OSError as error:
+        raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(file)) from error
+
+
+def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Iterator[Graph]:
+    """Yield the present graph; then, if asked to watch, each one that is different.
+
+    Args:
+        remote: The router.
+        watch: Go on for ever.
+        period: Seconds between two questions.
+    """
+    from riot_bus.bus.graph.history import graph_from
+
+    former = None
+    while True:
+        graph = graph_from(remote.ask("graph"))
+        if graph != former:
+            yield graph
+            former = graph
+        if not watch:
+            return
+        time.sleep(period)
+
+
+def _result(data: bytes) -> dict[str, Any]:
+    document = _document(data)
+    result = document.get("result")
+    if document.get("version") != _VERSION or not isinstance(result, dict):
+        text = f"the router answers in version {document.get('version')!r} of the format, not {_VERSION}"
+        raise EnvironmentFaultError(text, hint="use the same version of riot_bus on both sides")
+    return result
+
+
+def _error(data: bytes) -> RiotError:
+    document = _document(data)
+    kind = _ERRORS.get(document.get("exit_code", 2), EnvironmentFaultError)
+    message = str(document.get("message") or data[:200])
+    return kind(message, where=_text(document.get("where")), hint=_text(document.get("hint")))
+
+
+def _document(data: bytes) -> dict[str, Any]:
+    try:
+        document = json.loads(data)
+    except ValueError:
+        document = None
+    return document if isinstance(document, dict) else {"message": data[:200].decode(errors="replace")}
+
+
+def _text(value: Any) -> str | None:
+    return str(value) if value else None

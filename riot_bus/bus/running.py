@@ -1,0 +1,121 @@
+"""`riot router`: a service that runs until it is told to stop, then says what happened."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from riot_bus.bus.assemble import interceptors_of, plan_of, registry_of, settings_of
+from riot_bus.bus.service import RouterService
+from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
+from riot_bus.errors import DataLossError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+
+    from riot_bus.bus.assemble import RouterOptions
+    from riot_bus.bus.bypass import Bypass
+    from riot_bus.bus.tally import Losses
+
+__all__ = ["run_router"]
+
+
+def run_router(
+    options: RouterOptions, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool = False
+) -> None:
+    """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
+
+    Args:
+        options: What to do.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        as_json: Say it as lines of JSON.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: An endpoint is in use.
+        DataLossError: It ran, but messages were lost.
+    """
+    settings = settings_of(options.system, options.flags)
+    service = RouterService(
+        settings,
+        interceptors=interceptors_of(settings, options),
+        plan=plan_of(options),
+        registry=registry_of(options),
+        seed=options.seed,
+        alarm=_alarm(warn) if options.bypass_watch else None,
+    )
+    for line in service.warnings:
+        warn(f"warning: {line}")
+    with _signals(service):
+        with service:
+            say(_ready(service, as_json=as_json))
+            service.watch()
+            service.stopping.wait()
+        _end(service, say, warn, as_json=as_json)
+
+
+def _ready(service: RouterService, *, as_json: bool) -> str:
+    endpoints, name = service.endpoints, service.settings.name
+    if as_json:
+        return json.dumps(
+            {"event": "ready", "router": name, "endpoints": endpoints, "intercepted": service.topics}, sort_keys=True
+        )
+    where = ", ".join(f"segment {segment} {' '.join(found)}" for segment, found in endpoints.items())
+    return f"ready: {where}; intercepting {', '.join(service.topics) or 'nothing'}"
+
+
+def _end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
+    counts, losses = service.counts(), service.losses
+    if as_json:
+        rows = {"counts": count_rows(counts), "losses": loss_rows(losses)}
+        end = {"event": "ended", **rows, "interceptors": interceptor_rows(service.pipeline)}
+        say(json.dumps(end, sort_keys=True))
+    else:
+        for line in count_table(counts):
+            say(line)
+    for name, errors in service.pipeline.errors.items():
+        warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
+    if losses:
+        raise DataLossError("; ".join(_lost(losses)), hint="see the column 'lost', by topic")
+
+
+def _lost(losses: Losses) -> list[str]:
+    lost = sum(losses.messages.values()) + sum(losses.recordings.values())
+    reasons = ", ".join(f"{reason}: {number}" for reason, number in losses.reasons.items())
+    why = f" ({reasons})" if reasons else ""
+    return [*([f"{lost} messages were lost{why}"] if lost else []), *map(str, losses.links)]
+
+
+def _alarm(warn: Callable[[str], None]) -> Callable[[list[Bypass]], None]:
+    def alarm(bypasses: list[Bypass]) -> None:
+        if not bypasses:
+            warn("bypass: the ways around the router are closed")
+        for each in bypasses:
+            who = " and ".join(f"{one.label} ({one.segment or 'no segment'})" for one in each.components)
+            what = "is used" if each.active else "is open"
+            warn(f"bypass: a way around the router {what}: {who}: {each.evidence}\n  hint: {each.cure}")
+
+    return alarm
+
+
+@contextmanager
+def _signals(service: RouterService) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end the router; does nothing outside of the main thread."""
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        service.shutdown()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, action in former.items():
+            signal.signal(number, action)

@@ -1,0 +1,144 @@
+"""`riot ctl`: look at a running router and change what it does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    Lines = Callable[[Mapping[str, Any]], list[str]]
+
+__all__ = ["Cfg", "Endpoint", "RouterName", "register"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+Endpoint = Annotated[
+    str,
+    typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_ENDPOINT", help="Where the router listens."),
+]
+RouterName = Annotated[
+    str | None,
+    typer.Option("--router", metavar="NAME", envvar="RIOT_ROUTER", help="The router's name, if several answer."),
+]
+Cfg = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of this client, such as a certificate; repeatable."),
+]
+Keys = Annotated[list[str], typer.Argument(metavar="KEYEXPR...", help="Key expressions, or ROS names such as /odom.")]
+LogPath = Annotated[
+    str | None, typer.Argument(metavar="PATH", help="On the router's machine, in its folder of recordings.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    ctl = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Look at a running router and change it.")
+    ctl.callback()(connection)
+    ctl.command()(status)
+    ctl.command()(counts)
+    groups: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+        "intercept": ("What is intercepted.", {"add": intercept_add, "remove": intercept_remove}),
+        "plan": ("The injection plan.", {"load": plan_load, "clear": plan_clear}),
+        "record": ("The recording.", {"start": record_start, "stop": record_stop, "split": record_split}),
+    }
+    for name, (text, commands) in groups.items():
+        group = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
+        for command, function in commands.items():
+            group.command(command)(function)
+        ctl.add_typer(group, name=name)
+    app.add_typer(ctl, name="ctl")
+
+
+def connection(
+    context: typer.Context, *, endpoint: Endpoint = DEFAULT_ENDPOINT, router: RouterName = None, cfg: Cfg = None
+) -> None:
+    """Look at a running router and change it. Exit code 4: no router answers."""
+    context.obj = (endpoint, router, cfg or ())
+
+
+def status(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
+    """Segments and components, interceptors and their errors, plan, recording, counts, losses, ways around."""
+    from riot_bus.bus.status_text import status_lines
+
+    _ask(context, form, "status", status_lines)
+
+
+def counts(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
+    """What happened to each topic so far."""
+    from riot_bus.bus.status_text import counts_lines
+
+    _ask(context, form, "counts", counts_lines)
+
+
+def intercept_add(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
+    """Intercept more; natively routed messages are interrupted for about 100 ms."""
+    _ask(context, form, "intercept/add", payload=_json(keys=keys))
+
+
+def intercept_remove(context: typer.Context, keys: Keys, *, form: Format = OutputFormat.TEXT) -> None:
+    """Intercept less."""
+    _ask(context, form, "intercept/remove", payload=_json(keys=keys))
+
+
+def plan_load(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(help="The plan; it is read here and sent to the router.")],
+    *,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Carry out another injection plan."""
+    from riot_bus.bus.remote import plan_payload
+
+    payload, parameters = plan_payload(file)
+    _ask(context, form, "plan/load", payload=payload, parameters=parameters)
+
+
+def plan_clear(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
+    """Carry out no injection plan."""
+    _ask(context, form, "plan/clear")
+
+
+def record_start(context: typer.Context, path: LogPath = None, *, form: Format = OutputFormat.TEXT) -> None:
+    """Record all that passes; into a new file only."""
+    _ask(context, form, "record/start", payload=_json(path=path))
+
+
+def record_stop(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
+    """End the recording."""
+    _ask(context, form, "record/stop")
+
+
+def record_split(context: typer.Context, path: LogPath = None, *, form: Format = OutputFormat.TEXT) -> None:
+    """Go on recording in another file; nothing is lost in between."""
+    _ask(context, form, "record/split", payload=_json(path=path))
+
+
+def _json(**arguments: Any) -> bytes:
+    return json.dumps({name: value for name, value in arguments.items() if value is not None}).encode()
+
+
+def _ask(
+    context: typer.Context,
+    form: OutputFormat,
+    command: str,
+    lines: Lines | None = None,
+    *,
+    payload: bytes | None = None,
+    parameters: str = "",
+) -> None:
+    from riot_bus.bus.component import client_cfg
+    from riot_bus.bus.remote import ask
+    from riot_bus.bus.status_text import answer_lines
+
+    endpoint, router, cfg = context.obj
+    answer = ask(endpoint, router, command, payload, parameters=parameters, config=client_cfg(cfg))
+    typer.echo(
+        json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join((lines or answer_lines)(answer))
+    )

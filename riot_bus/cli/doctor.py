@@ -1,0 +1,78 @@
+"""`riot doctor` and `riot interceptors`."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+__all__ = ["register"]
+
+ENVIRONMENT = 4
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    for command in (doctor, interceptors):
+        app.command()(command)
+
+
+def doctor(
+    *,
+    listen: Annotated[
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="Where a router is going to listen; repeatable.")
+    ] = None,
+    segments: Annotated[int, typer.Option(min=1, help="How many segments it is going to have.")] = 2,
+    scouting: Annotated[
+        bool, typer.Option("--scouting/--no-scouting", help="Ask on this host who answers multicast scouting.")
+    ] = True,
+    transparency: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="ENDPOINT_A ENDPOINT_B",
+            help="Compare a running router, between these two of its segments, with a plain one; takes some minutes.",
+        ),
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """What about this host would spoil a run? Exit code 4: something would."""
+    from dataclasses import asdict
+
+    from riot_bus.bus.doctor import check
+    from riot_bus.bus.scouting import THIS_HOST
+
+    text = form is OutputFormat.TEXT
+    checks = check(endpoints=listen or (), segments=segments, scouting=THIS_HOST if scouting else None)
+    for each in checks if text else ():
+        typer.echo(f"{each.status:8} {each.name}: {each.text}" + (f"\n         cure: {each.cure}" if each.cure else ""))
+    compared = []
+    if transparency is not None:
+        from riot_bus.bus.transparency.verdict import verdicts
+
+        for verdict in verdicts(transparency):
+            compared.append(verdict)
+            if text:
+                typer.echo(str(verdict))
+    if not text:
+        document = {"checks": [asdict(each) for each in checks], "transparency": [asdict(each) for each in compared]}
+        typer.echo(json.dumps(document, indent=1))
+    if any(each.status == "problem" for each in checks) or any(each.differences for each in compared):
+        raise typer.Exit(ENVIRONMENT)
+
+
+def interceptors(*, form: Format = OutputFormat.TEXT) -> None:
+    """List the interceptors that `riot router --interceptor` knows by name, and their options."""
+    from riot_bus.bus.assemble import interceptor_list
+
+    found = interceptor_list()
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found, indent=1))
+        return
+    for each in found:
+        typer.echo(f"{each['name']}: {each['summary']}")
+        for option in each["options"]:
+            default = "" if option["required"] else f" (default {option['default']})"
+            typer.echo(f"    {option['name']}: {option['doc'] or option['type']}{default}")

@@ -1,0 +1,71 @@
+"""A running `riot router` in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+from riot_bus.bus.runtime import free_endpoint
+
+RIOT = [sys.executable, "-m", "riot_bus"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+
+
+class RouterProcess:
+    """The test's end.
+
+    Args:
+        arguments: Options.
+        endpoints: Where segments listen, by name; by default two on free ports.
+        cwd: Working folder.
+    """
+
+    def __init__(
+        self,
+        *arguments: str,
+        endpoints: dict[str, str] | None = None,
+        cwd: Path | str | None = None,
+        segments: bool = True,
+    ) -> None:
+        self.endpoints = endpoints or {"system": free_endpoint(), "unit": free_endpoint()}
+        named = [f"--segment={name}={endpoint}" for name, endpoint in self.endpoints.items()] if segments else []
+        self.process = subprocess.Popen(
+            [*RIOT, "router", *named, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=ENVIRONMENT,
+            cwd=cwd,
+        )
+        assert self.process.stdout is not None
+        self.ready = self.process.stdout.readline().strip()
+
+    def end(self, number: int) -> tuple[int, str, str]:
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=20)
+        return self.process.returncode, out, err
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.process.kill()
+        self.process.communicate(timeout=10)
+
+
+def riot(*arguments: str, cwd: Path | str | None = None) -> tuple[int, str, str]:
+    """Run a command to its end; return exit code, stdout and stderr."""
+    done = subprocess.run(
+        [*RIOT, *arguments], capture_output=True, text=True, timeout=60, env=ENVIRONMENT, cwd=cwd, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def failing(arguments: Sequence[str]) -> tuple[int, str]:
+    """Run `riot router` with options that it refuses; return exit code and stderr."""
+    code, _, err = riot("router", *arguments)
+    return code, err

@@ -1,0 +1,294 @@
+"""A running `riot router` is looked at and changed while clients talk."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+import zenoh
+
+from riot_bus.bus.client import Client, open_client
+from riot_bus.bus.graph.history import replay
+from riot_bus.bus.remote import Remote, ask, find_routers
+from riot_bus.bus.runtime import free_endpoint, wait_until
+from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.log.reader import LogReader
+from riot_bus.message import Message, Qos
+from tests.integration.router_process import RouterProcess, riot
+
+pytestmark = pytest.mark.integration
+
+PERIOD_S = 0.001
+GENEROUS_S = 2.0
+PLAN = '[[inject]]\ntopic = "free/plan"\nfield = "v"\nvalue = 99\n'
+BLOCK = Qos(congestion="block")
+
+
+class Stream:
+    """Numbered messages on several keys, and what arrives of them."""
+
+    def __init__(self, router: RouterProcess, *keys: str) -> None:
+        self.keys = keys
+        self.sent = 0
+        self.got: defaultdict[str, list[int]] = defaultdict(list)
+        self.gaps: defaultdict[str, float] = defaultdict(float)
+        self._last: dict[str, float] = {}
+        self._source = open_client(router.endpoints["system"])
+        self._sink = open_client(router.endpoints["unit"])
+        self._sink.subscribe("*/*", self._take)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        def routed() -> bool:
+            for key in self.keys:
+                self._put(key, -1)
+            return all(self.got[key] for key in self.keys)
+
+        assert wait_until(routed, 10, interval=0.01)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.finish()
+        self._source.close()
+        self._sink.close()
+
+    def finish(self) -> None:
+        """Send no more."""
+        self._stop.set()
+        self._thread.join()
+
+    def numbers(self, key: str) -> list[int]:
+        return [number for number in self.got[key] if number >= 0]
+
+    def arrived(self, number: int) -> bool:
+        return all(self.got[key] and self.got[key][-1] >= number for key in self.keys)
+
+    def wait(self, more: int) -> None:
+        """Wait until so many more messages have arrived on each key."""
+        goal = self.sent + more
+        assert wait_until(lambda: self.arrived(goal), 20), {key: self.got[key][-1:] for key in self.keys}
+
+    def _put(self, key: str, number: int) -> None:
+        self._source.put(Message(0, key, str(number).encode(), qos=BLOCK))
+
+    def _run(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            for key in self.keys:
+                self._put(key, self.sent)
+            self.sent += 1
+
+    def _take(self, message: Message) -> None:
+        number, now = int(message.payload), time.monotonic()
+        self.got[message.key].append(number)
+        self.gaps[message.key] = max(self.gaps[message.key], now - self._last.get(message.key, now))
+        self._last[message.key] = now
+
+
+@pytest.fixture
+def router(tmp_path: Path) -> Iterator[RouterProcess]:
+    with RouterProcess("--name=lab", "--intercept=cut/**", cwd=tmp_path) as running:
+        assert running.ready.startswith("ready:"), running.end(2)
+        yield running
+
+
+def keys(*texts: str) -> bytes:
+    return json.dumps({"keys": texts}).encode()
+
+
+def test_intercepted_keys_change_while_messages_pass(router: RouterProcess, capsys: pytest.CaptureFixture[str]) -> None:
+    with Stream(router, "cut/x", "turn/x", "free/x") as stream, Remote(router.endpoints["unit"]) as remote:
+        stream.wait(100)
+        assert remote.ask("intercept/add", keys("turn/**"))["intercepted"] == ["cut/**", "turn/**"]
+        stream.wait(300)
+        assert remote.ask("counts")["counts"]["turn/x"]["forwarded"] > 0
+        assert remote.ask("intercept/remove", keys("turn/**"))["intercepted"] == ["cut/**"]
+        stream.wait(300)
+        stream.finish()
+        assert wait_until(lambda: stream.arrived(stream.sent - 1), 10)
+        losses = remote.ask("status")["losses"]
+    assert stream.numbers("cut/x") == list(range(stream.sent))  # all, in order, once
+    for key in stream.keys:
+        assert stream.numbers(key) == sorted(set(stream.numbers(key))), f"{key}: repeated or out of order"
+        assert stream.gaps[key] < GENEROUS_S
+    missing = {key: stream.sent - len(stream.numbers(key)) for key in stream.keys}
+    figures = ", ".join(f"{key}: gap {stream.gaps[key] * 1e3:.0f} ms, {missing[key]} missing" for key in stream.keys)
+    with capsys.disabled():
+        print(f"\nintercept add and remove: {figures}, of {stream.sent} each")
+    assert losses["messages"] == 0
+
+
+def test_recordings_begin_split_and_end_without_a_loss(router: RouterProcess, tmp_path: Path) -> None:
+    with Stream(router, "cut/x", "free/x") as stream, Remote(router.endpoints["unit"]) as remote:
+        stream.wait(20)
+        assert remote.ask("record/start", b'{"path": "a.mcap"}')["file"] == str(tmp_path / "a.mcap")
+        first = stream.sent + 1  # what was being sent at this moment may be in or out
+        files = ["a.mcap"]
+        for _ in range(3):
+            stream.wait(150)
+            files.append(Path(remote.ask("record/split")["file"]).name)
+        stream.wait(50)
+        stream.finish()
+
+        def recorded() -> bool:
+            counts = remote.ask("counts")["counts"]
+            return all(counts[key]["recorded"] >= stream.sent - first for key in stream.keys)
+
+        assert wait_until(lambda: stream.arrived(stream.sent - 1) and recorded(), 10, interval=0.05)
+        assert remote.ask("record/stop")["lost"] == 0
+    found: defaultdict[str, list[int]] = defaultdict(list)
+    for name in files:
+        with LogReader(tmp_path / name) as reader:
+            assert not reader.loss
+            for message in reader.messages():
+                found[message.key].append(int(message.payload))
+            assert next(graph for _, graph in replay(reader.notes("riot_bus.graph"))).components
+    for key in stream.keys:
+        numbers = [number for number in found[key] if number >= first]
+        assert numbers == list(range(first, stream.sent)), key
+
+
+def test_plans_are_loaded_and_cleared(router: RouterProcess) -> None:
+    with (
+        open_client(router.endpoints["system"]) as source,
+        open_client(router.endpoints["unit"]) as sink,
+        Remote(router.endpoints["system"], "lab") as remote,
+    ):
+        got: list[bytes] = []
+        sink.subscribe("free/plan", lambda message: got.append(message.payload))
+
+        def arrives(payload: bytes) -> Callable[[], bool]:
+            def ask() -> bool:
+                source.put(Message(0, "free/plan", b'{"v": 1}', qos=BLOCK))
+                return payload in got[-1:]
+
+            return ask
+
+        assert wait_until(arrives(b'{"v": 1}'), 10, interval=0.01)
+        answer = remote.ask("plan/load", PLAN.encode(), parameters="name=p.toml")
+        assert (answer["plan"]["name"], answer["intercepted"]) == ("p.toml", ["cut/**", "free/plan"])
+        assert wait_until(arrives(b'{"v": 99}'), 10, interval=0.01)
+        assert remote.ask("status")["plan"]["hits"] > 0
+        assert remote.ask("plan/clear")["intercepted"] == ["cut/**"]
+        assert wait_until(arrives(b'{"v": 1}'), 10, interval=0.01)
+
+
+def raw(client: Client, key: str, **more: Any) -> list[zenoh.Reply]:
+    return list(client.session.get(key, timeout=10, target=zenoh.QueryTarget.ALL, **more))
+
+
+def test_hostile_input_is_answered_and_does_nothing(router: RouterProcess) -> None:
+    with open_client(router.endpoints["unit"]) as client:
+        replies = raw(client, "@riot/**")  # means what only reads, whatever else is there
+        assert sorted(str(reply.ok.key_expr) for reply in replies if reply.ok) == [
+            f"@riot/lab/{name}" for name in ("counts", "graph", "status")
+        ]
+        for key, payload in (
+            ("@riot/lab/plan/load", b"\xff" * 100),
+            ("@riot/lab/plan/load", b"x" * (1 << 21)),
+            ("@riot/lab/plan/load?name=\x1b[2J;;;=", b"[[inject]]"),
+            ("@riot/lab/intercept/add", b'{"keys": ["' + b"a/" * 5000 + b'"]}'),
+            ("@riot/lab/intercept/add", b'{"keys": ["@riot/**"]}'),
+            ("@riot/lab/intercept/add", b"[" * 60_000),
+            ("@riot/lab/record/start", b'{"path": "../../x.mcap"}'),
+            ("@riot/lab/record/start", b'{"path": "/tmp/x.mcap"}'),
+            ("@riot/lab/nonsense/**/x", b""),
+            ("@riot/lab/status/x", b""),
+        ):
+            errors = [
+                json.loads(reply.err.payload.to_bytes()) for reply in raw(client, key, payload=payload) if reply.err
+            ]
+            if "*" not in key:
+                assert [each["exit_code"] for each in errors] == [2], key
+                assert {"message", "where", "hint", "version"} <= errors[0].keys()
+        client.put(Message(0, "@riot/lab/plan/clear", b"", qos=BLOCK))
+        channels = [client.session.get("@riot/lab/status", timeout=10) for _ in range(300)]
+        answers = [reply for channel in channels for reply in channel]
+        assert len(answers) == 300  # all are answered, some that there are too many
+        assert any(reply.ok for reply in answers)
+        status = ask(router.endpoints["system"], "lab", "status")
+    assert (status["intercepted"], status["plan"], status["recording"]) == (["cut/**"], None, None)
+
+
+def test_control_does_not_cross_segments_and_can_be_confined(tmp_path: Path) -> None:
+    with RouterProcess("--name=lab", "--control=unit", cwd=tmp_path) as router:
+        assert find_routers(router.endpoints["unit"]) == ["lab"]
+        with pytest.raises(EnvironmentFaultError, match="no router 'lab' answers"):
+            ask(router.endpoints["system"], "lab", "status")
+
+
+def test_commands_of_the_command_line(router: RouterProcess, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    endpoint = f"--endpoint={router.endpoints['unit']}"
+    for arguments, text in (
+        (["status"], "router lab, riot_bus"),
+        (["counts"], "topic"),
+        (["intercept", "add", "/odom", "b"], "intercepted: cut/**, */odom/*/*, b"),
+        (["intercept", "remove", "/odom"], "intercepted: cut/**, b"),
+        (["plan", "load", str(plan)], "plan plan.toml: 1 injections, carried out 0 times"),
+        (["plan", "clear"], "no plan"),
+        (["record", "start", "x.mcap"], f"recording: {tmp_path / 'x.mcap'}"),
+        (["record", "split"], f"recording: {tmp_path / 'x-2.mcap'}"),
+        (["record", "stop", "--format=json"], '"lost": 0'),
+    ):
+        code, out, err = riot("ctl", endpoint, *arguments)
+        assert (code, text in out, err) == (0, True, ""), (arguments, out, err)
+    code, out, err = riot("ctl", endpoint, "intercept", "remove", "c")
+    assert (code, out, "not intercepted on your account" in err) == (2, "", True), err
+    code, out, err = riot("ctl", f"--endpoint={free_endpoint()}", "status")
+    assert (code, out, "nobody answers" in err, "Traceback" in err) == (4, "", True, False), err
+    with open_client(router.endpoints["system"]):
+        assert wait_until(
+            lambda: (
+                "system" in [each["segment"] for each in ask(router.endpoints["unit"], "lab", "graph")["components"]]
+            ),
+            10,
+            interval=0.05,
+        )
+        for form, text in (("text", "SEGMENT"), ("json", '"version": 1'), ("mermaid", "subgraph"), ("dot", "cluster")):
+            code, out, err = riot("graph", endpoint, f"--format={form}")
+            assert (code, text in out, err) == (0, True, ""), (form, out, err)
+
+
+def test_several_routers_in_one_network_are_told_apart_by_name(router: RouterProcess, tmp_path: Path) -> None:
+    joined = f"--connect=system={router.endpoints['system']}"
+    with RouterProcess("--name=other", joined, cwd=tmp_path) as second:
+        endpoint = second.endpoints["system"]
+        assert wait_until(lambda: find_routers(endpoint) == ["lab", "other"], 10, interval=0.05)
+        with pytest.raises(ConfigError, match="several routers answer: lab, other"):
+            ask(endpoint, None, "plan/clear")
+        assert ask(endpoint, "lab", "status")["name"] == "lab"
+
+
+def test_access_control_of_the_docs_lets_one_user_read_and_another_not(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs/router.md").read_text()
+    section = text.partition("### Who may control")[2].partition("\n## ")[0]
+    block = re.findall(r"(?:^    .*\n|^\n)+", section, re.MULTILINE)
+    toml = "\n".join(line[4:] for line in max(block, key=len).splitlines())
+    endpoint = free_endpoint()
+    (tmp_path / "riot.toml").write_text(toml.replace("tcp/127.0.0.1:7447", endpoint))
+    (tmp_path / "users.txt").write_text("alice:wonder\nguest:guest\n")
+    with RouterProcess("--name=lab", cwd=tmp_path, segments=False) as router:
+        assert router.ready.startswith("ready:"), router.end(2)
+        users = {
+            user: {"transport/auth/usrpwd/user": user, "transport/auth/usrpwd/password": password}
+            for user, password in (("alice", "wonder"), ("guest", "guest"))
+        }
+        assert ask(endpoint, "lab", "status", config=users["alice"])["name"] == "lab"
+        assert ask(endpoint, "lab", "intercept/add", keys("a"), config=users["alice"])["intercepted"] == ["a"]
+        with open_client(endpoint, config=users["guest"]) as guest:
+            for key in ("@riot/lab/status", "@riot/**", "@riot/lab/intercept/remove"):
+                got = list(guest.session.get(key, payload=keys("a"), timeout=1, target=zenoh.QueryTarget.ALL))
+                assert not [reply for reply in got if reply.ok], key
+        assert ask(endpoint, "lab", "status", config=users["alice"])["intercepted"] == ["a"]
+        with pytest.raises(EnvironmentFaultError):  # nobody gets around this by saying no name
+            ask(endpoint, "lab", "status")

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from riot_bus.bus.logfiles import claim, safe_path
+from riot_bus.bus.recorder import Recorder
+from riot_bus.errors import ConfigError
+from riot_bus.message import Message
+
+
+class Memory:
+    def __init__(self) -> None:
+        self.rows: list[str] = []
+        self.closed = threading.Event()
+
+    def write(self, message: Message, *, role: str = "delivered", changes: Any = ()) -> None:
+        assert not self.closed.is_set()
+        self.rows.append(message.key)
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        self.rows.append(name)
+
+    def tick(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def test_a_switch_leaves_each_message_in_one_file() -> None:
+    first, second = Memory(), Memory()
+    recorder = Recorder(first)
+    keys = [str(number) for number in range(5000)]
+    feeding = threading.Thread(target=lambda: [recorder.delivered(Message(1, key, b"")) for key in keys])
+    feeding.start()
+    written, lost = recorder.switch(second)
+    assert first.closed.is_set()
+    assert (written, lost) == (len(first.rows), 0)
+    feeding.join()
+    recorder.close()
+    assert first.rows + second.rows == keys
+    assert recorder.totals() == (5000, 0)
+
+
+def test_notes_are_in_their_place_among_the_messages() -> None:
+    memory = Memory()
+    recorder = Recorder(memory)
+    recorder.delivered(Message(1, "a", b""))
+    assert recorder.note("riot_bus.graph", {"a": "b"})
+    recorder.delivered(Message(1, "b", b""))
+    recorder.close()
+    assert memory.rows == ["a", "riot_bus.graph", "b"]
+
+
+def test_what_does_not_fit_is_counted() -> None:
+    recorder = Recorder(Memory(), capacity=0)
+    recorder.delivered(Message(1, "a", b""))
+    assert not recorder.note("n", {})
+    recorder.close()
+    assert recorder.totals() == (0, 1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["../x.mcap", "/etc/x.mcap", "a/../../x.mcap", "link/x.mcap", "x.txt", "", "a\0.mcap", "no/x.mcap", "x\n.mcap"],
+)
+def test_paths_from_afar_stay_in_the_folder(text: str, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path)
+    with pytest.raises(ConfigError):
+        safe_path(folder, text)
+
+
+def test_files_are_created_and_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    assert claim(tmp_path, "sub/x.mcap", "run") == tmp_path / "sub/x.mcap"
+    assert claim(tmp_path, str(tmp_path / "y.mcap"), "run").is_file()
+    (tmp_path / "z.mcap").symlink_to(tmp_path / "elsewhere.mcap")
+    for text in ("sub/x.mcap", "y.mcap"):
+        with pytest.raises(ConfigError, match="exists already"):
+            claim(tmp_path, text, "run")
+    assert [claim(tmp_path, None, "run").name for _ in range(3)] == ["run.mcap", "run-2.mcap", "run-3.mcap"]
