@@ -77,8 +77,9 @@ def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[ob
     from riot_bus.interceptors.spelling import from_tables, parse
 
     seed = {"seed": options.seed} if options.seed else {}  # what has a seed of its own keeps it
-    where = str(options.system or DEFAULT_SYSTEM)
-    found = from_tables([{**seed, **table} for table in settings.interceptors], where=where)
+    path = options.system or DEFAULT_SYSTEM
+    tables = [{**seed, **table} for table in settings.interceptors]
+    found = from_tables(tables, where=str(path), root=path.resolve().parent)
     for text in options.interceptors:
         use, own = parse(text)
         found.append(build(use, {**seed, **own}, where="--interceptor"))

@@ -74,6 +74,8 @@ class Junction:
         # The former router stays until the new one works. If it left first, the new one would take its place in the
         # segments' tables, and they would not tell each other of subscriptions that exist already.
         former = self.session, self.zid
+        if former[0] is not None:
+            self._flush(former[1])  # what lanes have just undeclared
         self.session = open_session(settings, purpose="junction")
         self.zid = str(self.session.info.zid())
         self.ids.add(self.zid)

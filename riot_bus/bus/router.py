@@ -224,8 +224,8 @@ class Bus:
     def set_intercept(self, keyexprs: Sequence[str]) -> None:
         """Cut other keys from now on, while components stay connected.
 
-        Of keys that were and stay intercepted nothing is lost. Of keys whose rule changes, and of natively routed ones,
-        messages may be lost for about 100 ms while routes change; no message crosses both ways.
+        Of keys that were and stay intercepted by the same expression nothing is lost. Of other keys messages may be lost
+        for about 100 ms while routes change; no message crosses both ways.
 
         Args:
             keyexprs: All key expressions that are intercepted from now on.

@@ -7,6 +7,7 @@ import inspect
 import re
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import PydanticUserError, TypeAdapter, ValidationError
@@ -73,7 +74,7 @@ class Description:
     options: tuple[Option, ...]
 
 
-def build(use: str, options: Mapping[str, Any], *, where: str | None = None) -> object:
+def build(use: str, options: Mapping[str, Any], *, where: str | None = None, root: Path | None = None) -> object:
     """Build an interceptor.
 
     Args:
@@ -81,6 +82,7 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None) -> 
         options: Its own options, and conditions: select, from, to, start, end, first, last, where, probability, seed;
             `name` gives it another name.
         where: Place of the text that it was named in, for errors.
+        root: Folder that relative paths start from, by default the working folder.
 
     Returns:
         The interceptor, wrapped in its conditions if there are any.
@@ -89,7 +91,7 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None) -> 
         ConfigError: There is no such interceptor or option, or a value is wrong.
     """
     place = f"{where}: {use}" if where else use
-    kind = _find(use, where)
+    kind = _find(use, where, root)
     declared = _options(kind)
     conditions, own, name = {}, {}, None
     for key, value in options.items():
@@ -101,7 +103,7 @@ def build(use: str, options: Mapping[str, Any], *, where: str | None = None) -> 
             name = str(value)
         elif key not in _CONDITIONS:
             raise ConfigError(f"unknown option {key!r}", where=place, hint=did_you_mean(key, {*declared, *_CONDITIONS}))
-    interceptor = _instance(kind, own, declared, place)
+    interceptor = _instance(kind, own, declared, place, root)
     try:
         when = _WHEN.validate_python(conditions)
     except ValidationError as error:
@@ -145,9 +147,9 @@ def _targets() -> dict[str, str]:
     return _BUILT_IN | {point.name: point.value for point in entry_points(group=_GROUP)}
 
 
-def _find(use: str, where: str | None) -> type:
+def _find(use: str, where: str | None, root: Path | None = None) -> type:
     if use.partition(":")[0].endswith(".py"):
-        return load_class(use)
+        return load_class(use if root is None else str(root / use))
     targets = _targets()
     if use not in targets:
         hint = did_you_mean(use, targets) or "name a shipped one, or write FILE.py[:NAME]"
@@ -190,13 +192,13 @@ def _default(option: dataclasses.Field[Any]) -> Any:
     return _REQUIRED if option.default is dataclasses.MISSING else option.default
 
 
-def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], place: str) -> object:
+def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], place: str, root: Path | None) -> object:
     try:
         hints = get_type_hints(kind if dataclasses.is_dataclass(kind) else vars(kind).get("__init__", kind))
     except Exception:  # a file's own annotations may name what is not imported
         hints = {}
     try:
-        made: object = kind(**{key: _validated(key, value, hints, place) for key, value in own.items()})
+        made: object = kind(**{key: _validated(key, value, hints, place, root) for key, value in own.items()})
     except ConfigError as error:
         raise ConfigError(error.message, where=place, hint=error.hint) from None
     except TypeError as error:
@@ -207,15 +209,16 @@ def _instance(kind: type, own: dict[str, Any], declared: Mapping[str, Any], plac
     return made
 
 
-def _validated(key: str, value: Any, hints: Mapping[str, Any], place: str) -> Any:
+def _validated(key: str, value: Any, hints: Mapping[str, Any], place: str, root: Path | None) -> Any:
     if key not in hints:
         return value
     try:
-        return TypeAdapter(hints[key]).validate_python(value)
+        validated = TypeAdapter(hints[key]).validate_python(value)
     except ValidationError as error:
         raise _explained(error, place, key) from None
     except PydanticUserError:  # a type that is only known to its author
         return value
+    return root / validated if root is not None and isinstance(validated, Path) else validated
 
 
 def _explained(error: ValidationError, place: str, option: str = "") -> ConfigError:

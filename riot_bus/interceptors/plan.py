@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from riot_bus.inject.interceptor import Injector
@@ -25,7 +26,7 @@ class Inject:
     """
 
     name: ClassVar[str] = "inject"
-    plan: str
+    plan: Path
     seed: int = 0
 
     def __post_init__(self) -> None:

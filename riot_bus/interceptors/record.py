@@ -6,6 +6,7 @@ import logging
 import threading
 from collections import Counter, deque
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from riot_bus.errors import ConfigError, DataLossError
@@ -42,7 +43,7 @@ class Record:
     """
 
     name: ClassVar[str] = "record"
-    path: str
+    path: Path
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     capacity: int = 100_000
     capacity_bytes: int = 1 << 27
@@ -89,7 +90,7 @@ class Record:
             if not self.lost or self._told:
                 return
             self._told = True
-        raise DataLossError("messages are not recorded", where=self.path, hint="is the disk full, or too slow?")
+        raise DataLossError("messages are not recorded", where=str(self.path), hint="is the disk full, or too slow?")
 
     def stop(self) -> None:
         """Write what waits and finish the log.
@@ -104,10 +105,10 @@ class Record:
         if thread is not None:
             thread.join(_JOIN_S)
             if thread.is_alive():
-                raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=self.path)
+                raise DataLossError(f"the log is still not written after {_JOIN_S:g} s", where=str(self.path))
         if self.lost:
             topics = ", ".join(f"{topic} {number}" for topic, number in self.lost.most_common(5))
-            raise DataLossError(f"the log lacks {self.lost.total()} messages: {topics}", where=self.path)
+            raise DataLossError(f"the log lacks {self.lost.total()} messages: {topics}", where=str(self.path))
 
     def _lose(self, topic: str, number: int = 1) -> None:
         self.lost[topic if topic in self.lost or len(self.lost) < MOST_TOPICS else OTHER_TOPICS] += number

@@ -12,6 +12,7 @@ from riot_bus.interceptors.catalogue import build
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+    from pathlib import Path
 
 __all__ = ["from_tables", "from_text", "parse"]
 
@@ -54,8 +55,15 @@ def from_text(text: str) -> object:
     return build(use, options, where="--interceptor")
 
 
-def from_tables(tables: Iterable[Mapping[str, Any]], *, where: str = "riot.toml") -> list[object]:
+def from_tables(
+    tables: Iterable[Mapping[str, Any]], *, where: str = "riot.toml", root: Path | None = None
+) -> list[object]:
     """Build what `[[router.interceptors]]` names, in this order.
+
+    Args:
+        tables: As written.
+        where: The file, for errors.
+        root: Folder that relative paths start from, by default the working folder.
 
     Raises:
         ConfigError: One cannot be built.
@@ -68,7 +76,7 @@ def from_tables(tables: Iterable[Mapping[str, Any]], *, where: str = "riot.toml"
         if not isinstance(use, str):
             hint = 'write use = "drop", or use = "FILE.py:NAME"'
             raise ConfigError("which interceptor?", where=place, hint=hint)
-        made.append(build(use, options, where=place))
+        made.append(build(use, options, where=place, root=root))
     return made
 
 

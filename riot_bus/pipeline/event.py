@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import random
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from riot_bus.errors import PayloadError
+from riot_bus.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.message import Message
     from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
@@ -21,7 +21,11 @@ State = tuple[
     "Message | None", bytes | None, bool, bool, int, int, "tuple[tuple[Message, int], ...]", "tuple[Change, ...]"
 ]
 
-__all__ = ["Arrival", "Change", "Event", "Interceptor"]
+ValueT = TypeVar("ValueT")
+
+__all__ = ["Arrival", "Change", "Event", "Interceptor", "check"]
+
+_MOST_COPIES = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +141,7 @@ class Event:
 
     @message.setter
     def message(self, message: Message) -> None:
-        self._message = message
+        self._message = _checked(message, Message, "a message")
         self.touched = True
         self._note(Change(self.interceptor, "replace"))
 
@@ -196,7 +200,7 @@ class Event:
 
     def replace(self, payload: bytes) -> None:
         """Replace the whole payload."""
-        self.patched(payload, Change(self.interceptor, "replace"))
+        self.patched(_checked(payload, bytes, "a payload"), Change(self.interceptor, "replace"))
 
     def patched(self, payload: bytes, change: Change) -> None:
         """Take a payload that somebody patched, and note what the change was."""
@@ -213,17 +217,18 @@ class Event:
         self._note(Change(self.interceptor, "drop"))
 
     def delay(self, seconds: float) -> None:
-        """Deliver the message later."""
+        """Deliver the message later; raises ValueError for what is no time."""
         self.delay_ns += round(seconds * 1e9)
         self._note(Change(self.interceptor, "delay", after=seconds))
 
     def duplicate(self, copies: int = 1) -> None:
         """Deliver the message `copies` more times."""
-        self.copies += copies
+        self.copies += _checked(copies, int, "a number of copies")
         self._note(Change(self.interceptor, "duplicate", after=copies))
 
     def add(self, message: Message, *, seconds: float = 0.0) -> None:
         """Deliver another message as well, `seconds` from now."""
+        message = _checked(message, Message, "a message")
         self.added = [*self.added, (message, round(seconds * 1e9))]
         self._note(Change(self.interceptor, "add"))
 
@@ -301,6 +306,20 @@ class Event:
                 hint="name the type in riot.toml under [system.types]",
             )
         return kind
+
+
+def check(event: Event) -> None:
+    """Raise if an interceptor set an attribute of an event to what it cannot be."""
+    if event.delay_ns.__class__ is not int or event.copies.__class__ is not int:
+        raise TypeError(f"delay_ns = {event.delay_ns!r} and copies = {event.copies!r} have to be whole numbers")
+    if event.copies > _MOST_COPIES:
+        raise ValueError(f"{event.copies} copies of one message are too many")
+
+
+def _checked(value: ValueT, kind: type, what: str) -> ValueT:
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r} is not {what}")
+    return value
 
 
 class Interceptor(Protocol):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import RiotError
-from riot_bus.pipeline.event import Arrival, Change, Event
+from riot_bus.pipeline.event import Arrival, Change, Event, check
 from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
 
 if TYPE_CHECKING:
@@ -232,11 +232,12 @@ class Pipeline:
             event.interceptor, event.seed = stage.name, stage.when.seed
             state = event.snapshot()
             self.current = token = [stage]
-            failure: Exception | None = None
+            failure: BaseException | None = None
             try:
                 if wanted(event):
                     stage.message(event)
-            except Exception as error:
+                    check(event)
+            except (Exception, SystemExit) as error:  # `exit()` ends an interceptor, not the router
                 failure = error
             try:
                 token.pop()  # atomic: either we come back in time, or `abandon` took it
@@ -346,7 +347,7 @@ class Pipeline:
                 except Exception as error:
                     self._failed(stage, error)
 
-    def _failed(self, stage: Stage, error: Exception) -> None:
+    def _failed(self, stage: Stage, error: BaseException) -> None:
         self._note(stage.name, "".join(traceback.format_exception(error)), stage.place(error))
 
     def _note(self, name: str, text: str, place: str) -> None:

@@ -1,0 +1,165 @@
+"""A third-party ROS 2 client that knows nothing of riot_bus talks through `riot router`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from riot_bus.bus.runtime import wait_until
+from tests.integration.router_process import RouterProcess, riot
+from tests.integration.third_party.sdk import RosNode, install
+
+pytestmark = pytest.mark.integration
+
+HELLO = "hello"
+TWIST = "geometry_msgs/msg/Twist"
+MODES = pytest.mark.parametrize("mode", ["client", "peer"])
+INTERCEPTED = pytest.mark.parametrize("intercepted", [False, True], ids=["native", "intercepted"])
+PLAN = """
+[[inject]]
+topic = "/cmd_vel"
+field = "linear.x"
+value = -1.5
+where = "linear.x > 3"
+
+[[inject]]
+topic = "/chatter"
+field = "data"
+value = "injected: äöü"
+where = "data == 'message 3'"
+"""
+
+
+@pytest.fixture(scope="session")
+def python() -> Path:
+    """An interpreter that has zenoh-ros2-sdk."""
+    interpreter, problem = install()
+    if interpreter is None:
+        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
+    return interpreter
+
+
+def environment(segment: str, endpoint: str, mode: str) -> dict[str, str]:
+    """What `riot router env` prints for a segment; in peer mode, rmw_zenoh's own with another endpoint."""
+    if mode == "peer":
+        return {"ZENOH_CONFIG_OVERRIDE": f'mode="peer";connect/endpoints=["{endpoint}"]'}
+    code, out, err = riot("router", "env", segment, f"--segment={segment}={endpoint}", "--segment=other=tcp/127.0.0.1:0")
+    assert code == 0, err
+    words = shlex.split(out, comments=True)
+    return dict(word.split("=", 1) for word in words if "=" in word)
+
+
+@contextlib.contextmanager
+def nodes(python: Path, router: RouterProcess, folder: Path, mode: str) -> Iterator[tuple[RosNode, RosNode]]:
+    """A node in each segment."""
+    with contextlib.ExitStack() as stack:
+        first, second = (
+            stack.enter_context(
+                RosNode(
+                    python,
+                    endpoint,
+                    environment=environment(segment, endpoint, mode),
+                    folder=folder,
+                    name=f"{segment}_node",
+                )
+            )
+            for segment, endpoint in router.endpoints.items()
+        )
+        yield first, second
+
+
+def connect(talker: RosNode, listener: RosNode, topic: str, hello: Any, **more: Any) -> str:
+    """Advertise and subscribe, and return the key once messages arrive."""
+    listener.do("subscribe", topic, **more)
+    key = talker.do("advertise", topic, **more)
+
+    def crossed() -> bool:
+        talker.do("publish", topic, messages=[hello])
+        return bool(listener.do("received", topic))
+
+    assert wait_until(crossed, 10, interval=0.02), (talker.errors(), listener.errors())
+    return str(key)
+
+
+def exchanged(talker: RosNode, listener: RosNode, topic: str, hello: Any, messages: list[Any]) -> list[Any]:
+    """Publish messages; return what arrived from the first that is not the greeting on."""
+    talker.do("publish", topic, messages=messages)
+
+    def found() -> list[Any]:
+        return [each for each in listener.do("received", topic) if each != hello]
+
+    wait_until(lambda: len(found()) >= len(messages), 10, interval=0.02)
+    return found()
+
+
+@MODES
+@INTERCEPTED
+def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mode: str, intercepted: bool) -> None:
+    options = ["--intercept=/chatter", "--intercept=/answer"] if intercepted else []
+    with RouterProcess(*options) as router, nodes(python, router, tmp_path, mode) as (system, unit):
+        hello = {"data": HELLO}
+        messages = [{"data": f"message {number} äöü {'x' * number}"} for number in range(50)]
+        for topic, talker, listener in (("/chatter", system, unit), ("/answer", unit, system)):
+            connect(talker, listener, topic, hello)
+            assert exchanged(talker, listener, topic, hello, messages) == messages
+        unit.do("serve", "/add")
+        assert wait_until(lambda: "/add" in system.do("services"), 10)
+        assert [system.do("call", "/add", a=number, b=2) for number in range(3)] == [2, 3, 4]
+        assert {"/chatter": ["std_msgs/msg/String"], "/answer": ["std_msgs/msg/String"]}.items() <= system.do(
+            "topics"
+        ).items()
+        code, out, err = router.end(signal.SIGTERM)
+        assert (code, err) == (0, "")
+        assert {line.split()[0] for line in out.splitlines()[1:]} == ({"/chatter", "/answer"} if intercepted else set())
+        assert system.errors() + unit.errors() == ""
+
+
+@MODES
+def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp_path: Path, mode: str) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    with RouterProcess(f"--inject={plan}") as router, nodes(python, router, tmp_path, mode) as (system, unit):
+
+        def twist(x: float) -> dict[str, dict[str, float]]:
+            return {"linear": {"x": x, "y": 1e300, "z": -0.0}, "angular": {"x": 0.1, "y": float(2**53), "z": 5e-324}}
+
+        connect(system, unit, "/cmd_vel", twist(-1.0), type=TWIST)
+        found = exchanged(system, unit, "/cmd_vel", twist(-1.0), [twist(float(number)) for number in range(6)])
+        assert found == [twist(x) for x in (0.0, 1.0, 2.0, 3.0, -1.5, -1.5)]
+
+        connect(system, unit, "/chatter", {"data": HELLO})
+        sent = [{"data": f"message {number}"} for number in range(5)]
+        found = exchanged(system, unit, "/chatter", {"data": HELLO}, sent)
+        assert found == [*sent[:3], {"data": "injected: äöü"}, sent[4]]
+        assert system.errors() + unit.errors() == ""
+
+
+def test_graph_names_the_nodes_and_their_topics(python: Path, tmp_path: Path) -> None:
+    with RouterProcess("--intercept=/chatter") as router, nodes(python, router, tmp_path, "client") as (system, unit):
+        key = connect(system, unit, "/chatter", {"data": HELLO})
+        unit.do("serve", "/add")
+        expected = {
+            ("/chatter", "publishes", "system", system.zid, "/system_node"),
+            ("/chatter", "subscribes", "unit", unit.zid, "/unit_node"),
+            ("/add", "serves", "unit", unit.zid, "/unit_node"),
+        }
+
+        def shown() -> bool:
+            code, out, err = riot("graph", "-e", router.endpoints["system"], "--format=json")
+            assert code == 0, err
+            graph.update(json.loads(out))
+            names = {each["key"]: each["name"] for each in graph["topics"]}
+            edges = {(names[e["topic"]], e["role"], e["segment"], e["zid"], e["node"]) for e in graph["edges"]}
+            return expected <= edges
+
+        graph: dict[str, Any] = {}
+        assert wait_until(shown, 15, interval=0.1), graph
+        (topic,) = [each for each in graph["topics"] if each["key"] == key]
+        assert (topic["name"], topic["type_name"], topic["intercepted"]) == ("/chatter", "std_msgs/msg/String", True)

@@ -1,0 +1,104 @@
+"""A ROS 2 node without ROS: zenoh-ros2-sdk, driven by JSON lines; runs in an environment of its own.
+
+The SDK would download message definitions with git; here they are given, so that no network is needed.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+DEFINITIONS = {
+    "geometry_msgs/msg/Twist.msg": "Vector3 linear\nVector3 angular\n",
+    "geometry_msgs/msg/Vector3.msg": "float64 x\nfloat64 y\nfloat64 z\n",
+    "std_msgs/msg/String.msg": "string data\n",
+}
+SERVICE = "example_interfaces/srv/AddTwoInts"
+REQUEST, RESPONSE = "int64 a\nint64 b", "int64 sum"
+LATCHED = ":1:,5:,:,:,,"
+
+
+def plain(message: Any) -> Any:
+    """Return a message's fields as the test writes them."""
+    if not is_dataclass(message):
+        return message
+    return {each.name: plain(getattr(message, each.name)) for each in fields(message) if each.name != "__msgtype__"}
+
+
+def main(port: int, folder: Path, name: str) -> None:
+    import zenoh_ros2_sdk as sdk
+
+    for path, text in DEFINITIONS.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    session = sdk.ZenohSession.get_instance("127.0.0.1", port)
+    sdk.get_registry().messages_dir = folder
+    common: dict[str, Any] = {"node_name": name, "router_ip": "127.0.0.1", "router_port": port}
+    service = {"srv_type": SERVICE, "request_definition": REQUEST, "response_definition": RESPONSE, **common}
+    publishers: dict[str, Any] = {}
+    keep: list[Any] = []
+    received: list[list[Any]] = []
+    arrived = threading.Condition()
+
+    def collect(topic: str) -> Any:
+        def take(message: Any) -> None:
+            with arrived:
+                received.append([topic, plain(message)])
+                arrived.notify()
+
+        return take
+
+    def filled(values: dict[str, Any]) -> dict[str, Any]:
+        vector = sdk.get_message_class("geometry_msgs/msg/Vector3") if "linear" in values else dict
+        return {name: vector(**value) if isinstance(value, dict) else value for name, value in values.items()}
+
+    def add(request: Any) -> Any:
+        return sdk.get_message_class(f"{SERVICE}_Response")(sum=request.a + request.b)
+
+    def run(order: dict[str, Any]) -> Any:
+        topic = order.get("topic", "")
+        endpoint = {"topic": topic, "msg_type": order.get("type", "std_msgs/msg/String"), **common}
+        match order["do"]:
+            case "advertise":
+                publishers[topic] = sdk.ROS2Publisher(**endpoint)
+                return publishers[topic].keyexpr
+            case "publish":
+                for values in order["messages"]:
+                    publishers[topic].publish(**filled(values))
+            case "subscribe":
+                qos = LATCHED if order.get("latched") else None
+                keep.append(sdk.ROS2Subscriber(callback=collect(topic), qos=qos, **endpoint))
+            case "wait":
+                with arrived:
+                    arrived.wait_for(lambda: sum(each[0] == topic for each in received) >= order["count"], 10)
+                    return [values for where, values in received if where == topic]
+            case "received":
+                with arrived:
+                    return [values for where, values in received if where == topic]
+            case "serve":
+                keep.append(sdk.ROS2ServiceServer(topic, callback=add, **service))
+            case "call":
+                client = sdk.ROS2ServiceClient(topic, timeout=order.get("timeout", 10.0), **service)
+                answer = client.call(a=order["a"], b=order["b"])
+                client.close()
+                return None if answer is None else answer.sum
+            case "topics":
+                return dict(sdk.get_topic_names_and_types(router_ip="127.0.0.1", router_port=port))
+            case "services":
+                return dict(sdk.get_service_names_and_types(router_ip="127.0.0.1", router_port=port))
+            case other:
+                raise ValueError(other)
+        return None
+
+    print(json.dumps(session.session_id), flush=True)
+    for line in sys.stdin:
+        print(json.dumps(run(json.loads(line))), flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
