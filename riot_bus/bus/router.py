@@ -224,7 +224,7 @@ class Bus:
     def set_intercept(self, keyexprs: Sequence[str]) -> None:
         """Cut other keys from now on, while components stay connected.
 
-        Of keys that were and stay intercepted by the same expression nothing is lost. Of other keys messages may be lost
+        Of keys that were and stay intercepted by the same expression nothing is lost. Of others, messages may be lost
         for about 100 ms while routes change; no message crosses both ways.
 
         Args:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from riot_bus.bus.runtime import wait_until
+from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode, install
 
@@ -22,6 +23,7 @@ HELLO = "hello"
 TWIST = "geometry_msgs/msg/Twist"
 MODES = pytest.mark.parametrize("mode", ["client", "peer"])
 INTERCEPTED = pytest.mark.parametrize("intercepted", [False, True], ids=["native", "intercepted"])
+STRING = "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 PLAN = """
 [[inject]]
 topic = "/cmd_vel"
@@ -46,33 +48,29 @@ def python() -> Path:
     return interpreter
 
 
-def environment(segment: str, endpoint: str, mode: str) -> dict[str, str]:
+def environment(router: RouterProcess, segment: str, mode: str) -> dict[str, str]:
     """What `riot router env` prints for a segment; in peer mode, rmw_zenoh's own with another endpoint."""
     if mode == "peer":
-        return {"ZENOH_CONFIG_OVERRIDE": f'mode="peer";connect/endpoints=["{endpoint}"]'}
-    code, out, err = riot("router", "env", segment, f"--segment={segment}={endpoint}", "--segment=other=tcp/127.0.0.1:0")
+        return {"ZENOH_CONFIG_OVERRIDE": f'mode="peer";connect/endpoints=["{router.endpoints[segment]}"]'}
+    segments = [f"--segment={name}={endpoint}" for name, endpoint in router.endpoints.items()]
+    code, out, err = riot("router", "env", segment, *segments)
     assert code == 0, err
-    words = shlex.split(out, comments=True)
-    return dict(word.split("=", 1) for word in words if "=" in word)
+    return dict(word.split("=", 1) for word in shlex.split(out, comments=True) if "=" in word)
 
 
 @contextlib.contextmanager
 def nodes(python: Path, router: RouterProcess, folder: Path, mode: str) -> Iterator[tuple[RosNode, RosNode]]:
-    """A node in each segment."""
+    """A node in each segment, named after it."""
     with contextlib.ExitStack() as stack:
-        first, second = (
+        system, unit = (
             stack.enter_context(
                 RosNode(
-                    python,
-                    endpoint,
-                    environment=environment(segment, endpoint, mode),
-                    folder=folder,
-                    name=f"{segment}_node",
+                    python, endpoint, environment=environment(router, name, mode), folder=folder, name=f"{name}_node"
                 )
             )
-            for segment, endpoint in router.endpoints.items()
+            for name, endpoint in router.endpoints.items()
         )
-        yield first, second
+        yield system, unit
 
 
 def connect(talker: RosNode, listener: RosNode, topic: str, hello: Any, **more: Any) -> str:
@@ -112,9 +110,8 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mo
         unit.do("serve", "/add")
         assert wait_until(lambda: "/add" in system.do("services"), 10)
         assert [system.do("call", "/add", a=number, b=2) for number in range(3)] == [2, 3, 4]
-        assert {"/chatter": ["std_msgs/msg/String"], "/answer": ["std_msgs/msg/String"]}.items() <= system.do(
-            "topics"
-        ).items()
+        topics = system.do("topics")
+        assert topics["/chatter"] == topics["/answer"] == ["std_msgs/msg/String"]
         code, out, err = router.end(signal.SIGTERM)
         assert (code, err) == (0, "")
         assert {line.split()[0] for line in out.splitlines()[1:]} == ({"/chatter", "/answer"} if intercepted else set())
@@ -132,13 +129,30 @@ def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp
 
         connect(system, unit, "/cmd_vel", twist(-1.0), type=TWIST)
         found = exchanged(system, unit, "/cmd_vel", twist(-1.0), [twist(float(number)) for number in range(6)])
-        assert found == [twist(x) for x in (0.0, 1.0, 2.0, 3.0, -1.5, -1.5)]
+        assert repr(found) == repr([twist(x) for x in (0.0, 1.0, 2.0, 3.0, -1.5, -1.5)])
 
         connect(system, unit, "/chatter", {"data": HELLO})
         sent = [{"data": f"message {number}"} for number in range(5)]
         found = exchanged(system, unit, "/chatter", {"data": HELLO}, sent)
         assert found == [*sent[:3], {"data": "injected: äöü"}, sent[4]]
         assert system.errors() + unit.errors() == ""
+
+
+@MODES
+def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, mode: str) -> None:
+    with (
+        RouterProcess() as router,
+        nodes(python, router, tmp_path, mode) as (_, unit),
+        Puppet(router.endpoints["system"], mode=mode) as latched,
+    ):
+        sent = [{"data": f"map {number}"} for number in range(3)]
+        payloads = [f"\0\1\0\0\6\0\0\0{each['data']}\0" for each in sent]
+        latched.do("publish_advanced", key=f"0/map/{STRING}", payloads=payloads)
+        latched.do("token", key=f"@ros2_lv/0/{latched.zid}/0/1/MP/%/%/latched/%map/{STRING}/:1:,10:,:,:,,")
+        assert wait_until(lambda: "/map" in unit.do("topics"), 10)
+        unit.do("subscribe", "/map", latched=True)
+        assert unit.do("wait", "/map", count=1)[-1] == sent[-1]
+        assert unit.errors() == ""
 
 
 def test_graph_names_the_nodes_and_their_topics(python: Path, tmp_path: Path) -> None:

@@ -19,7 +19,8 @@ DEFINITIONS = {
 }
 SERVICE = "example_interfaces/srv/AddTwoInts"
 REQUEST, RESPONSE = "int64 a\nint64 b", "int64 sum"
-LATCHED = ":1:,5:,:,:,,"
+LATCHED = ":1:,10:,:,:,,"
+"""Quality of service as rmw_zenoh writes it: transient local, keep the last 10."""
 
 
 def plain(message: Any) -> Any:
@@ -41,7 +42,8 @@ def main(port: int, folder: Path, name: str) -> None:
     common: dict[str, Any] = {"node_name": name, "router_ip": "127.0.0.1", "router_port": port}
     service = {"srv_type": SERVICE, "request_definition": REQUEST, "response_definition": RESPONSE, **common}
     publishers: dict[str, Any] = {}
-    keep: list[Any] = []
+    servers: list[Any] = []
+    subscribers: list[Any] = []
     received: list[list[Any]] = []
     arrived = threading.Condition()
 
@@ -58,7 +60,7 @@ def main(port: int, folder: Path, name: str) -> None:
         return {name: vector(**value) if isinstance(value, dict) else value for name, value in values.items()}
 
     def add(request: Any) -> Any:
-        return sdk.get_message_class(f"{SERVICE}_Response")(sum=request.a + request.b)
+        return servers[0].response_msg_class(sum=request.a + request.b)
 
     def run(order: dict[str, Any]) -> Any:
         topic = order.get("topic", "")
@@ -72,7 +74,7 @@ def main(port: int, folder: Path, name: str) -> None:
                     publishers[topic].publish(**filled(values))
             case "subscribe":
                 qos = LATCHED if order.get("latched") else None
-                keep.append(sdk.ROS2Subscriber(callback=collect(topic), qos=qos, **endpoint))
+                subscribers.append(sdk.ROS2Subscriber(callback=collect(topic), qos=qos, **endpoint))
             case "wait":
                 with arrived:
                     arrived.wait_for(lambda: sum(each[0] == topic for each in received) >= order["count"], 10)
@@ -81,7 +83,7 @@ def main(port: int, folder: Path, name: str) -> None:
                 with arrived:
                     return [values for where, values in received if where == topic]
             case "serve":
-                keep.append(sdk.ROS2ServiceServer(topic, callback=add, **service))
+                servers.append(sdk.ROS2ServiceServer(topic, callback=add, **service))
             case "call":
                 client = sdk.ROS2ServiceClient(topic, timeout=order.get("timeout", 10.0), **service)
                 answer = client.call(a=order["a"], b=order["b"])

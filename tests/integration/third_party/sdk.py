@@ -21,7 +21,7 @@ ANSWER_S = 30
 def install() -> tuple[Path | None, str]:
     """Return the interpreter of an environment that has the SDK, else why there is none; processes take turns."""
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    folder = Path(tempfile.gettempdir()) / f"riot-bus-{PACKAGE}-{python}-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"riot-bus-{PACKAGE.replace('==', '-')}-{python}-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
         return None, f"{folder} belongs to somebody else"
@@ -58,7 +58,8 @@ class RosNode:
     """
 
     def __init__(self, python: Path, endpoint: str, *, environment: dict[str, str], folder: Path, name: str) -> None:
-        variables = {key: value for key, value in os.environ.items() if not key.startswith(("ZENOH_", "ROS_", "PYTHON"))}
+        foreign = ("ZENOH_", "ROS_", "PYTHON")
+        variables = {key: value for key, value in os.environ.items() if not key.startswith(foreign)}
         self._errors = (folder / f"{name}.stderr").open("w+")
         self.process = subprocess.Popen(
             [python, Path(__file__).with_name("ros_node.py"), endpoint.rpartition(":")[2], folder / name, name],
