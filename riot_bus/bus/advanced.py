@@ -3,6 +3,8 @@
 In every other segment an advanced publisher of ours keeps the cache, with its own sequence numbers. Its destination is
 its own session, so nobody hears what is put into it; what is to be heard goes out through a plain publisher under the
 same number. So history can be stored without reaching live subscribers a second time.
+
+Not wired into the bus yet; docs/advanced-pubsub.md says how.
 """
 
 from __future__ import annotations

@@ -108,8 +108,11 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mo
             connect(talker, listener, topic, hello)
             assert exchanged(talker, listener, topic, hello, messages) == messages
         unit.do("serve", "/add")
-        assert wait_until(lambda: "/add" in system.do("services"), 10)
-        assert [system.do("call", "/add", a=number, b=2) for number in range(3)] == [2, 3, 4]
+        assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=0.5) == 2, 10)
+        assert [system.do("call", "/add", a=number, b=-(2**62)) for number in range(3)] == [
+            number - 2**62 for number in range(3)
+        ]
+        assert system.do("services")["/add"] == ["example_interfaces/srv/AddTwoInts"]
         topics = system.do("topics")
         assert topics["/chatter"] == topics["/answer"] == ["std_msgs/msg/String"]
         code, out, err = router.end(signal.SIGTERM)

@@ -70,19 +70,15 @@ class RosNode:
             # The SDK looks for definitions that it lacks on GitHub.
             env={**variables, "GIT_ALLOW_PROTOCOL": "file", "ZENOH_ROS2_SDK_CACHE": str(folder), **environment},
         )
-        self.zid = self.answer()
+        self.zid = self._answer()
 
-    def start(self, do: str, topic: str = "", **arguments: Any) -> None:
-        """Send a command without waiting for its answer."""
+    def do(self, do: str, topic: str = "", **arguments: Any) -> Any:
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps({"do": do, "topic": topic, **arguments}) + "\n")
         self.process.stdin.flush()
+        return self._answer()
 
-    def do(self, do: str, topic: str = "", **arguments: Any) -> Any:
-        self.start(do, topic, **arguments)
-        return self.answer()
-
-    def answer(self) -> Any:
+    def _answer(self) -> Any:
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], ANSWER_S)
         line = self.process.stdout.readline() if ready else ""
