@@ -28,6 +28,7 @@ from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.pipeline.stage import stages_of
 from riot_bus.types.registry import TypeRegistry
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.bus.recorder import Recorder
+    from riot_bus.pipeline.stage import Stage
 
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
@@ -138,6 +140,7 @@ class Bus:
             ConfigError: Zenoh refuses a configuration.
             EnvironmentFaultError: A port is in use, or the machine is too slow.
         """
+        self._check_ways(self.gate.pipeline.stages)
         prepare_runtime(len(self._settings))
         with ExitStack() as stack:
             folder = Path(tempfile.mkdtemp(prefix="riot-"))  # only this user can connect to the sockets in it
@@ -259,8 +262,16 @@ class Bus:
             ConfigError: One of them is not usable; then nothing has changed.
         """
         with self._changing:
+            self._check_ways(stages_of(interceptors))
             self.gate.replace(interceptors)
             self._forget()
+
+    def _check_ways(self, stages: Iterable[Stage]) -> None:
+        for stage in stages:
+            for word, name in (("from", stage.when.source), ("to", stage.when.target)):
+                if name is not None and name not in self._settings:
+                    hint = did_you_mean(name, self._settings)
+                    raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
     def _connect(self, claims: Claims) -> None:
         if self._junction is not None:

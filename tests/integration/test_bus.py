@@ -17,6 +17,7 @@ from riot_bus.bus.runtime import wait_until
 from riot_bus.bus.settings import SegmentSettings
 from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.message import Message, Qos
+from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
@@ -484,3 +485,32 @@ def test_a_segment_that_asks_for_passwords_is_joined_and_cut_like_any_other(tmp_
         assert sorted(texts(samples)) == [str(number) for number in range(5) for _ in range(2)]
         assert bus.counts()["cut/x"].received == 3
         assert not bus.losses
+
+
+@pytest.mark.parametrize(("word", "when"), [("from", When(source="systm")), ("to", When(target="systm"))])
+def test_a_way_from_or_to_an_unknown_segment_is_an_error(word: str, when: When) -> None:
+    with Bus(SEGMENTS) as bus, pytest.raises(ConfigError, match=f"{word}.*\n.*'system'"):
+        bus.set_interceptors([Selective(Script(), when)])
+    with pytest.raises(ConfigError, match="no segment 'systm'"):
+        Bus(SEGMENTS, pipeline=pipeline(Selective(Script(), when))).open()
+
+
+def test_a_message_that_is_changed_on_one_way_only() -> None:
+    class Mark:
+        def message(self, event: Event) -> None:
+            event.replace(event.payload + b"!")
+
+    segments: dict[str, tuple[str, ...]] = {"system": (), "unit": (), "third": ()}
+    only = Selective(Mark(), When(target="unit"))
+    with (
+        Bus(segments, intercept=["cut/**"], pipeline=pipeline(only)) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit")) as unit,
+        Puppet(bus.endpoint("third")) as third,
+    ):
+        for name, sink in (("unit", unit), ("third", third)):
+            sink.do("subscribe", key="cut/*")
+            assert bus.wait_subscribed(name, ["cut/x"], timeout=5) == []
+        source.do("put_texts", key="cut/x", payloads=["a"], congestion="BLOCK")
+        assert texts(unit.do("wait", count=1)) == ["a!"]
+        assert texts(third.do("wait", count=1)) == ["a"]
