@@ -153,7 +153,7 @@ def _bus(path: str) -> Iterator[tuple[str, str]]:
         elif path == "inject":
             interceptors = [Injector([Injection("cut/**", field="value", value=INJECTED)])]
             registry = _registry(Path(stack.enter_context(tempfile.TemporaryDirectory())))
-        pipeline = Pipeline(interceptors, registry=registry)
+        pipeline = Pipeline(interceptors, registry=registry, provenance=False)
         stack.callback(pipeline.close)
         bus = stack.enter_context(Bus(_SEGMENTS, intercept=["cut/**"], pipeline=pipeline, registry=registry))
         yield bus.endpoint("a"), bus.endpoint("b")

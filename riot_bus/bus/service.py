@@ -91,7 +91,9 @@ class RouterService(Operations):
             profile="ros2" if any(topic.startswith("/") for topic in interception.topics) else None,
         )
         super().__init__(interception, recordings, seed=seed)
-        self.pipeline: Pipeline = Pipeline(interception.interceptors(plan), registry=self._registry)
+        self.pipeline: Pipeline = Pipeline(
+            interception.interceptors(plan), registry=self._registry, provenance=record is not None
+        )
 
     def __enter__(self) -> Self:
         """Open segments, recording and control; `watch` opens the rest.

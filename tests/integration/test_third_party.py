@@ -87,7 +87,7 @@ def connect(talker: RosNode, listener: RosNode, topic: str, hello: Any, **more: 
 
 
 def exchanged(talker: RosNode, listener: RosNode, topic: str, hello: Any, messages: list[Any]) -> list[Any]:
-    """Publish messages; return what arrived from the first that is not the greeting on."""
+    """Publish messages; return what arrived, without greetings."""
     talker.do("publish", topic, messages=messages)
 
     def found() -> list[Any]:
@@ -107,6 +107,7 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mo
         for topic, talker, listener in (("/chatter", system, unit), ("/answer", unit, system)):
             connect(talker, listener, topic, hello)
             assert exchanged(talker, listener, topic, hello, messages) == messages
+        assert system.errors() + unit.errors() == ""
         unit.do("serve", "/add")
         assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=0.5) == 2, 10)
         assert [system.do("call", "/add", a=number, b=-(2**62)) for number in range(3)] == [
@@ -118,7 +119,6 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mo
         code, out, err = router.end(signal.SIGTERM)
         assert (code, err) == (0, "")
         assert {line.split()[0] for line in out.splitlines()[1:]} == ({"/chatter", "/answer"} if intercepted else set())
-        assert system.errors() + unit.errors() == ""
 
 
 @MODES
