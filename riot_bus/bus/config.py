@@ -20,6 +20,7 @@ WAIT_BEFORE_CLOSE_S = 5.0
 
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _FLOWS = ["ingress", "egress"]
+_CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"]
 
 
 def router_config(
@@ -80,12 +81,11 @@ def access_control(cut: Sequence[str]) -> SessionConfig:
     if cut:
         rules += [
             {"id": "cut", "messages": ["put", "delete", "declare_subscriber"], "key_exprs": list(cut)},
-            # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches.
-            {
-                "id": "cut-caches",
-                "messages": ["put", "delete", "query", "reply"],
-                "key_exprs": [f"{k}/@adv/**" for k in cut],
-            },
+            # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches. These
+            # end here, heartbeats and tokens too; tokens of advanced subscribers pass. Replies on the keys themselves
+            # pass as well, else services would not work.
+            {"id": "cut-caches", "messages": _CACHES, "key_exprs": [f"{key}/@adv/**" for key in cut]},
+            {"id": "cut-tokens", "messages": ["liveliness_token"], "key_exprs": [f"{key}/@adv/pub/**" for key in cut]},
         ]
     return {
         "access_control": {

@@ -6,21 +6,25 @@ import logging
 import threading
 import time
 from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.tally import Tally
 from riot_bus.pipeline.queue import EmissionQueue
-from riot_bus.pipeline.runner import Emission
+from riot_bus.pipeline.runner import Emission, Result
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    import zenoh
+
+    from riot_bus.bus.advanced.relay import Relay
+    from riot_bus.bus.advanced.terminator import Terminator
     from riot_bus.bus.convert import Outlets
     from riot_bus.bus.gate import Gate, Holder
     from riot_bus.bus.recorder import Recorder
     from riot_bus.message import Message
     from riot_bus.pipeline.event import Arrival
-    from riot_bus.pipeline.runner import Result
 
 __all__ = ["Crossing"]
 
@@ -57,6 +61,8 @@ class Crossing:
         self.outlets = outlets
         self.targets = targets
         self.recorder: Recorder | None = None
+        self.advanced: Terminator | None = None
+        """Stands in for advanced publishers; None if there is nobody to stand in for."""
         self._owned = owned
         self._sequence = sequence
         self._topic = topic
@@ -81,30 +87,73 @@ class Crossing:
         if self._thread.is_alive():
             self._thread.join()
         for emission in left:
-            self.lose(emission.message.key, "held at the end")
+            self.lose(_counted_key(emission), "held at the end")
             self._unhold(emission)
 
     def held(self) -> Counter[str]:
-        """Return how many messages wait until they are due, by topic."""
+        """Return how many messages wait, by topic: until they are due, or for a history that has to go before them."""
         with self._condition:
-            return +self._held
+            held = +self._held
+        if self.advanced is not None:
+            for key, number in self.advanced.held().items():
+                held[self._topic(key)] += number
+        return held
 
-    def send(self, message: Message) -> None:
-        """Take a message of our own through the pipeline and deliver it."""
+    def send(self, message: Message, holder: Holder | None = None) -> None:
+        """Take a whole message through the pipeline and deliver it.
+
+        Args:
+            message: One of our own, or of an advanced publisher.
+            holder: Told when its thread is stuck; see `Gate.feed`.
+        """
+        result = self._result(message, holder)
+        if holder is not None:
+            holder.flush()  # what came before goes out before
+        self.deliver(result)
+
+    def take(self, sample: zenoh.Sample, segment: str, holder: Holder) -> None:
+        """Take a sample of a key that has advanced publishers through the pipeline, and deliver it."""
+        assert self.advanced is not None
+        message = self.advanced.take(segment, sample)
+        if message is not None:
+            self.send(message, holder)
+
+    def replay(self, message: Message, holder: Holder) -> Result:
+        """Take a message of a history through the pipeline; it shall be stored, not heard.
+
+        What interceptors make of it for other keys is published, since nobody stores those.
+
+        Returns:
+            What remains to be stored.
+        """
+        result = self._result(message, holder)
+        for emission in result.emissions:
+            if emission.message.key != message.key:
+                self._publish(emission)
+        kept = tuple(each for each in result.emissions if each.message.key == message.key)
+        return Result(message, kept, result.changes, result.dropped)
+
+    def record(self, result: Result) -> None:
+        """Record what was stored as a history before, and is heard now."""
+        if self.recorder is not None:
+            if result.changes:
+                self.recorder.original(result.original, result.changes)
+            for emission in result.emissions:
+                self.recorder.delivered(emission.message, emission.changes)
+
+    def _result(self, message: Message, holder: Holder | None) -> Result:
         event, result = self.gate.feed(
             message.key,
             message.time,
             message=message,
             segment=message.segment,
             targets=self.targets.get(message.segment, ()),
+            holder=holder,
         )
-        if result is not None:
-            self.deliver(result)
-        else:
-            emission = Emission(message.time, event.message, message, tuple(event.changes))
-            if event.changes and self.recorder is not None:
-                self.recorder.original(message, event.changes)
-            self._publish(emission)
+        if result is None:
+            changes = tuple(event.changes)
+            result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
+        return result
 
     def feed(self, key: str, arrival: Arrival, holder: Holder) -> bytes | bool | None:
         """Take what arrived through the pipeline, and deliver what has to be taken apart.
@@ -138,7 +187,7 @@ class Crossing:
             else:
                 with self._condition:
                     self._waiting.push(emission)
-                    self._held[self._topic(emission.message.key)] += 1
+                    self._held[self._topic(_counted_key(emission))] += 1
                     self._condition.notify()
 
     def lose(self, key: str, reason: str) -> None:
@@ -151,22 +200,36 @@ class Crossing:
         with self._lost_lock:
             return {reason: Counter(topics) for reason, topics in self._lost.items()}
 
-    def _publish(self, emission: Emission) -> None:
-        message = emission.message
-        targets = emission.targets
+    def targets_of(self, emission: Emission) -> tuple[str, ...]:
+        """Return the segments where a message shall be published."""
+        message, targets = emission.message, emission.targets
         if targets is None:
             source = (emission.original or message).segment
             targets = self.targets.get(source) or tuple(self.outlets)
-        if not self._owned(message.key):
-            targets = targets[:1]  # an added message on a key that is not cut reaches the others by itself
+        # an added message on a key that is not cut reaches the others by itself
+        return targets if self._owned(message.key) else targets[:1]
+
+    def _publish(self, emission: Emission) -> None:
+        key, advanced = emission.message.key, self.advanced
+        relay = None
+        if advanced is not None and key in advanced.keys:
+            relay = advanced.relay_of(emission.original, emission.message)
+        if relay is None:
+            self._put(emission)
+        else:
+            relay.deliver(key, partial(self._put, emission, relay))
+
+    def _put(self, emission: Emission, relay: Relay | None = None) -> None:
+        message = emission.message
         if emission.original is None:
             message = message.with_(sequence=next(self._sequence))
         try:
-            for name in targets:
-                self.outlets[name].publish(message)
+            for name in self.targets_of(emission):
+                if relay is None or not relay.publish(name, message):
+                    self.outlets[name].publish(message)
         except Exception:
             _LOG.exception("a message of %s could not be published", message.key)
-            self.lose(message.key, "not published")
+            self.lose(_counted_key(emission), "not published")
             return
         if self.recorder is not None:
             if emission.due > message.time:
@@ -174,8 +237,11 @@ class Crossing:
             self.recorder.delivered(message, emission.changes)
 
     def _unhold(self, emission: Emission) -> None:
+        topic = self._topic(_counted_key(emission))
         with self._condition:
-            self._held[self._topic(emission.message.key)] -= 1
+            self._held[topic] -= 1
+            if not self._held[topic]:
+                del self._held[topic]  # else somebody who invents keys takes the memory
 
     def _run(self) -> None:
         while True:
@@ -185,8 +251,13 @@ class Crossing:
                 due = self._waiting.next_due()
                 now = time.time_ns()
                 if due is None or due > now:
-                    self._condition.wait(_IDLE_S if due is None else (due - now) / 1e9)
+                    self._condition.wait(_IDLE_S if due is None else min(_IDLE_S, (due - now) / 1e9))
                 ready = self._waiting.pop_due(time.time_ns())
             for emission in ready:
                 self._publish(emission)
                 self._unhold(emission)
+
+
+def _counted_key(emission: Emission) -> str:
+    """Return the key under which the pipeline has counted an emission, whatever its message is called by now."""
+    return (emission.original or emission.message).key

@@ -7,6 +7,7 @@ wakes its sender for each single message that is taken out.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
@@ -46,6 +47,7 @@ class _Way:
     """How the messages of one key and QoS pass: ready-made calls, and a count of what passed without a look."""
 
     __slots__ = (
+        "advanced",
         "congestion",
         "encoding",
         "express",
@@ -70,6 +72,7 @@ class _Way:
         self.publishers = publishers
         self.put = publishers[0].put if len(publishers) == 1 else self._put
         self.looked_at = looked_at
+        self.advanced = False  # whether the key has advanced publishers
         self.passed = self.seen = 0
         self.senders: set[str] = set()
 
@@ -117,6 +120,7 @@ class Lane:
         self._owner = owner
         self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
         self._by_qos: dict[tuple[str, Qos], _Way] = {}
+        self._former: deque[list[_Way]] = deque()  # forgotten, but perhaps still counting
         self._passed = Tally()
         self._seen = Tally()
         self._senders: dict[str, set[str]] = {}
@@ -137,39 +141,49 @@ class Lane:
     def passed(self) -> Counter[str]:
         """Return how many messages per key were forwarded without a look at them."""
         counts = Counter(self._passed)
-        for way in list(self._by_qos.values()):
+        for way in self._all_ways():
             counts[way.key] += way.passed
         return counts
 
     def flows(self) -> Counter[str]:
         """Return how many messages per key came."""
         counts = self.passed() + self._seen + self.shed
-        for way in list(self._by_qos.values()):
+        for way in self._all_ways():
             counts[way.key] += way.seen
         return counts
 
     def senders(self) -> dict[str, set[str]]:
         """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
         found = {key: set(zids) for key, zids in self._senders.items()}
-        for way in list(self._by_qos.values()):
+        for way in self._all_ways():
             if way.senders:
                 found.setdefault(way.key, set()).update(way.senders)
         return found
 
     def forget(self) -> None:
         """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
-        ways, self._ways, self._by_qos = self._by_qos, {}, {}
-        for way in ways.values():
-            self._passed.add(way.key, way.passed)
-            self._seen.add(way.key, way.seen)
-            if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
-                self._senders.setdefault(way.key, set()).update(way.senders)
+        former, self._ways, self._by_qos = self._by_qos, {}, {}
+        self._former.append(list(former.values()))
+
+    def _all_ways(self) -> list[_Way]:
+        return [*itertools.chain(*list(self._former)), *list(self._by_qos.values())]
+
+    def _fold(self) -> None:
+        """Add the counts of ways that were forgotten, when nobody takes one any more."""
+        while self._former:
+            for way in self._former.popleft():
+                self._passed.add(way.key, way.passed)
+                self._seen.add(way.key, way.seen)
+                if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
+                    self._senders.setdefault(way.key, set()).update(way.senders)
 
     def close(self) -> None:
         """Forward what has come in, then end; safe to call twice."""
         release(self._subscriber)
         if self._thread is not threading.current_thread():
             self._thread.join()
+            self.forget()
+            self._fold()  # and with it the publishers; a retired lane is kept for its counts
 
     def idle(self) -> bool:
         """Return whether nothing is under way."""
@@ -210,8 +224,10 @@ class Lane:
             except AbandonedError:
                 return
             except Exception:
-                _LOG.exception("a message of %s was lost", self.expression)
-                self._crossing.lose(self.expression, "failure of ours")
+                current, self._current = self._current, None
+                key = self.expression if current is None else str(current.key_expr)
+                _LOG.exception("a message of %s was lost", key)
+                self._crossing.lose(key, "failure of ours")
 
     def _fill(self) -> None:
         backlog, fetch = self._backlog, self._channel.try_recv
@@ -241,6 +257,8 @@ class Lane:
                 kept += 1
 
     def _slice(self) -> None:
+        if self._former:
+            self._fold()
         backlog = self._backlog
         first = backlog[0]
         size = len(first.payload)
@@ -288,19 +306,23 @@ class Lane:
         """Find out how messages of this key and QoS pass; None if another lane has them."""
         if len(self._ways) >= _CACHED_KEYS:
             self.forget()
+        ways, by_qos = self._ways, self._by_qos  # those that are forgotten meanwhile get what has become wrong
         key = str(key_expr)
         if self._owner(key) != self.expression:
-            self._ways[key_expr] = None
+            ways[key_expr] = None
             return None
         qos = self._convert.qos(sample)
-        way = self._by_qos.get((key, qos))
+        way = by_qos.get((key, qos))
         if way is None:
             crossing = self._crossing
+            advanced = crossing.advanced is not None and crossing.advanced.concerns(self.segment, key, sample)
             looked_at = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
             outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
             publishers = [outlet.publisher(key, qos, sample.encoding) for outlet in outlets]
-            way = self._by_qos[key, qos] = _Way(key, qos, sample, publishers, looked_at=looked_at)
-        self._ways[key_expr] = way
+            way = _Way(key, qos, sample, publishers, looked_at=looked_at or advanced)
+            way.advanced = advanced
+            by_qos[key, qos] = way
+        ways[key_expr] = way
         return way
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
@@ -309,6 +331,10 @@ class Lane:
         if way.looked_at:
             way.seen += 1
             self._current = sample
+            if way.advanced:
+                self._crossing.take(sample, self.segment, self)
+                self._current = None
+                return
             arrival = SampleArrival(sample, way.key, time.time_ns(), self.segment, self._convert.at)
             what = self._crossing.feed(way.key, arrival, self)
             self._current = None

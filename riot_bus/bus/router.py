@@ -12,6 +12,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.bus.advanced.standin import StoreFilter
+from riot_bus.bus.advanced.terminator import Terminator
 from riot_bus.bus.client import Subscription, subscribe
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
@@ -126,6 +128,7 @@ class Bus:
             topic=self._registry.topic,
         )
         self._crossing.recorder = recorder
+        self._advanced: Terminator | None = None
         self._slow = Tally()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
@@ -165,6 +168,10 @@ class Bus:
             self.gate.start()
             stack.callback(self.gate.close)
             self._crossing.start()
+            if len(self._segments) > 1:
+                self._advanced = self._crossing.advanced = Terminator(
+                    self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
+                )
             stack.callback(self._stop)
             self._connect(self._claims)
             self._stack = stack.pop_all()
@@ -214,6 +221,8 @@ class Bus:
         self._observers.clear()
         for expression in list(self._lanes):
             self._retire(expression)
+        if self._advanced is not None:
+            self._advanced.close()
         self._crossing.close()
         self._dispatcher.close()
 
@@ -237,7 +246,10 @@ class Bus:
             claims = Claims(canonical(keyexprs))
             for expression in self._lanes.keys() - set(claims.expressions):
                 self._retire(expression)
-            self._connect(claims)
+            if self._advanced is not None:
+                for expression in set(self._advanced.watched) - set(claims.expressions):
+                    self._advanced.unwatch(expression)
+            self._connect(claims, again=True)
 
     def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
         """Record with another recorder from now on, or with none; the former one is its owner's to close.
@@ -273,7 +285,7 @@ class Bus:
                     hint = did_you_mean(name, self._settings)
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
-    def _connect(self, claims: Claims) -> None:
+    def _connect(self, claims: Claims, *, again: bool = False) -> None:
         if self._junction is not None:
             self._junction.open(claims.expressions)
         self._claims = claims
@@ -292,6 +304,9 @@ class Bus:
                 ]
         self._forget()
         self._observe()
+        if self._advanced is not None:
+            for expression in set(claims.expressions) - set(self._advanced.watched):
+                self._advanced.watch(expression, again=again)
 
     def _retire(self, expression: str) -> None:
         for lane in self._lanes.pop(expression):
@@ -299,7 +314,7 @@ class Bus:
             self._retired.append(lane)
 
     def _forget(self) -> None:
-        for lane in itertools.chain(*self._lanes.values()):
+        for lane in itertools.chain(*list(self._lanes.values())):
             lane.forget()
 
     def _observe(self) -> None:
@@ -386,15 +401,16 @@ class Bus:
         Returns:
             Something with `undeclare()`.
         """
-        session = self.segment(segment).session
+        session, convert = self.segment(segment).session, self._converters[segment]
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
-        return subscribe(
-            session,
-            text,
-            take=lambda message: self._dispatcher.deliver(callback, message),
-            convert=self._converters[segment],
-        )
+        only_stored = StoreFilter(self.segment(segment).zid)
+
+        def take(sample: zenoh.Sample) -> None:
+            if not only_stored(sample):
+                self._dispatcher.deliver(callback, convert(sample))
+
+        return session.declare_subscriber(text, take)
 
     def wait_subscribed(
         self,
@@ -458,6 +474,7 @@ class Bus:
             arrived, before = received - before, received
             done = not arrived and all(lane.idle() for lane in lanes)
             done = done and not self._crossing.held() and self._dispatcher.idle()
+            done = done and (self._advanced is None or self._advanced.idle())
             quiet = quiet + 1 if done and (self._recorder is None or self._recorder.idle()) else 0
             return quiet >= _QUIET_POLLS
 

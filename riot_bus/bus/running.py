@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["run_router"]
 
+_LOOK_S = 0.2
+
 
 def run_router(
     options: RouterOptions, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool = False
@@ -55,7 +57,8 @@ def run_router(
         with service:
             say(_ready(service, as_json=as_json))
             service.watch()
-            service.stopping.wait()
+            while not service.stopping.wait(_LOOK_S):
+                pass  # a signal that comes just before an endless wait begins does not end it
         _end(service, say, warn, as_json=as_json)
 
 

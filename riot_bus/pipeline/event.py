@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import random
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from riot_bus.errors import PayloadError
-from riot_bus.message import Message
+from riot_bus.message import Message, Qos
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +27,9 @@ ValueT = TypeVar("ValueT")
 __all__ = ["Arrival", "Change", "Event", "Interceptor", "check"]
 
 _MOST_COPIES = 10_000
+_MOST_ADDED = 10_000
+_NO_KEY = re.compile(r"\A\Z|\A/|//|/\Z|[*$?#]")
+_CONGESTION = ("drop", "block", "block_first")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +145,7 @@ class Event:
 
     @message.setter
     def message(self, message: Message) -> None:
-        self._message = _checked(message, Message, "a message")
+        self._message = _publishable(message, self.key)
         self.touched = True
         self._note(Change(self.interceptor, "replace"))
 
@@ -228,8 +232,13 @@ class Event:
 
     def add(self, message: Message, *, seconds: float = 0.0) -> None:
         """Deliver another message as well, `seconds` from now."""
-        message = _checked(message, Message, "a message")
-        self.added = [*self.added, (message, round(seconds * 1e9))]
+        entry = _publishable(message, self.key), round(seconds * 1e9)
+        if len(self.added) >= _MOST_ADDED:
+            raise ValueError(f"more than {_MOST_ADDED} messages added to one are too many")
+        if isinstance(self.added, list):
+            self.added.append(entry)
+        else:
+            self.added = [*self.added, entry]
         self._note(Change(self.interceptor, "add"))
 
     def draw(self, salt: str = "") -> float:
@@ -320,6 +329,24 @@ def _checked(value: ValueT, kind: type, what: str) -> ValueT:
     if not isinstance(value, kind):
         raise TypeError(f"{value!r} is not {what}")
     return value
+
+
+def _publishable(message: Message, key: str) -> Message:
+    """Return a message that can be published on this key or another; if it cannot, whoever made it shall be named."""
+    if not isinstance(message, Message):
+        raise TypeError(f"{message!r} is not a message")
+    if message.key != key and (not isinstance(message.key, str) or _NO_KEY.search(message.key)):
+        raise ValueError(f"{message.key!r} is not a key to publish on")
+    if message.payload.__class__ is not bytes or not isinstance(message.attachment, bytes | None):
+        raise TypeError("payload and attachment of a message have to be bytes")
+    if not isinstance(message.encoding, str) or message.time.__class__ is not int:
+        raise TypeError(f"encoding = {message.encoding!r} or time = {message.time!r} is of another kind")
+    qos = message.qos
+    if not isinstance(qos, Qos) or qos.priority not in range(1, 8) or qos.congestion not in _CONGESTION:
+        raise ValueError(f"{qos!r} are no delivery settings")
+    if message.kind not in ("put", "delete"):
+        raise ValueError(f"{message.kind!r} is neither put nor delete")
+    return message
 
 
 class Interceptor(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 from typing import Any
@@ -42,6 +43,13 @@ class Puppet:
     def alive(self) -> bool:
         return self.process.poll() is None
 
+    def pause(self) -> None:
+        """Stop the process: from now on it takes nothing from its sockets."""
+        self.process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
     def kill(self) -> None:
         self.process.kill()
         self.process.wait(10)
@@ -58,7 +66,9 @@ class Puppet:
 
 
 def _main(endpoint: str, mode: str, more: str) -> None:
+    import itertools
     import threading
+    import time
 
     import zenoh
     from zenoh import ext
@@ -79,6 +89,10 @@ def _main(endpoint: str, mode: str, more: str) -> None:
     session = zenoh.open(config)
     received: list[zenoh.Sample] = []
     numbers: list[int] = []
+    by_key: dict[str, list[tuple[int, float]]] = {}
+    streaming = threading.Event()
+    streams: dict[str, threading.Thread] = {}
+    sent: dict[str, int] = {}
     arrived = threading.Condition()
     keep: list[Any] = []
 
@@ -92,6 +106,16 @@ def _main(endpoint: str, mode: str, more: str) -> None:
         if len(numbers) % 1000 == 0:
             with arrived:
                 arrived.notify()
+
+    def numbered(sample: zenoh.Sample) -> None:
+        number = int.from_bytes(bytes(sample.payload)[:8], "little")
+        by_key.setdefault(str(sample.key_expr), []).append((number, time.monotonic()))
+
+    def stream(publisher: zenoh.Publisher, key: str, interval: float) -> None:
+        while streaming.is_set():
+            publisher.put(sent[key].to_bytes(8, "little") + bytes(56))
+            sent[key] += 1
+            time.sleep(interval)
 
     def qos(order: dict[str, Any]) -> dict[str, Any]:
         return {
@@ -122,6 +146,21 @@ def _main(endpoint: str, mode: str, more: str) -> None:
                 keep.append(session.declare_subscriber(key, collect))
             case "subscribe_numbers":
                 keep.append(session.declare_subscriber(key, number))
+            case "subscribe_by_key":
+                keep.append(session.declare_subscriber(key, numbered))
+            case "by_key":
+                report = {}
+                for name, entries in list(by_key.items()):
+                    found, times = [each for each, _ in entries], [at for _, at in entries]
+                    gaps = [b - a for a, b in itertools.pairwise(times)]
+                    report[name] = {
+                        "count": len(found),
+                        "different": len(set(found)),
+                        "ordered": found == sorted(found),
+                        "last": found[-1],
+                        "gap": max(gaps, default=0.0),
+                    }
+                return report
             case "subscribe_advanced":
                 keep.append(
                     ext.declare_advanced_subscriber(
@@ -160,6 +199,21 @@ def _main(endpoint: str, mode: str, more: str) -> None:
                 publisher = session.declare_publisher(key, **qos(order))
                 for index in range(order["count"]):
                     publisher.put(index.to_bytes(8, "little") + bytes(order.get("padding", 56)))
+            case "flood_keys":
+                for index in range(order["first"], order["first"] + order["count"]):
+                    session.put(f"{key}/{index}", b"x", **qos(order))
+            case "stream":
+                streaming.set()
+                sent[key] = 0
+                order.setdefault("congestion", "BLOCK")
+                publisher = session.declare_publisher(key, **qos(order))
+                streams[key] = threading.Thread(target=stream, args=(publisher, key, order["interval"]), daemon=True)
+                streams[key].start()
+            case "stop_streams":
+                streaming.clear()
+                for each in streams.values():
+                    each.join(20)
+                return sent
             case "wait":
                 with arrived:
                     arrived.wait_for(lambda: len(received) >= order["count"], order.get("timeout", 10))

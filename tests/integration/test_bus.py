@@ -160,7 +160,7 @@ def test_advanced_subscribers_get_copies_and_delayed_messages() -> None:
 
 
 def test_both_directions_under_load_lose_nothing_and_keep_the_order() -> None:
-    count = 20_000
+    count = 100_000
     with (
         Bus(SEGMENTS, intercept=["cut/**"]) as bus,
         Puppet(bus.endpoint("system")) as one,
@@ -273,7 +273,7 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         bus.publisher("system", "cut/y", qos=Qos(2)).put(b"plain", encoding="text/plain")
         assert sorted(texts(source.do("wait", count=2))) == ["change", "plain"]  # priorities may overtake
         samples = sink.do("wait", count=2)
-        assert texts(samples) == ["changed", "plain"]
+        assert sorted(texts(samples)) == ["changed", "plain"]
         assert sorted(sample["priority"] for sample in samples) == [2, 5]
         assert wait_until(lambda: len(seen) == 2, 5)
         assert [(each.payload, each.attachment, each.segment) for each in seen] == [

@@ -18,12 +18,17 @@ def test_routers_open_fast_stay_alone_and_time_out_as_told() -> None:
 
 def test_cut_denies_caches_too_and_applies_to_everybody() -> None:
     rules = access_control(["a/*", "b/**"])["access_control"]
-    assert [rule["key_exprs"] for rule in rules["rules"][1:]] == [["a/*", "b/**"], ["a/*/@adv/**", "b/**/@adv/**"]]
+    assert [rule["key_exprs"] for rule in rules["rules"][1:]] == [
+        ["a/*", "b/**"],
+        ["a/*/@adv/**", "b/**/@adv/**"],
+        ["a/*/@adv/pub/**", "b/**/@adv/pub/**"],
+    ]
     assert all(rule["permission"] == "deny" and rule["flows"] == ["ingress", "egress"] for rule in rules["rules"])
-    assert {"query", "reply"} <= set(rules["rules"][2]["messages"])
+    assert {"query", "reply", "declare_queryable", "declare_subscriber"} <= set(rules["rules"][2]["messages"])
+    assert rules["rules"][3]["messages"] == ["liveliness_token"]
     assert not {"query", "reply"} & set(rules["rules"][1]["messages"])
     assert rules["subjects"] == [{"id": "everybody"}]
-    assert rules["policies"] == [{"rules": ["control", "cut", "cut-caches"], "subjects": ["everybody"]}]
+    assert rules["policies"] == [{"rules": ["control", "cut", "cut-caches", "cut-tokens"], "subjects": ["everybody"]}]
 
 
 def test_questions_to_the_router_never_cross_whatever_is_cut() -> None:

@@ -16,10 +16,9 @@ if TYPE_CHECKING:
     from riot_bus.bus.transparency.end import End
 
 _STAMPED = {"timestamping/enabled": True}
-_NOT_TERMINATED = "caches and sequence numbers of advanced publishers end at the cut"
 
 
-@scenario("advanced_live", settings=_STAMPED, limits={"intercepted": _NOT_TERMINATED})
+@scenario("advanced_live", settings=_STAMPED)
 class _AdvancedLive:
     """Live messages from an advanced publisher to an advanced and to a plain subscriber."""
 
@@ -42,7 +41,7 @@ class _AdvancedLive:
         return seen
 
 
-@scenario("advanced_history", settings=_STAMPED, limits={"intercepted": _NOT_TERMINATED})
+@scenario("advanced_history", settings=_STAMPED)
 class _AdvancedHistory:
     """Late joiners get the history, as deep as they want and the publisher keeps, then the live messages, once."""
 
@@ -71,7 +70,7 @@ class _AdvancedHistory:
         return seen
 
 
-@scenario("advanced_late_publisher", settings=_STAMPED, limits={"intercepted": _NOT_TERMINATED})
+@scenario("advanced_late_publisher", settings=_STAMPED)
 class _AdvancedLatePublisher:
     """A publisher that comes after the subscriber, having published before anybody could hear it."""
 
