@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import secrets
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["OWN_CHUNK", "WAIT_BEFORE_CLOSE_S", "SessionConfig", "access_control", "client_config", "router_config"]
+__all__ = [
+    "OWN_CHUNK",
+    "WAIT_BEFORE_CLOSE_S",
+    "SessionConfig",
+    "access_control",
+    "client_config",
+    "control_id",
+    "is_control",
+    "router_config",
+]
 
 SessionConfig = dict[str, Any]
 """Configuration keys such as `listen/endpoints`, and their JSON values."""
@@ -18,6 +28,7 @@ OWN_CHUNK = "@riot"
 WAIT_BEFORE_CLOSE_S = 5.0
 """How long a BLOCK publication may wait for a slow receiver before Zenoh closes its transport (Zenoh's own default)."""
 
+_CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _FLOWS = ["ingress", "egress"]
 _CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"]
@@ -65,6 +76,16 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
         "scouting/multicast/enabled": False,
         **(extra or {}),
     }
+
+
+def control_id() -> str:
+    """Return a new id for a session that controls a router; such sessions are no components."""
+    return f"{_CONTROL}{secrets.token_hex(8)}"
+
+
+def is_control(zid: str) -> bool:
+    """Return whether an id is one of those."""
+    return zid.startswith(_CONTROL)
 
 
 def access_control(cut: Sequence[str]) -> SessionConfig:

@@ -8,7 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.client import open_client
-from riot_bus.bus.config import OWN_CHUNK
+from riot_bus.bus.config import OWN_CHUNK, control_id
 from riot_bus.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Remote:
     def __init__(self, endpoint: str, name: str | None = None, *, config: Mapping[str, Any] | None = None) -> None:
         self._endpoint = endpoint
         self._name = name
-        self._client = open_client(endpoint, config=config)
+        self._client = open_client(endpoint, config={"id": control_id(), **(config or {})})
 
     def __enter__(self) -> Remote:
         return self

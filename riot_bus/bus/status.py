@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.config import is_control
 from riot_bus.bus.tally import TopicCounts
 from riot_bus.pipeline.runner import OTHER_TOPICS
 
@@ -32,7 +33,7 @@ def segment_rows(bus: Bus, graph: Graph) -> dict[str, dict[str, Any]]:
     for name, session in bus.sessions.items():
         found = {str(each.zid): str(each.whatami) for each in session.info.transports()}
         components = []
-        for zid in sorted(found.keys() - ours):
+        for zid in sorted(zid for zid in found.keys() - ours if not is_control(zid)):
             known = graph.component(zid, name)
             label = known.label if known is not None and known.label != zid[:8] else ""
             components.append({"zid": zid, "mode": found[zid], "name": label})

@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from riot_bus.bus.config import is_control
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class TransportWatch:
                     self.broken.append(BrokenLink(segment, peer, now, "reconnected"))
             elif peer == self._junction():
                 self.broken.append(BrokenLink(segment, peer, now, "junction"))
-            elif peer in self._ours:
+            elif peer in self._ours or is_control(peer):
                 return
             elif self._longest(segment) >= self._limit_s:
                 self.broken.append(BrokenLink(segment, peer, now, "stalled"))

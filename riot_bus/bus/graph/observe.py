@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus.bus.config import is_control
 from riot_bus.bus.graph.observations import Observations
 from riot_bus.bus.graph.processes import owners
 from riot_bus.bus.graph.sources import SegmentSource, admin_views
@@ -104,7 +105,12 @@ class Observer:
     def observe(self) -> Observations:
         """Return what all sources say now."""
         ours = self.ours()
-        modes = {(s, z): mode for s, each in self._sources.items() for z, mode in each.modes().items() if z not in ours}
+        modes = {
+            (segment, zid): mode
+            for segment, source in self._sources.items()
+            for zid, mode in source.modes().items()
+            if zid not in ours and not is_control(zid)
+        }
         ends = {(s, z): found for s, each in self._sources.items() for z, found in each.addresses().items()}
         addresses = {who: found for who, found in ends.items() if who in modes}
         tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
