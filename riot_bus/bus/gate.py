@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.pipeline.runner import AbandonedError
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Pipeline, Result, Route
     from riot_bus.pipeline.stage import Stage
 
-__all__ = ["BUDGET_S", "Gate", "Holder"]
+__all__ = ["BUDGET_S", "Gate", "Holder", "end_interceptors"]
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 0.1
+_END_S = 10.0
 BUDGET_S = 1.0
 """How long an interceptor may take for one message before it is bypassed."""
 
@@ -125,10 +127,29 @@ class Gate:
                 lock.release()
 
     def change(self, action: Callable[[Pipeline], None]) -> None:
-        """Do something to the pipeline while nobody feeds it."""
+        """Do something to the pipeline while nobody feeds it; again, if an interceptor blocks meanwhile."""
+        while True:
+            lock = self._enter()
+            self._thread_id, self._holder, self._route = threading.get_ident(), None, None
+            try:
+                action(self.pipeline)
+                return
+            except AbandonedError:
+                continue
+            finally:
+                lock.release()
+
+    def call(self, stage: Stage, hook: str, *arguments: object, holder: Holder) -> None:
+        """Call a method of an interceptor, such as `joined`, unless it has gone.
+
+        Raises:
+            AbandonedError: It blocked, and `holder` goes on with another thread.
+        """
         lock = self._enter()
+        self._thread_id, self._holder, self._route = threading.get_ident(), holder, None
         try:
-            action(self.pipeline)
+            if any(each.interceptor is stage.interceptor for each in self.pipeline.stages):
+                self.pipeline.call(stage, hook, *arguments)
         finally:
             lock.release()
 
@@ -171,3 +192,29 @@ class Gate:
         self._lock = threading.Lock()
         if holder is not None:
             holder.take_over()
+
+
+def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
+    """Call every interceptor's `stop`, and wait for none of them for ever; call when nobody feeds the pipeline.
+
+    Args:
+        pipeline: Whose.
+        patience_s: How long one may take; more than for a message, since it may have a file to finish.
+    """
+
+    def close() -> None:
+        with suppress(AbandonedError):
+            pipeline.close()
+
+    while True:
+        thread = threading.Thread(target=close, name="riot-end", daemon=True)
+        thread.start()
+        thread.join(patience_s)
+        if not thread.is_alive():
+            return
+        asked = pipeline.current
+        for stage in asked[:1]:
+            place = stage.place_of_frame(sys._current_frames().get(thread.ident or 0))
+            reason = f"did not stop within {patience_s:g} s"
+            if pipeline.abandon(asked, reason, place):
+                _LOG.warning("interceptor %s (%s) %s", stage.name, place, reason)

@@ -108,9 +108,11 @@ def _alarm(warn: Callable[[str], None]) -> Callable[[list[Bypass]], None]:
 
 @contextmanager
 def _signals(service: RouterService) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end the router; does nothing outside of the main thread."""
+    """Let SIGINT and SIGTERM end the router, at once when it is the second; nothing outside of the main thread."""
 
     def handler(number: int, frame: FrameType | None) -> None:
+        if service.stopping.is_set():
+            raise KeyboardInterrupt
         service.shutdown()
 
     if threading.current_thread() is not threading.main_thread():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus import __version__
 from riot_bus.bus import status
 from riot_bus.bus.exposure import exposure_warnings
+from riot_bus.bus.gate import end_interceptors
 from riot_bus.bus.interception import Interception
 from riot_bus.bus.operations import Operations
 from riot_bus.bus.recording import Recordings
@@ -105,7 +106,8 @@ class RouterService(Operations):
         from riot_bus.bus.control import Control
 
         with ExitStack() as stack:
-            stack.callback(self.pipeline.close)
+            stack.callback(end_interceptors, self.pipeline)
+            self.pipeline.start()
             path = self.settings.record
             recorder = self._recordings.begin(Path(path)) if path is not None else None
             stack.callback(self._recordings.close)

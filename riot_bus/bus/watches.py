@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, Self
+
+from riot_bus.bus.advanced.worker import Worker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,6 +58,8 @@ class Watches:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
+            self._hooks = Worker("riot-hooks")
+            stack.callback(self._hooks.close)
             stack.enter_context(self._graph)
             if self._bypasses is not None:
                 stack.enter_context(self._bypasses)
@@ -83,6 +88,7 @@ class Watches:
         self._changed(graph)
 
     def _tell(self, hook: str, component: Component) -> None:
-        gate = self._bus.gate
-        if any(stage.hook(hook) is not None for stage in gate.pipeline.stages):
-            gate.change(lambda pipeline: pipeline.notify(hook, component))
+        gate, hooks = self._bus.gate, self._hooks
+        for stage in gate.pipeline.stages:
+            if stage.hook(hook) is not None:
+                hooks.do(partial(gate.call, stage, hook, component, holder=hooks))

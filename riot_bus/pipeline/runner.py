@@ -15,7 +15,7 @@ from riot_bus.pipeline.event import Arrival, Change, Event, check
 from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Container, Sequence
 
     from riot_bus.message import Message
     from riot_bus.types.model import MessageType
@@ -134,6 +134,7 @@ class Pipeline:
         self._registry = registry
         self._origin = start
         self._running = False
+        self._started: dict[int, Stage] = {}
         self._routes: dict[str, Route] = {}
         self.stages: tuple[Stage, ...] = ()
         self.replace(interceptors)
@@ -143,6 +144,7 @@ class Pipeline:
 
         Raises:
             ConfigError: As for the constructor; then nothing has changed.
+            AbandonedError: `abandon` was called meanwhile; do it again for the rest.
         """
         stages = stages_of(interceptors)
         before = {id(stage.interceptor): stage for stage in self.stages}
@@ -152,12 +154,12 @@ class Pipeline:
                 stage.bypassed = known.bypassed
             elif (load := stage.hook("load")) is not None:
                 load(self._registry)
-        kept = {id(stage.interceptor) for stage in stages}
-        former, self.stages = self.stages, stages
+        self.stages = stages
         self._routes.clear()
         if self._running:
-            self._call([stage for stage in former if id(stage.interceptor) not in kept], "stop")
-            self._call([stage for stage in stages if id(stage.interceptor) not in before], "start")
+            self._running = False  # if an interceptor is abandoned meanwhile, the next message starts the others
+            self._stop(keep={id(stage.interceptor) for stage in stages})
+            self.start()
 
     def feed(self, message: Message, *, targets: tuple[str, ...] = ()) -> Result:
         """Run one message through all interceptors that want it.
@@ -239,10 +241,7 @@ class Pipeline:
                     check(event)
             except (Exception, SystemExit) as error:  # `exit()` ends an interceptor, not the router
                 failure = error
-            try:
-                token.pop()  # atomic: either we come back in time, or `abandon` took it
-            except IndexError:
-                raise AbandonedError(f"interceptor {stage.name} came back too late") from None
+            self._come_back(token, stage)
             if failure is not None:
                 event.restore(state)
                 self._failed(stage, failure)
@@ -281,20 +280,43 @@ class Pipeline:
         return emissions
 
     def start(self) -> None:
-        """Call every interceptor's `start`, unless that was done."""
-        if not self._running:
-            self._running = True
-            self._call(self.stages, "start")
+        """Call every interceptor's `start`, unless that was done; raises AbandonedError as `replace`."""
+        for stage in self.stages:
+            new = id(stage.interceptor) not in self._started
+            self._started[id(stage.interceptor)] = stage
+            if new:
+                self.call(stage, "start")
+        self._running = True
 
     def close(self) -> None:
-        """Call every interceptor's `stop`; safe to call twice."""
-        if self._running:
-            self._running = False
-            self._call(self.stages, "stop")
+        """Call every interceptor's `stop`; safe to call twice; raises AbandonedError as `replace`."""
+        self._running = False
+        self._stop()
 
-    def notify(self, hook: str, component: object) -> None:
-        """Tell every interceptor that wants to know of a component that `joined` or `left`."""
-        self._call(self.stages, hook, component)
+    def _stop(self, keep: Container[int] = ()) -> None:
+        for number, stage in list(self._started.items()):
+            if number not in keep:
+                del self._started[number]
+                self.call(stage, "stop")
+
+    def call(self, stage: Stage, hook: str, *arguments: object) -> None:
+        """Call an optional method of an interceptor, such as `joined`, unless it is bypassed.
+
+        Raises:
+            AbandonedError: `abandon` was called meanwhile.
+        """
+        method = stage.hook(hook)
+        if method is None or stage.bypassed is not None:
+            return
+        self.current = token = [stage]
+        failure: BaseException | None = None
+        try:
+            method(*arguments)
+        except (Exception, SystemExit) as error:
+            failure = error
+        self._come_back(token, stage)
+        if failure is not None:
+            self._failed(stage, failure)
 
     def abandon(self, asked: list[Stage], reason: str, place: str) -> bool:
         """Give up the interceptor that is being asked: it is bypassed from now on, and its message is taken from it.
@@ -338,14 +360,11 @@ class Pipeline:
             counts = self.counts.setdefault(topic, Counts())
         return counts
 
-    def _call(self, stages: Sequence[Stage], hook: str, *arguments: object) -> None:
-        for stage in stages:
-            method = stage.hook(hook)
-            if method is not None:
-                try:
-                    method(*arguments)
-                except Exception as error:
-                    self._failed(stage, error)
+    def _come_back(self, token: list[Stage], stage: Stage) -> None:
+        try:
+            token.pop()  # atomic: either we come back in time, or `abandon` took it
+        except IndexError:
+            raise AbandonedError(f"interceptor {stage.name} came back too late") from None
 
     def _failed(self, stage: Stage, error: BaseException) -> None:
         self._note(stage.name, "".join(traceback.format_exception(error)), stage.place(error))

@@ -21,6 +21,7 @@ __all__ = ["Worker"]
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0
+_LOOK_S = 0.1
 
 
 class Worker:
@@ -74,9 +75,8 @@ class Worker:
         with self._changed:
             self._closing = True
             self._changed.notify()
-            thread = self._thread
-        if thread is not threading.current_thread():
-            thread.join()
+        while (thread := self._thread).is_alive() and thread is not threading.current_thread():
+            thread.join(_LOOK_S)  # another one, if it is stuck and another one takes over
 
     def take_over(self) -> None:
         """Go on with another thread, beginning with the job at which the present one is stuck."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from riot_bus.bus.client import open_client
 from riot_bus.bus.commands import COMMANDS, answer, refusal
 from riot_bus.bus.flags import RouterFlags, merged
+from riot_bus.bus.gate import Gate, end_interceptors
 from riot_bus.bus.graph.history import replay
 from riot_bus.bus.graph.model import Component
 from riot_bus.bus.remote import Remote, find_routers
@@ -18,6 +21,8 @@ from riot_bus.bus.service import RouterService
 from riot_bus.bus.settings import RouterSettings
 from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.log.reader import LogReader
+from riot_bus.message import Message
+from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 PLAN = '[[inject]]\ntopic = "{}"\nfield = "v"\nvalue = 1\n'
@@ -27,6 +32,13 @@ FREE = ("a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0")
 class Passes:
     def __init__(self) -> None:
         self.seen: list[tuple[str, str]] = []
+        self.started = self.stopped = 0
+
+    def start(self) -> None:
+        self.started += 1
+
+    def stop(self) -> None:
+        self.stopped += 1
 
     def message(self, event: object) -> None:
         pass
@@ -36,6 +48,28 @@ class Passes:
 
     def left(self, component: Component) -> None:
         self.seen.append(("left", component.segment))
+
+
+class Hangs(Passes):
+    def __init__(self, hook: str) -> None:
+        super().__init__()
+        self.hook, self.go_on = hook, threading.Event()
+        self.line = self._hang.__code__.co_firstlineno + 2
+
+    def _hang(self, hook: str) -> None:
+        if self.hook == hook:
+            self.go_on.wait(30)
+
+    def start(self) -> None:
+        self._hang("start")
+        super().start()
+
+    def stop(self) -> None:
+        self._hang("stop")
+        super().stop()
+
+    def joined(self, component: Component) -> None:
+        self._hang("joined")
 
 
 def service(folder: Path, *interceptors: object, **flags: Any) -> RouterService:
@@ -107,16 +141,58 @@ def test_components_are_told_to_interceptors_and_written_into_each_log(tmp_path:
     log = tmp_path / "run.mcap"
     with service(tmp_path, passes, intercept=["cut/**"], record=log) as router:
         router.watch()
-        with Remote(router.endpoints["b"][0]) as remote:
+        with Remote(router.endpoints["b"][0]) as remote, open_client(router.endpoints["b"][0]):
             assert wait_until(lambda: ("joined", "b") in passes.seen, 10)
             assert [each.segment for each in router.graph().components] == ["b"]
             assert remote.ask("graph")["components"][0]["segment"] == "b"
             split = Path(router.record_split()["file"])
         assert wait_until(lambda: ("left", "b") in passes.seen, 10)
+    assert sorted(passes.seen) == [("joined", "b"), ("left", "b")]  # nothing is said of who only controls
     for path, counts in ((log, [1]), (split, [1, 0])):
         with LogReader(path) as reader:
             graphs = [graph for _, graph in replay(reader.notes("riot_bus.graph"))]
         assert [len(graph.components) for graph in graphs][-len(counts) :] == counts
+
+
+def test_an_interceptor_that_hangs_when_it_is_told_of_a_component_is_bypassed(tmp_path: Path) -> None:
+    hangs, passes = Hangs("joined"), Passes()
+    with service(tmp_path, hangs, passes, intercept=["cut/**"], budget=0.2) as router:
+        router.watch()
+        with open_client(router.endpoints["b"][0]):
+            assert wait_until(lambda: ("joined", "b") in passes.seen, 10)
+            first = router.status()["interceptors"][0]
+            assert "blocked for more than 0.2 s" in first["bypassed"]
+            assert first["place"] == f"{__file__}:{hangs.line}"
+    assert hangs.stopped == 0
+    hangs.go_on.set()
+
+
+def test_an_interceptor_that_hangs_when_it_comes_in_is_bypassed_and_the_others_come_in() -> None:
+    hangs, passes = Hangs("start"), Passes()
+    pipeline = Pipeline([], registry=TypeRegistry())
+    pipeline.start()
+    gate = Gate(pipeline, budget_s=0.2)
+    gate.start()
+    coming = threading.Thread(target=gate.replace, args=([hangs, passes],))
+    coming.start()
+    assert wait_until(lambda: pipeline.errors.get("Hangs") is not None, 10)
+    event, result = gate.feed("x", 1, message=Message(1, "x", b""))  # nobody waits for the hanging one
+    assert (event.dropped, result, passes.started) == (False, None, 1)
+    hangs.go_on.set()
+    coming.join(10)
+    end_interceptors(pipeline)
+    gate.close()
+    assert (hangs.stopped, passes.stopped, passes.started) == (0, 1, 1)
+
+
+def test_an_interceptor_that_does_not_stop_is_left_behind() -> None:
+    hangs, passes = Hangs("stop"), Passes()
+    pipeline = Pipeline([hangs, passes], registry=TypeRegistry())
+    pipeline.start()
+    end_interceptors(pipeline, patience_s=0.1)
+    assert passes.stopped == 1
+    assert pipeline.errors["Hangs"].place == f"{__file__}:{hangs.line}"
+    hangs.go_on.set()
 
 
 def test_only_chosen_segments_are_answered(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_the_methods_of_the_table_are_those_that_are_called():
     )
     pipeline.feed(message())
     for hook in ("joined", "left"):
-        pipeline.notify(hook, object())
+        pipeline.call(pipeline.stages[0], hook, object())
     pipeline.close()
     assert calls == ["load", "start", "message", "joined", "left", "stop"]
     assert pipeline.errors == {}
