@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from riot_bus.cli.options import Format, OutputFormat
 
@@ -37,9 +38,27 @@ LogPath = Annotated[
 ]
 
 
+class _Anywhere(TyperGroup):
+    """Takes its own options behind its commands' names too."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = {name for each in self.params if not getattr(each, "is_flag", False) for name in each.opts}
+        end = args.index("--") if "--" in args else len(args)
+        front, rest, words = [], [], args[:end]
+        while words:
+            word = words.pop(0)
+            if word.partition("=")[0] not in own or ("=" not in word and not words):
+                rest.append(word)
+            else:
+                front += [word] if "=" in word else [word, words.pop(0)]
+        return super().parse_args(ctx, [*front, *rest, *args[end:]])
+
+
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    ctl = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Look at a running router and change it.")
+    ctl = typer.Typer(
+        cls=_Anywhere, no_args_is_help=True, rich_markup_mode=None, help="Look at a running router and change it."
+    )
     ctl.callback()(connection)
     ctl.command()(status)
     ctl.command()(counts)

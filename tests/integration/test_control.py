@@ -244,6 +244,7 @@ def test_commands_of_the_command_line(router: RouterProcess, tmp_path: Path) -> 
         assert (code, text in out, err) == (0, True, ""), (arguments, out, err)
     code, out, err = riot("ctl", endpoint, "intercept", "remove", "c")
     assert (code, out, "not intercepted on your account" in err) == (2, "", True), err
+    assert riot("ctl", "counts", *endpoint.split("=")) == (0, riot("ctl", endpoint, "counts")[1], "")
     code, out, err = riot("ctl", f"--endpoint={free_endpoint()}", "status")
     assert (code, out, "nobody answers" in err, "Traceback" in err) == (4, "", True, False), err
     with open_client(router.endpoints["system"]):
