@@ -153,6 +153,25 @@ class Gate:
         finally:
             lock.release()
 
+    def rewriter(self, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
+        """Return `Pipeline.rewriter`; None also if an interceptor raises or blocks there."""
+        found: list[Callable[[bytes], bytes]] = []
+
+        def ask(pipeline: Pipeline) -> None:
+            function = pipeline.rewriter(key, payload)
+            if function is not None:
+                found.append(function)
+
+        try:
+            self.change(ask)
+        except Exception:
+            _LOG.exception("interceptors of %s cannot say what they make of payloads", key)
+        return found[0] if found else None
+
+    def rewrote(self, key: str, count: int) -> None:
+        """Count messages as `Pipeline.rewrote` does."""
+        self.change(lambda pipeline: pipeline.rewrote(key, count))
+
     def replace(self, interceptors: Sequence[object]) -> None:
         """Go on with other interceptors from the next message on; raises ConfigError if they are not usable."""
         self.change(lambda pipeline: pipeline.replace(interceptors))

@@ -58,6 +58,8 @@ class _Way:
         "publishers",
         "put",
         "qos",
+        "rewrite",
+        "rewritten",
         "seen",
         "senders",
     )
@@ -73,7 +75,8 @@ class _Way:
         self.put = publishers[0].put if len(publishers) == 1 else self._put
         self.looked_at = looked_at
         self.advanced = False  # whether the key has advanced publishers
-        self.passed = self.seen = 0
+        self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
+        self.passed = self.seen = self.rewritten = 0
         self.senders: set[str] = set()
 
     def _put(self, payload: Any, **more: Any) -> None:
@@ -126,6 +129,7 @@ class Lane:
         self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
         self._out: deque[tuple[_Way, Any, dict[str, Any] | None]] = deque()
+        self._rewriting: list[_Way] = []
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
@@ -147,7 +151,7 @@ class Lane:
 
     def flows(self) -> Counter[str]:
         """Return how many messages per key came."""
-        counts = self.passed() + self._seen + self.shed
+        counts = self.passed() + self._seen.copy() + self.shed.copy()  # they may grow meanwhile
         for way in self._all_ways():
             counts[way.key] += way.seen
         return counts
@@ -181,7 +185,8 @@ class Lane:
         """Forward what has come in, then end; safe to call twice."""
         release(self._subscriber)
         if self._thread is not threading.current_thread():
-            self._thread.join()
+            while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
+                self._thread.join(_TURN_S)
             self.forget()
             self._fold()  # and with it the publishers; a retired lane is kept for its counts
 
@@ -279,11 +284,15 @@ class Lane:
                 if way is None:
                     continue
             if way.looked_at or not payload:
-                self._look(way, sample)
-                if time.monotonic() - began > _TURN_S:
-                    break  # interceptors are slow: see what has come in meanwhile
-                continue
-            way.passed += 1
+                changed = self._rewritten(way, payload) if way.rewrite is not None and payload else None
+                if changed is None:
+                    self._look(way, sample)
+                    if time.monotonic() - began > _TURN_S:
+                        break  # interceptors are slow: see what has come in meanwhile
+                    continue
+                payload = changed
+            else:
+                way.passed += 1
             if attachment is not None:
                 out((way, payload, {"encoding": encoding, "attachment": attachment}))
             elif way.encoding == encoding:
@@ -321,9 +330,23 @@ class Lane:
             publishers = [outlet.publisher(key, qos, sample.encoding) for outlet in outlets]
             way = _Way(key, qos, sample, publishers, looked_at=looked_at or advanced)
             way.advanced = advanced
+            if looked_at and not advanced and crossing.recorder is None:
+                way.rewrite = crossing.gate.rewriter(key, sample.payload.to_bytes())
             by_qos[key, qos] = way
         ways[key_expr] = way
         return way
+
+    def _rewritten(self, way: _Way, payload: zenoh.ZBytes) -> bytes | None:
+        """Return another payload, None if this message is one to look at."""
+        assert way.rewrite is not None
+        try:
+            changed = way.rewrite(payload.to_bytes())
+        except Exception:  # whatever it is, it is said when an interceptor looks
+            return None
+        if not way.rewritten:
+            self._rewriting.append(way)
+        way.rewritten += 1
+        return changed
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
         """Take one message that somebody wants to see, or that has no payload."""
@@ -366,6 +389,11 @@ class Lane:
                         publisher.delete(**more)
             except error as problem:
                 self._failed(way.key, problem)
+        while self._rewriting:
+            way = self._rewriting.pop()
+            count, way.rewritten = way.rewritten, 0
+            way.seen += count
+            self._crossing.gate.rewrote(way.key, count)
 
     def _failed(self, key: str, error: Exception) -> None:
         _LOG.warning("a message of %s could not be forwarded: %s", key, error)

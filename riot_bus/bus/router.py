@@ -167,6 +167,7 @@ class Bus:
             stack.callback(self._watch.stop)
             self.gate.start()
             stack.callback(self.gate.close)
+            self.gate.change(Pipeline.start)
             self._crossing.start()
             if len(self._segments) > 1:
                 self._advanced = self._crossing.advanced = Terminator(
@@ -540,7 +541,7 @@ class Bus:
     def _recordings(self, which: str) -> Counter[str]:
         total: Counter[str] = Counter()
         for recorder in self._recorders:
-            total.update(getattr(recorder, which))
+            total.update(getattr(recorder, which).copy())
         return total
 
     def _count_slow(self, message: Message) -> None:
@@ -556,7 +557,7 @@ class Bus:
         """What was lost so far against everybody's will."""
         parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
         parts["no room"] = self._by_topic(lane.shed for lane in self._all_lanes())
-        parts["observer too slow"] = +self._slow
+        parts["observer too slow"] = +self._slow.copy()
         messages: Counter[str] = Counter()
         for topics in parts.values():
             messages.update(topics)

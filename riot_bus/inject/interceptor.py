@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Event
     from riot_bus.trial import Scalar
+    from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Injector", "fit_value"]
@@ -60,28 +61,21 @@ class Injector:
         self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
         self._registry: TypeRegistry | None = None
         self._routes: dict[str, list[int]] = {}
-        self._ready: dict[str, tuple[int, Callable[[bytes], bytes], Change]] = {}
+        self._rewriting: dict[str, int] = {}
 
     def load(self, registry: TypeRegistry) -> None:
         """Take the registry that says which topics an expression means."""
         self._registry = registry
         self._routes.clear()
-        self._ready.clear()
 
     def message(self, event: Event) -> None:
         """Apply every injection that selects this message."""
         key = event.key
-        ready = self._ready.get(key)
-        if ready is not None and not event.provenance:
-            self._set_at_once(event, *ready)
-            return
         numbers = self._routes.get(key)
         if numbers is None:
             if len(self._routes) >= _CACHED_KEYS:
                 self._routes.clear()
-                self._ready.clear()
-            numbers = self._routes[key] = [n for n in range(len(self.injections)) if self._wants(n, event)]
-            self._prepare(event, numbers)
+            numbers = self._routes[key] = [n for n in range(len(self.injections)) if self._wants(n, key, event.topic)]
         for number in numbers:
             injection = self.injections[number]
             if not _in_window(injection, event):
@@ -101,36 +95,37 @@ class Injector:
             if event.dropped:
                 return
 
-    def _prepare(self, event: Event, numbers: list[int]) -> None:
-        """Take the short way if all messages of a key get the same value at the same place, and nobody notes which."""
-        if len(numbers) != 1 or event.provenance:
-            return
+    def rewriter(self, kind: MessageType | None, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
+        """Return what sets a field, if all messages of a key get the same value at the same place; see `Pipeline`."""
+        numbers = [n for n in range(len(self.injections)) if self._wants(n, key, key)]
+        patcher = getattr(kind, "patcher", None)
+        if len(numbers) != 1 or kind is None or patcher is None:
+            return None
         injection = self.injections[numbers[0]]
-        value, path, patcher = injection.value, injection.field, getattr(event.type, "patcher", None)
-        if path is None or value is None or isinstance(value, Signal) or "[*]" in path or patcher is None:
-            return
+        value, path = injection.value, injection.field
+        if path is None or value is None or isinstance(value, Signal) or "[*]" in path:
+            return None
         if injection != Injection(injection.topic, path, value, seed=injection.seed):
-            return  # it has conditions
+            return None  # it has conditions
         try:
-            patch = patcher(path, fit_value(value, event.read(path)))
+            patch: Callable[[bytes], bytes] | None = patcher(path, fit_value(value, kind.read(payload, path)))
         except PayloadError:
-            return
+            return None
         if patch is not None:
-            self._ready[event.key] = numbers[0], patch, Change(event.interceptor, "set", path)
+            self._rewriting[key] = numbers[0]
+        return patch
 
-    def _set_at_once(self, event: Event, number: int, patch: Callable[[bytes], bytes], change: Change) -> None:
-        try:
-            event.patched(patch(event.payload), change)
-        except PayloadError as error:
-            self._skip(event.topic, error)
-        else:
-            self.hits[number] += 1
+    def rewrote(self, key: str, count: int) -> None:
+        """Count injections that were carried out by what `rewriter` returned."""
+        number = self._rewriting.get(key)
+        if number is not None:  # else another plan did that
+            self.hits[number] += count
 
-    def _wants(self, number: int, event: Event) -> bool:
-        topic, key = self.injections[number].topic, event.key
+    def _wants(self, number: int, key: str, topic: str) -> bool:
+        wanted = self.injections[number].topic
         if self._registry is not None:
-            return self._registry.matches(topic, key)
-        return topic == event.topic or key_matches(topic, key)
+            return self._registry.matches(wanted, key)
+        return wanted == topic or key_matches(wanted, key)
 
     def _draw(self, number: int, digest: bytes, index: int) -> float:
         text = f"{self.seed}:{self.injections[number].seed}:{number}:{index}:".encode()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from riot_bus.predicate import Predicate
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Selective", "When"]
+__all__ = ["Selective", "When", "always"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class When:
         numbered = self.first > 0 or self.last is not None
         chance = self.probability < 1.0
         if not (timed or numbered or chance or self.source or predicates or choices):
-            return _always
+            return always
 
         def decide(event: Event) -> bool:
             if self.source is not None and event.segment != self.source:
@@ -117,7 +117,8 @@ class When:
         return decide
 
 
-def _always(event: Event) -> bool:
+def always(event: Event) -> bool:
+    """Return that a message is meant: what decides when there are no conditions."""
     return True
 
 

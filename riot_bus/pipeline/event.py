@@ -28,7 +28,8 @@ __all__ = ["Arrival", "Change", "Event", "Interceptor", "check"]
 
 _MOST_COPIES = 10_000
 _MOST_ADDED = 10_000
-_NO_KEY = re.compile(r"\A\Z|\A/|//|/\Z|[*$?#]")
+_NO_KEY = re.compile("\\A\\Z|\\A/|//|/\\Z|[*$?#\ud800-\udfff]")
+_NO_TEXT = re.compile("[\ud800-\udfff]")  # cannot be sent as UTF-8
 _CONGESTION = ("drop", "block", "block_first")
 
 
@@ -323,6 +324,12 @@ def check(event: Event) -> None:
         raise TypeError(f"delay_ns = {event.delay_ns!r} and copies = {event.copies!r} have to be whole numbers")
     if event.copies > _MOST_COPIES:
         raise ValueError(f"{event.copies} copies of one message are too many")
+    for each in (event.added, event.changes):
+        if each.__class__ is not list and each.__class__ is not tuple:
+            raise TypeError(f"{each!r} is no list of messages or changes")
+    for message, delay_ns in event.added:
+        _publishable(message, event.key)
+        _checked(delay_ns, int, "a delay in nanoseconds")
 
 
 def _checked(value: ValueT, kind: type, what: str) -> ValueT:
@@ -339,7 +346,7 @@ def _publishable(message: Message, key: str) -> Message:
         raise ValueError(f"{message.key!r} is not a key to publish on")
     if message.payload.__class__ is not bytes or not isinstance(message.attachment, bytes | None):
         raise TypeError("payload and attachment of a message have to be bytes")
-    if not isinstance(message.encoding, str) or message.time.__class__ is not int:
+    if not isinstance(message.encoding, str) or _NO_TEXT.search(message.encoding) or message.time.__class__ is not int:
         raise TypeError(f"encoding = {message.encoding!r} or time = {message.time!r} is of another kind")
     qos = message.qos
     if not isinstance(qos, Qos) or qos.priority not in range(1, 8) or qos.congestion not in _CONGESTION:

@@ -6,11 +6,13 @@ A `Pipeline` is not thread-safe; whoever feeds it, feeds it from one thread at a
 
 from __future__ import annotations
 
+import threading
 import traceback
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import RiotError
+from riot_bus.pipeline.conditions import always
 from riot_bus.pipeline.event import Arrival, Change, Event, check
 from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
 
@@ -232,18 +234,23 @@ class Pipeline:
                     self._run(branch, route, number)
                     continue
             event.interceptor, event.seed = stage.name, stage.when.seed
-            state = event.snapshot()
+            state, targets, branches = event.snapshot(), event.targets, event.branches
             self.current = token = [stage]
             failure: BaseException | None = None
             try:
                 if wanted(event):
                     stage.message(event)
                     check(event)
-            except (Exception, SystemExit) as error:  # `exit()` ends an interceptor, not the router
+                    if event.targets is not targets or event.branches is not branches:
+                        raise TypeError("where a message goes cannot be set; conditions of the interceptor can say it")
+            except BaseException as error:  # `exit()` or a cancelled task ends an interceptor, not the router
+                if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+                    raise  # somebody pressed Ctrl-C while a log is worked on
                 failure = error
             self._come_back(token, stage)
             if failure is not None:
                 event.restore(state)
+                event.targets, event.branches = targets, branches
                 self._failed(stage, failure)
             if event.dropped:
                 break
@@ -278,6 +285,41 @@ class Pipeline:
             other.delivered += 1
             emissions.append(Emission(original.time + max(0, offset), message, None, changes, targets))
         return emissions
+
+    def rewriter(self, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
+        """Return what all interceptors together make of payloads, if that is all that they do with messages of a key.
+
+        An interceptor can say so with a method `rewriter(kind, key, payload)`, which gets the message type (or None)
+        and a payload as an example, and returns a pure function or None. For such messages there is no need of
+        events; whoever calls the function says so with `rewrote`. Where the function raises PayloadError, the message
+        has to be fed instead.
+
+        Args:
+            key: Key of the messages.
+            payload: One of their payloads.
+        """
+        if self.provenance or not self._running:
+            return None
+        route = self.route(key)
+        functions: list[Callable[[bytes], bytes]] = []
+        for stage, decide in route.stages:
+            make = stage.hook("rewriter") if decide is always and stage.target is None else None
+            function: Any = make(route.kind, key, payload) if make is not None and stage.bypassed is None else None
+            if not callable(function):
+                return None
+            functions.append(function)
+        return _composed(functions) if functions else None
+
+    def rewrote(self, key: str, count: int) -> None:
+        """Count messages that were changed by what `rewriter` returned."""
+        route = self.route(key)
+        route.counts.seen += count
+        route.counts.changed += count
+        route.counts.delivered += count
+        for stage, _ in route.stages:
+            note = stage.hook("rewrote")
+            if note is not None:
+                note(key, count)
 
     def start(self) -> None:
         """Call every interceptor's `start`, unless that was done; raises AbandonedError as `replace`."""
@@ -376,3 +418,15 @@ class Pipeline:
         else:
             errors.count += 1
             errors.place = place
+
+
+def _composed(functions: Sequence[Callable[[bytes], bytes]]) -> Callable[[bytes], bytes]:
+    if len(functions) == 1:
+        return functions[0]
+
+    def all_of_them(payload: bytes) -> bytes:
+        for function in functions:
+            payload = function(payload)
+        return payload
+
+    return all_of_them

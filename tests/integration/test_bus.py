@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -16,11 +17,13 @@ from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
 from riot_bus.bus.settings import SegmentSettings
 from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.inject.interceptor import Injector
+from riot_bus.injection import Injection
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.types.registry import TypeRegistry
+from riot_bus.types.registry import TypeRegistry, load_adapters
 from tests.integration.bus_puppet import Puppet
 
 pytestmark = pytest.mark.integration
@@ -280,6 +283,35 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
             (b"changed", b"a", "unit"),
             (b"plain", None, "unit"),
         ]
+
+
+def test_one_scalar_is_set_in_all_messages_and_what_lacks_it_passes() -> None:
+    vector = struct.Struct("<4s3d")
+    registry = TypeRegistry(load_adapters(["ros2"]), declared={"cut/x": "geometry_msgs/msg/Vector3"})
+    injector = Injector([Injection("cut/x", "y", 9.5)])
+    once = Pipeline([injector], registry=registry, provenance=False)
+    with Bus(SEGMENTS, intercept=["cut/**"], pipeline=once, registry=registry) as bus, pair(bus) as (source, sink):
+        payloads = [vector.pack(b"\0\1\0\0", n, 0.0, -n) for n in range(5)]
+        short = b"\0\1\0\0" + bytes(8)
+        for number, payload in enumerate([*payloads[:3], short, b"", *payloads[3:]]):
+            more = {"encoding": "application/cdr;v"} if number % 2 else {"attachment": "0a", "priority": "DATA_HIGH"}
+            source.do("put", key="cut/x", payload=payload.hex(), congestion="BLOCK", **(more if number < 3 else {}))
+        source.do("delete", key="cut/x", congestion="BLOCK")
+        samples = sink.do("wait", count=8)
+        changed = [vector.pack(b"\0\1\0\0", n, 9.5, -n).hex() for n in range(5)]
+        arrived = [sample["payload"] for sample in samples]
+        assert sorted(arrived) == sorted([*changed, short.hex(), "", ""])  # priorities may overtake
+        first = next(sample for sample in samples if sample["payload"] == changed[0])
+        assert (first["attachment"], first["priority"]) == ("0a", 4)
+        assert next(sample for sample in samples if sample["payload"] == changed[1])["encoding"] == "application/cdr;v"
+        assert bus.drain(5)
+        assert injector.hits == {0: 5}
+        assert sum(injector.skipped.values()) == 3
+        counts = bus.counts()["cut/x"]
+        assert (counts.received, counts.changed, counts.forwarded, counts.lost) == (8, 5, 8, 0)
+        bus.set_interceptors([])
+        source.do("put", key="cut/x", payload=payloads[0].hex(), congestion="BLOCK")
+        assert sink.do("wait", count=9)[-1]["payload"] == payloads[0].hex()
 
 
 def test_overlapping_expressions_deliver_once() -> None:

@@ -1,16 +1,18 @@
 import json
 import logging
 import math
+import struct
 
 import pytest
 
-from riot_bus.errors import ConfigError
+from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector
 from riot_bus.injection import Injection, Signal
 from riot_bus.message import Message
+from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.types.registry import TypeRegistry
+from riot_bus.types.registry import TypeRegistry, load_adapters
 
 SECOND = 10**9
 
@@ -136,3 +138,68 @@ def test_an_injection_that_sets_nothing_is_refused():
 def test_provenance_says_what_the_field_holds_now():
     out, touched = run(log(1), Injection("a", "n", 2**64 + 5))
     assert touched[0][2][0].after == values(out, "n")[0] != 2**64 + 5
+
+
+VECTOR = struct.Struct("<4s3d")
+VECTORS = TypeRegistry(load_adapters(["ros2"]), declared={"v": "geometry_msgs/msg/Vector3"})
+
+
+def vector(x, y=2.0):
+    return VECTOR.pack(b"\0\1\0\0", x, y, 3.0)
+
+
+def test_what_changes_the_payload_alone_needs_no_events():
+    injectors = [
+        Injector([Injection("v", "x", "nan")]),
+        Injector([Injection("other", "x", 5.0), Injection("v", "y", 7)]),
+    ]
+    pipelines = [Pipeline(injectors, registry=VECTORS, provenance=False) for _ in range(2)]
+    for each in pipelines:
+        each.start()
+    rewrite = pipelines[0].rewriter("v", vector(0.0))
+    for payload in (vector(1.0), vector(-1.0) + b"more", vector(math.inf)):
+        (emission,) = pipelines[1].feed(Message(0, "v", payload)).emissions
+        assert rewrite(payload) == emission.message.payload
+        assert VECTOR.unpack_from(rewrite(payload))[2:] == (7.0, 3.0)
+    with pytest.raises(PayloadError):
+        rewrite(b"\0\1\0\0short")
+    for injector in injectors:
+        injector.hits.clear()
+    pipelines[0].rewrote("v", 5)
+    assert (injectors[0].hits, injectors[1].hits) == ({0: 5}, {1: 5})
+    counts = pipelines[0].counts["v"]
+    assert (counts.seen, counts.changed, counts.delivered, counts.dropped) == (5, 5, 5, 0)
+
+
+@pytest.mark.parametrize(
+    ("others", "options"),
+    [
+        ([Injection("v", "x", 1.0, first=2)], {}),
+        ([Injection("v", "x", 1.0, where="y > 0")], {}),
+        ([Injection("v", "x", 1.0, probability=0.5)], {}),
+        ([Injection("v", "x", Signal(0.0, 1.0))], {}),
+        ([Injection("v", fault="drop")], {}),
+        ([Injection("v", "nothing", 1.0)], {}),
+        ([Injection("v", "x", 1.0), Injection("v", "y", 1.0)], {}),
+        ([Injection("v", "x", 1.0)], {"provenance": True}),
+        ([], {}),
+    ],
+)
+def test_what_needs_more_than_the_payload_needs_events(others, options):
+    pipeline = Pipeline([Injector(others)], registry=VECTORS, **{"provenance": False, **options})
+    pipeline.start()
+    assert pipeline.rewriter("v", vector(0.0)) is None
+
+
+def test_conditions_and_other_interceptors_need_events():
+    injector = Injector([Injection("v", "x", 1.0)])
+    for given in ([Selective(injector, When(target="unit"))], [Selective(injector, When(last=5))], [injector, Looks()]):
+        pipeline = Pipeline(given, registry=VECTORS, provenance=False)
+        assert pipeline.rewriter("v", vector(0.0)) is None  # nobody has started it
+        pipeline.start()
+        assert pipeline.rewriter("v", vector(0.0)) is None
+
+
+class Looks:
+    def message(self, event):
+        pass
