@@ -88,7 +88,7 @@ def is_control(zid: str) -> bool:
     return zid.startswith(_CONTROL)
 
 
-def access_control(cut: Sequence[str]) -> SessionConfig:
+def access_control(cut: Sequence[str], *, tokens: Sequence[str] | None = None) -> SessionConfig:
     """Return the rules by which a junction keeps the cut keys to their segments.
 
     Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
@@ -97,7 +97,10 @@ def access_control(cut: Sequence[str]) -> SessionConfig:
 
     Args:
         cut: Key expressions that are intercepted.
+        tokens: Key expressions of the liveliness tokens that are kept apart too; default: those of all advanced
+            publishers on cut keys.
     """
+    tokens = [f"{key}/@adv/pub/**" for key in cut] if tokens is None else tokens
     rules = [{"id": "control", "messages": ["query", "reply", "declare_queryable"], "key_exprs": [f"{OWN_CHUNK}/**"]}]
     if cut:
         rules += [
@@ -106,8 +109,9 @@ def access_control(cut: Sequence[str]) -> SessionConfig:
             # end here, heartbeats and tokens too; tokens of advanced subscribers pass. Replies on the keys themselves
             # pass as well, else services would not work.
             {"id": "cut-caches", "messages": _CACHES, "key_exprs": [f"{key}/@adv/**" for key in cut]},
-            {"id": "cut-tokens", "messages": ["liveliness_token"], "key_exprs": [f"{key}/@adv/pub/**" for key in cut]},
         ]
+    if tokens:
+        rules.append({"id": "cut-tokens", "messages": ["liveliness_token"], "key_exprs": list(tokens)})
     return {
         "access_control": {
             "enabled": True,

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.message import Message, Qos
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     import zenoh
 
-__all__ = ["Claims", "Converter", "Outlets", "is_delete", "is_droppable"]
+__all__ = ["FEW", "Claims", "Converter", "Occasional", "Outlets", "is_delete", "is_droppable"]
 
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
 _DEFAULT_ENCODING = "zenoh/bytes"
 _CACHED_PUBLISHERS = 4096
 _CACHED_KEYS = 1 << 16
+
+FEW = 2
+"""How many messages of a key are published without declaring it."""
 
 
 class Converter:
@@ -81,8 +85,32 @@ def is_droppable(sample: zenoh.Sample) -> bool:
     return int(congestion) == 0
 
 
+class Occasional:
+    """Publishes on a key that may never come again, without declaring it.
+
+    To declare a publisher takes far longer than to publish, and the longer the more there are: somebody who invents
+    keys would hold up everybody.
+    """
+
+    __slots__ = ("_encoding", "_key", "_qos", "_session")
+
+    def __init__(
+        self, session: zenoh.Session, key: str, qos: Mapping[str, Any], encoding: zenoh.Encoding | None
+    ) -> None:
+        self._session, self._key, self._qos, self._encoding = session, key, qos, encoding
+
+    def put(self, payload: Any, *, encoding: zenoh.Encoding | None = None, attachment: Any = None) -> None:
+        """Publish as a publisher does."""
+        encoding = self._encoding if encoding is None else encoding
+        self._session.put(self._key, payload, encoding=encoding, attachment=attachment, **self._qos)
+
+    def delete(self, *, attachment: Any = None) -> None:
+        """Delete as a publisher does."""
+        self._session.delete(self._key, attachment=attachment, **self._qos)
+
+
 class Outlets:
-    """Publishes messages into one session, through publishers that are declared once per key and QoS.
+    """Publishes messages into one session, through publishers that are declared once per key and QoS that comes again.
 
     Neither Zenoh's timestamp nor its source information is set: an advanced subscriber drops what does not increase, so
     copies, delays and replays would vanish. The session stamps by itself.
@@ -91,13 +119,14 @@ class Outlets:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._publishers: dict[tuple[str, Qos], zenoh.Publisher] = {}
+        self._times: Counter[tuple[str, Qos]] = Counter()
         self._encodings: dict[str, zenoh.Encoding] = {}
         self.longest_s = 0.0
         """Longest time that one publication took."""
 
     def publish(self, message: Message) -> None:
         """Put or delete; raises zenoh.ZError when the session is closed."""
-        publisher = self.publisher(message.key, message.qos)
+        publisher = self._publishers.get((message.key, message.qos)) or self._seldom(message.key, message.qos)
         began = time.monotonic()
         if message.kind == "delete":
             publisher.delete(attachment=message.attachment)
@@ -111,29 +140,34 @@ class Outlets:
             self.longest_s = seconds
 
     def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | None = None) -> zenoh.Publisher:
-        """Return the publisher of a key, declared at its first message.
+        """Return the publisher of a key; declare it, if that was not done.
 
         Args:
             key: Key without wildcards.
             qos: Delivery settings.
             encoding: What the publisher puts if nothing else is said; only for its first declaration.
         """
-        import zenoh
-
         known = self._publishers.get((key, qos))
         if known is not None:
             return known
-        publisher = self._session.declare_publisher(
-            key,
-            encoding=encoding,
-            priority=getattr(zenoh.Priority, _PRIORITIES[qos.priority - 1]),
-            congestion_control=getattr(zenoh.CongestionControl, qos.congestion.upper()),
-            express=qos.express,
-        )
+        publisher = self._session.declare_publisher(key, encoding=encoding, **_settings(qos))
         if len(self._publishers) >= _CACHED_PUBLISHERS:
             self._publishers.clear()  # they undeclare themselves
         self._publishers[key, qos] = publisher
         return publisher
+
+    def occasional(self, key: str, qos: Qos, encoding: zenoh.Encoding) -> zenoh.Publisher | Occasional:
+        """Return what publishes on a key for the first time; its publisher, if it was declared before."""
+        return self._publishers.get((key, qos)) or Occasional(self._session, key, _settings(qos), encoding)
+
+    def _seldom(self, key: str, qos: Qos) -> zenoh.Publisher | Occasional:
+        self._times[key, qos] += 1
+        if self._times[key, qos] <= FEW:
+            if len(self._times) > _CACHED_PUBLISHERS:
+                self._times.clear()
+            return Occasional(self._session, key, _settings(qos), None)
+        del self._times[key, qos]
+        return self.publisher(key, qos)
 
     def encoding(self, text: str) -> zenoh.Encoding:
         """Return Zenoh's object for an encoding string."""
@@ -148,26 +182,46 @@ class Outlets:
         return encoding
 
 
+def _settings(qos: Qos) -> dict[str, Any]:
+    import zenoh
+
+    return {
+        "priority": getattr(zenoh.Priority, _PRIORITIES[qos.priority - 1]),
+        "congestion_control": getattr(zenoh.CongestionControl, qos.congestion.upper()),
+        "express": qos.express,
+    }
+
+
 class Claims:
     """Says which of several key expressions owns a key: the first that matches, so that nothing is taken twice.
 
     Args:
         expressions: Canonical key expressions; they may overlap.
+        owners: Key expressions that can own keys, if not the same.
+        within: Keys that these do not own, nobody owns.
     """
 
-    def __init__(self, expressions: list[str]) -> None:
+    def __init__(
+        self, expressions: Sequence[str], *, owners: Sequence[str] | None = None, within: Claims | None = None
+    ) -> None:
         import zenoh
 
-        self.expressions = expressions
-        self._parsed = [(text, zenoh.KeyExpr(text)) for text in expressions]
+        self.expressions = list(expressions)
+        self._within = within
+        self._parsed = [zenoh.KeyExpr(text) for text in self.expressions]
+        self._able = [(text, zenoh.KeyExpr(text)) for text in (self.expressions if owners is None else owners)]
         self._owners: dict[str, str | None] = {}
 
     def owner(self, key: str) -> str | None:
-        """Return the first key expression that includes the key, None if there is none."""
+        """Return the key expression that owns a key, None if there is none."""
         try:
             return self._owners[key]
         except KeyError:
-            owner = next((text for text, expression in self._parsed if expression.includes(key)), None)
+            owner = None
+            if any(expression.includes(key) for expression in self._parsed):
+                owner = next((text for text, expression in self._able if expression.includes(key)), None)
+            if self._within is not None and self._within.owner(key) is None:
+                owner = None
             if len(self._owners) >= _CACHED_KEYS:
                 self._owners.clear()
             self._owners[key] = owner

@@ -116,7 +116,10 @@ class Crossing:
         assert self.advanced is not None
         message = self.advanced.take(segment, sample)
         if message is not None:
-            self.send(message, holder)
+            try:
+                self.send(message, holder)
+            finally:
+                self.advanced.through(message)
 
     def replay(self, message: Message, holder: Holder) -> Result:
         """Take a message of a history through the pipeline; it shall be stored, not heard.

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Any
+import math
+import time
+from collections import Counter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S, access_control, router_config
+from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 from riot_bus.bus.runtime import open_session, release, wait_until
 from riot_bus.errors import EnvironmentFaultError
 
@@ -20,6 +23,10 @@ __all__ = ["Junction"]
 
 _PROBE_INTERVAL_S = 0.002
 _FLUSH_S = 1.0
+_ROUTES_S = 1.0
+_FORGET_S = 0.2
+_PROBES = 4
+_TOKENS_S = 2.0
 
 
 class Junction:
@@ -29,7 +36,7 @@ class Junction:
 
     Args:
         segments: At least two.
-        inner: Where it listens by turns, for segments that it may not connect to.
+        inner: Where it listens by turns (at least three), for segments that it may not connect to.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
@@ -50,7 +57,10 @@ class Junction:
         self.ids: set[str] = set()
         """Ids of all routers that were in this place."""
         self._segments = tuple(segments)
+        self._probes = _probes(segments)
         self._inner = itertools.cycle(inner)
+        self._path = ""
+        self._left = -math.inf
         self._listens = any(not segment.open_to_all for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
@@ -65,26 +75,26 @@ class Junction:
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
         """
-        settings = router_config(
-            connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
-            listen=[next(self._inner)] if self._listens else [],
-            wait_before_close_s=self._wait_before_close_s,
-            extra={**self._config, **access_control(cut)},
-        )
         # The former router stays until the new one works. If it left first, the new one would take its place in the
         # segments' tables, and they would not tell each other of subscriptions that exist already.
-        former = self.session, self.zid
-        if former[0] is not None:
-            self._flush(former[1])  # what lanes have just undeclared
-        self.session = open_session(settings, purpose="junction")
-        self.zid = str(self.session.info.zid())
-        self.ids.add(self.zid)
-        if wait_until(self._linked, self._timeout) and self._routes():
-            self._leave(*former)
-            if former[0] is None or self._routes():
-                return self.session
+        former, taken, patience = (self.session, self.zid), self._path, 1
+        deadline = time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            self.settle(patience)
+            if former[0] is not None:
+                self._flush(former[1])  # what lanes have just undeclared
+            session = self._begin(cut, taken)
+            if wait_until(self._linked, deadline - time.monotonic()) and self._routes(
+                {"": session}, patience * _ROUTES_S
+            ):
+                self._leave(*former)
+                former = None, ""
+                if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
+                    return session
+            self.close()
+            self.session, self.zid = former
+            patience *= 2
         self.close()
-        self._leave(*former)
         names = ", ".join(each.name for each in self._segments)
         raise EnvironmentFaultError(
             f"the segments {names} were not joined in {self._timeout:g} s",
@@ -92,17 +102,57 @@ class Junction:
             hint="is the machine overloaded? look at ZENOH_RUNTIME and at Zenoh's log (RUST_LOG=zenoh=debug)",
         )
 
+    def settle(self, patience: int = 1) -> None:
+        """Wait, if it is necessary, until segments have drawn their routes without the last one that left.
+
+        They do so 100 ms later. Until then, zenoh 1.10.2 takes another router for the one that has left, and does not
+        tell it what components have subscribed to. Nobody can see when it is done, so the probes judge whether it was
+        long enough; the former router still works meanwhile.
+        """
+        time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
+
+    def _begin(self, cut: Sequence[str], taken: str) -> zenoh.Session:
+        self._path = next(path for path in self._inner if path != taken) if self._listens else ""
+        settings = router_config(
+            connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
+            listen=[self._path] if self._listens else [],
+            wait_before_close_s=self._wait_before_close_s,
+            extra={**self._config, **access_control(cut, tokens=self._tokens(cut))},
+        )
+        self.session = session = open_session(settings, purpose="junction")
+        self.zid = str(session.info.zid())
+        self.ids.add(self.zid)
+        return session
+
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
         former, self.session = (self.session, self.zid), None
         self.zid = ""
         self._leave(*former)
 
+    def _tokens(self, cut: Sequence[str]) -> list[str]:
+        """Return which tokens of advanced publishers must not cross.
+
+        Those of a key where one has crossed already go on: else nobody would hear that it is withdrawn, and it would
+        stay for ever. The tokens of our own stand-ins never cross.
+        """
+        refused = []
+        for expression in cut:
+            text = f"{expression}/@adv/pub/"
+            seen: Counter[str] = Counter()
+            for segment in self._segments if self.session is not None else ():
+                replies = segment.session.liveliness().get(f"{text}**", timeout=_TOKENS_S)
+                seen.update({str(reply.ok.key_expr) for reply in replies if reply.ok is not None})
+            crossed = any(number > 1 for number in seen.values())
+            refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
+        return refused
+
     def _leave(self, session: zenoh.Session | None, zid: str) -> None:
         if session is not None:
             self._flush(zid)
             release(session)
             wait_until(lambda: all(zid not in segment.peers() for segment in self._segments), self._timeout)
+            self._left = time.monotonic()
 
     def _flush(self, zid: str) -> None:
         """Wait until the junction has taken in what segments told it.
@@ -116,30 +166,55 @@ class Junction:
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)
 
-    def _routes(self) -> bool:
-        """Send probes between all segments until each has arrived: routes come about 100 ms after links."""
-        import zenoh
+    def _routes(self, sources: Mapping[str, zenoh.Session], timeout: float) -> bool:
+        """Send probes to all segments until each has arrived; routes come about 100 ms after links.
 
-        # A verbatim chunk (`@riot`) stays out of everybody's wildcards; the id keeps late probes of others out.
-        key = {segment.name: f"@riot/{self.zid}/{number}" for number, segment in enumerate(self._segments)}
-        channels = {
-            segment.name: segment.session.declare_subscriber(
-                key[segment.name], zenoh.handlers.RingChannel(1024), allowed_origin=zenoh.Locality.REMOTE
-            )
-            for segment in self._segments
-        }
-        missing = {(a.name, b.name) for a in self._segments for b in self._segments if a is not b}
-        sessions = {segment.name: segment.session for segment in self._segments}
+        They go to subscriptions that are as old as the segments: only these show that the junction has been told what
+        components have subscribed to already.
+
+        Args:
+            sources: Who sends: segments by name, or the junction.
+            timeout: Seconds.
+        """
+        missing = {(name, probe) for name in sources for probe in self._probes if probe.segment != name}
+        text = self.zid.encode()
 
         def arrived() -> bool:
-            for source, target in missing:
-                sessions[source].put(key[target], source)
-            for target, channel in channels.items():
-                while (sample := channel.try_recv()) is not None:
-                    missing.discard((sample.payload.to_string(), target))
+            for name, probe in missing:
+                sources[name].put(probe.key, text + b" " + name.encode())
+            for probe in {probe for _, probe in missing}:
+                while (sample := probe.channel.try_recv()) is not None:
+                    zid, _, name = sample.payload.to_bytes().partition(b" ")
+                    if zid == text:
+                        missing.discard((name.decode(), probe))
             return not missing
 
-        try:
-            return wait_until(arrived, self._timeout, interval=_PROBE_INTERVAL_S)
-        finally:
-            release(*channels.values())
+        return wait_until(arrived, timeout, interval=_PROBE_INTERVAL_S)
+
+
+class _Probe(NamedTuple):
+    """One of a segment's own subscriptions, for the junction to reach."""
+
+    segment: str
+    key: str
+    subscriber: Any
+
+    @property
+    def channel(self) -> Any:
+        return self.subscriber.handler
+
+
+def _probes(segments: Sequence[Segment]) -> list[_Probe]:
+    """Several per segment, since some of the subscriptions may get through."""
+    import zenoh
+
+    result = []
+    for segment in segments:
+        for number in range(_PROBES):
+            # A verbatim chunk (`@riot`) stays out of everybody's wildcards; the id keeps probes of other routers out.
+            key = f"{OWN_CHUNK}/{segment.zid}/{number}"
+            channel: Any = zenoh.handlers.RingChannel(1024)
+            declare = segment.session.declare_subscriber
+            subscriber = declare(key, channel, allowed_origin=zenoh.Locality.REMOTE)
+            result.append(_Probe(segment.name, key, subscriber))
+    return result

@@ -16,7 +16,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.arrival import SampleArrival
-from riot_bus.bus.convert import Converter, is_delete, is_droppable
+from riot_bus.bus.convert import FEW, Converter, is_delete, is_droppable
 from riot_bus.bus.runtime import release
 from riot_bus.bus.tally import Tally
 from riot_bus.pipeline.runner import AbandonedError
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.convert import Outlets
     from riot_bus.bus.crossing import Crossing
     from riot_bus.message import Qos
 
@@ -51,8 +52,10 @@ class _Way:
         "congestion",
         "encoding",
         "express",
+        "few",
         "key",
         "looked_at",
+        "outlets",
         "passed",
         "priority",
         "publishers",
@@ -64,15 +67,17 @@ class _Way:
         "senders",
     )
 
-    def __init__(self, key: str, qos: Qos, sample: Any, publishers: list[zenoh.Publisher], *, looked_at: bool) -> None:
+    def __init__(self, key: str, qos: Qos, sample: Any, outlets: list[Outlets], *, looked_at: bool) -> None:
         self.key = key
         self.qos = qos
         self.priority = sample.priority
         self.congestion = sample.congestion_control
         self.express = sample.express
         self.encoding = sample.encoding
-        self.publishers = publishers
-        self.put = publishers[0].put if len(publishers) == 1 else self._put
+        self.publishers: list[Any] = [outlet.occasional(key, qos, sample.encoding) for outlet in outlets]
+        self.outlets = outlets
+        self.few = 0
+        self.put: Callable[..., None] = self._put_first
         self.looked_at = looked_at
         self.advanced = False  # whether the key has advanced publishers
         self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
@@ -82,6 +87,13 @@ class _Way:
     def _put(self, payload: Any, **more: Any) -> None:
         for publisher in self.publishers:
             publisher.put(payload, **more)
+
+    def _put_first(self, payload: Any, **more: Any) -> None:
+        self.few += 1
+        if self.few > FEW:
+            self.publishers = [each.publisher(self.key, self.qos, self.encoding) for each in self.outlets]
+            self.put = self.publishers[0].put if len(self.publishers) == 1 else self._put
+        self._put(payload, **more)
 
 
 class Lane:
@@ -146,7 +158,8 @@ class Lane:
         """Return how many messages per key were forwarded without a look at them."""
         counts = Counter(self._passed)
         for way in self._all_ways():
-            counts[way.key] += way.passed
+            if way.passed:
+                counts[way.key] += way.passed
         return counts
 
     def flows(self) -> Counter[str]:
@@ -327,8 +340,7 @@ class Lane:
             advanced = crossing.advanced is not None and crossing.advanced.concerns(self.segment, key, sample)
             looked_at = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
             outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
-            publishers = [outlet.publisher(key, qos, sample.encoding) for outlet in outlets]
-            way = _Way(key, qos, sample, publishers, looked_at=looked_at or advanced)
+            way = _Way(key, qos, sample, outlets, looked_at=looked_at or advanced)
             way.advanced = advanced
             if looked_at and not advanced and crossing.recorder is None:
                 way.rewrite = crossing.gate.rewriter(key, sample.payload.to_bytes())

@@ -9,11 +9,13 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
+from riot_bus.bus.recording_file import BrokenFileError
 from riot_bus.bus.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.log.layout import Role
     from riot_bus.message import Message
     from riot_bus.pipeline.event import Change
 
@@ -24,7 +26,10 @@ _TICK_S = 0.25
 
 
 class Writer(Protocol):
-    """Where messages are written; `riot_bus.log.writer.LogWriter` is one."""
+    """Where messages are written; `RecordingFile` is one.
+
+    What raises `BrokenFileError` says which messages are lost besides; of other errors, only this message is.
+    """
 
     def write(
         self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...
@@ -86,12 +91,15 @@ class Recorder:
         """Messages written per topic, originals not counted."""
         self.lost = Tally()
         """Messages per topic that did not fit or could not be written."""
+        self.problem = ""
+        """Why nothing can be written at present; empty as long as all is well."""
         self._writer = writer
         self._topic = topic
         self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
         self._lock = threading.Lock()
         self._done = 0
         self._closing = False
+        self._said: set[type[Exception]] = set()
         self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
         self._thread.start()
 
@@ -144,7 +152,7 @@ class Recorder:
         if self._thread.is_alive():
             self._mailbox.wake()
             self._thread.join()
-        self._writer.close()
+        self._guard(self._writer.close)
 
     def _offer(self, entry: _Entry) -> None:
         if not self._mailbox.offer(entry, len(entry.message.payload)):
@@ -174,8 +182,9 @@ class Recorder:
         elif isinstance(item, _Note):
             self._guard(lambda: self._writer.note(item.name, item.mapping))
         else:
-            former, self._writer = self._writer, item.writer
-            self._guard(former.close)
+            self._guard(self._writer.close)
+            self._writer, self.problem = item.writer, ""
+            self._said.clear()
             item.totals.set_result(self.totals())
 
     def _write(self, entry: _Entry) -> None:
@@ -188,7 +197,24 @@ class Recorder:
     def _guard(self, action: Callable[[], None]) -> bool:
         try:
             action()
-        except Exception:
-            _LOG.exception("the recording failed")
-            return False
-        return True
+        except BrokenFileError as error:
+            self.problem = error.message
+            self._take_back(error.lost)
+            if type(error) not in self._said:
+                _LOG.error("%s", error)
+            self._said.add(type(error))
+        except Exception as error:
+            if type(error) not in self._said:  # else a full disk would be followed by a full log
+                _LOG.exception("the recording failed; further failures of this kind are only counted")
+            self._said.add(type(error))
+        else:
+            return True
+        return False
+
+    def _take_back(self, lost: Mapping[tuple[str, Role], int]) -> None:
+        with self._lock:
+            for (key, role), number in lost.items():
+                topic = self._topic(key)
+                self.lost.add(topic, number)
+                if role == "delivered":
+                    self.recorded.add(topic, -number)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.model import Graph
     from riot_bus.bus.recorder import Recorder
+    from riot_bus.bus.recording_file import RecordingFile
     from riot_bus.bus.router import Bus
-    from riot_bus.log.writer import LogWriter
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Recordings"]
@@ -130,7 +130,7 @@ class Recordings:
                 self._noted = graph
 
     def status(self) -> dict[str, Any] | None:
-        """Return file, messages, lost and seconds of the present recording."""
+        """Return file, messages, lost and seconds of the present recording, and why it has failed if it has."""
         recorder, path = self._recorder, self.path
         if recorder is None or path is None:
             return None
@@ -140,6 +140,7 @@ class Recordings:
             "messages": messages - self._before[0],
             "lost": lost - self._before[1],
             "seconds": round(time.monotonic() - self._since, 3),
+            "problem": recorder.problem,
         }
 
     def _present(self, where: str) -> tuple[Recorder, Path]:
@@ -152,10 +153,10 @@ class Recordings:
         if self._graph is not None:
             self._note(self._graph)
 
-    def _writer(self, path: Path) -> LogWriter:
-        from riot_bus.log.writer import LogWriter
+    def _writer(self, path: Path) -> RecordingFile:
+        from riot_bus.bus.recording_file import RecordingFile
 
-        return LogWriter(path, registry=self._registry, metadata=self._metadata(), profile=self._profile)
+        return RecordingFile(path, registry=self._registry, metadata=self._metadata(), profile=self._profile)
 
     def _await_observation(self) -> None:
         """Wait until what is published in any segment would be observed; routes take about 100 ms."""

@@ -22,7 +22,7 @@ from riot_bus.bus.gate import BUDGET_S, Gate
 from riot_bus.bus.junction import Junction
 from riot_bus.bus.lane import Lane
 from riot_bus.bus.mailbox import Dispatcher
-from riot_bus.bus.runtime import canonical, prepare_runtime, release, wait_until
+from riot_bus.bus.runtime import canonical, includes, intersects, prepare_runtime, release, wait_until
 from riot_bus.bus.segments import Segment, is_open_to_all
 from riot_bus.bus.settings import SegmentSettings
 from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
@@ -148,7 +148,7 @@ class Bus:
         with ExitStack() as stack:
             folder = Path(tempfile.mkdtemp(prefix="riot-"))  # only this user can connect to the sockets in it
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            inner = [f"unixsock-stream/{folder}/{number}" for number in range(2)]
+            inner = [f"unixsock-stream/{folder}/{number}" for number in range(3)]
             for name in self._settings:
                 segment = self._open_segment(name, inner)
                 stack.callback(segment.close)
@@ -174,7 +174,7 @@ class Bus:
                     self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
                 )
             stack.callback(self._stop)
-            self._connect(self._claims)
+            self._intercept(self._claims.expressions, again=False)
             self._stack = stack.pop_all()
         return self
 
@@ -237,20 +237,14 @@ class Bus:
     def set_intercept(self, keyexprs: Sequence[str]) -> None:
         """Cut other keys from now on, while components stay connected.
 
-        Of keys that were and stay intercepted by the same expression nothing is lost. Of others, messages may be lost
-        for about 100 ms while routes change; no message crosses both ways.
+        Of keys that were and stay intercepted nothing is lost. Of others, messages may be lost for about 100 ms while
+        routes change; no message crosses both ways.
 
         Args:
             keyexprs: All key expressions that are intercepted from now on.
         """
         with self._changing:
-            claims = Claims(canonical(keyexprs))
-            for expression in self._lanes.keys() - set(claims.expressions):
-                self._retire(expression)
-            if self._advanced is not None:
-                for expression in set(self._advanced.watched) - set(claims.expressions):
-                    self._advanced.unwatch(expression)
-            self._connect(claims, again=True)
+            self._intercept(canonical(keyexprs), again=True)
 
     def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
         """Record with another recorder from now on, or with none; the former one is its owner's to close.
@@ -286,28 +280,47 @@ class Bus:
                     hint = did_you_mean(name, self._settings)
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
-    def _connect(self, claims: Claims, *, again: bool = False) -> None:
+    def _intercept(self, expressions: list[str], *, again: bool) -> None:
+        """Cut these; lanes stay as long as they may have messages, since another lane would begin with a gap."""
         if self._junction is not None:
-            self._junction.open(claims.expressions)
-        self._claims = claims
-        for expression in claims.expressions:
-            if expression not in self._lanes:
-                self._lanes[expression] = [
-                    Lane(
-                        name,
-                        segment.session,
-                        expression,
-                        crossing=self._crossing,
-                        convert=self._converters[name],
-                        owner=lambda key: self._claims.owner(key),
-                    )
-                    for name, segment in self._segments.items()
-                ]
+            self._junction.settle()  # while everything still crosses
+        kept = [text for text in self._lanes if any(intersects(each, text) for each in expressions)]
+        new = [text for text in expressions if not any(includes(each, text) for each in kept)]
+        self._claims = Claims(expressions, owners=kept, within=self._claims)  # what was intercepted and will be
+        self._forget()
+        for expression in self._lanes.keys() - set(kept):
+            self._retire(expression)
+        if self._advanced is not None:
+            self._watch_advanced(expressions, self._advanced.watched, within=True, again=again)
+        if self._junction is not None:
+            self._junction.open(expressions)
+        self._claims = Claims(expressions, owners=[*kept, *new])
+        for expression in new:
+            self._lanes[expression] = [
+                Lane(
+                    name,
+                    segment.session,
+                    expression,
+                    crossing=self._crossing,
+                    convert=self._converters[name],
+                    owner=lambda key: self._claims.owner(key),
+                )
+                for name, segment in self._segments.items()
+            ]
         self._forget()
         self._observe()
         if self._advanced is not None:
-            for expression in set(claims.expressions) - set(self._advanced.watched):
-                self._advanced.watch(expression, again=again)
+            self._watch_advanced(expressions, self._advanced.watched, within=False, again=again)
+
+    def _watch_advanced(self, expressions: list[str], former: list[str], *, within: bool, again: bool) -> None:
+        """Look after other expressions; `within`: as far as both junctions, the former and the next, cut them."""
+        assert self._advanced is not None
+        for text in expressions:
+            if text not in former and (not within or any(includes(each, text) for each in former)):
+                self._advanced.watch(text, again=again)
+        for text in former:
+            if text not in expressions and not (within and any(includes(each, text) for each in expressions)):
+                self._advanced.unwatch(text)
 
     def _retire(self, expression: str) -> None:
         for lane in self._lanes.pop(expression):

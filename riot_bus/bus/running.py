@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.bus.assemble import interceptors_of, plan_of, registry_of, settings_of
 from riot_bus.bus.service import RouterService
 from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
+from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -79,8 +80,8 @@ def _end(service: RouterService, say: Callable[[str], None], warn: Callable[[str
         end = {"event": "ended", **rows, "interceptors": interceptor_rows(service.pipeline)}
         say(json.dumps(end, sort_keys=True))
     else:
-        for line in count_table(counts):
-            say(line)
+        for line in count_table(count_rows(counts)):
+            say(plain(line))
     for name, errors in service.pipeline.errors.items():
         warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
     if losses:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = [
     "canonical",
     "free_endpoint",
+    "includes",
+    "intersects",
     "listening",
     "open_session",
     "prepare_runtime",
@@ -164,6 +166,20 @@ def canonical(expressions: Sequence[str]) -> list[str]:
             hint = "write chunks joined by '/', with * for one chunk and ** for any number, such as 'robot/*/odom'"
             raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
     return list(dict.fromkeys(result))
+
+
+def includes(expression: str, other: str) -> bool:
+    """Return whether a canonical key expression matches all keys that another one matches."""
+    import zenoh
+
+    return bool(zenoh.KeyExpr(expression).includes(other))
+
+
+def intersects(expression: str, other: str) -> bool:
+    """Return whether there can be a key that two canonical key expressions match."""
+    import zenoh
+
+    return bool(zenoh.KeyExpr(expression).intersects(other))
 
 
 def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:

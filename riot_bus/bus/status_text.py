@@ -106,7 +106,8 @@ def _recording(recording: Mapping[str, Any] | None) -> str:
     if recording is None:
         return "recording: no"
     figures = f"{recording['messages']} messages, {recording['lost']} lost, {recording['seconds']:.0f} s"
-    return f"recording: {recording['file']} ({figures})"
+    problem = f"; {recording['problem']}" if recording.get("problem") else ""
+    return f"recording: {recording['file']} ({figures}){problem}"
 
 
 def _table(counts: Mapping[str, Any]) -> list[str]:

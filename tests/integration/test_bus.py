@@ -285,6 +285,34 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         ]
 
 
+def test_what_stays_intercepted_loses_nothing_whatever_else_changes() -> None:
+    steps = (["cut/x"], ["cut/*", "free/**"], ["*/x", "cut/x"], ["cut/**"], ["cut/x", "cut/**"], ["cut/y", "cut/x"])
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"]) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit")) as sink,
+    ):
+        for key in ("cut/x", "cut/y", "free/x"):
+            sink.do("subscribe_by_key", key=key)
+        assert bus.wait_subscribed("unit", ["cut/x", "cut/y", "free/x"], timeout=5) == []
+        for key in ("cut/x", "cut/y", "free/x"):
+            source.do("stream", key=key, interval=0.001)
+        for expressions in steps:
+            before = bus.counts()["cut/x"].received if "cut/x" in bus.counts() else 0
+            bus.set_intercept(expressions)
+            assert bus.intercepted == expressions
+            assert wait_until(lambda before=before: bus.counts()["cut/x"].received > before + 20, 10)
+        sent = source.do("stop_streams")
+        assert bus.drain(10)
+        assert wait_until(lambda: sink.do("by_key")["cut/x"]["count"] >= sent["cut/x"], 10)
+        seen = sink.do("by_key")
+        assert (seen["cut/x"]["count"], seen["cut/x"]["ordered"]) == (sent["cut/x"], True)
+        for key, each in seen.items():
+            assert each["different"] == each["count"], (key, each)
+        counts = bus.counts()["cut/x"]
+        assert (counts.received, counts.forwarded, counts.lost) == (sent["cut/x"], sent["cut/x"], 0)
+
+
 def test_one_scalar_is_set_in_all_messages_and_what_lacks_it_passes() -> None:
     vector = struct.Struct("<4s3d")
     registry = TypeRegistry(load_adapters(["ros2"]), declared={"cut/x": "geometry_msgs/msg/Vector3"})

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 import time
 from collections import deque
 from functools import partial
@@ -75,8 +76,7 @@ class Keeper:
 
     def recover(self, relay: Relay, first: int, last: int) -> None:
         """Fetch what was lost on the way to us, before what came after it is let go."""
-        then = partial(self._locked, relay, partial(self._recovered, relay))
-        self._add(relay, partial(self._upstream.ask, relay.source, f"?_sn={first}..{last}", then), holds=True)
+        self._add(relay, partial(self._recover, relay, first, last), holds=True)
 
     def check(self, relay: Relay) -> None:
         """Find out how many samples a publisher keeps: as many as it has once the first one is gone."""
@@ -111,8 +111,7 @@ class Keeper:
 
     def _add(self, relay: Relay, run: Callable[[], None], *, holds: bool) -> None:
         if holds:
-            with relay.lock:
-                relay.holds += 1
+            relay.hold()
         relay.tasks.append(Task(run, holds))
         self._worker.do(partial(self._next, relay))
 
@@ -128,7 +127,7 @@ class Keeper:
             raise
         except Exception:
             _LOG.exception("the advanced publisher %s could not be looked after", relay.source)
-            self._locked(relay, partial(self._finish, relay))
+            self._locked(relay, partial(self._checked, relay))
 
     def _locked(self, relay: Relay, action: Callable[..., None], *arguments: Any) -> None:
         if not relay.lock.acquire(timeout=_PATIENCE_S):
@@ -143,6 +142,8 @@ class Keeper:
         task, relay.task = relay.task, None
         if task is not None and task.holds:
             relay.let_go()
+        if relay.overdue():  # messages have come since it was asked, or while they were held
+            self.check(relay)
         self._worker.do(partial(self._next, relay))
 
     # -- history ------------------------------------------------------------------------------------------------------
@@ -161,11 +162,12 @@ class Keeper:
 
     def _adopt(self, relay: Relay, found: Found) -> None:
         relay.waiting, source, samples = None, relay.source, found.numbers
+        first = math.inf if relay.first is None else relay.first
         depth = self._hint(source.key, source.zid)
         if not found.asked:
             depth = 0
-        elif depth is None and source.numbered and samples and samples[0][0] > 0:
-            depth = len(samples)
+        elif depth is None and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
+            depth = len(samples)  # what was before them is gone
         relay.depth = depth
         for name, session in self._sessions.items():
             if name != source.segment:
@@ -174,6 +176,7 @@ class Keeper:
         self._feed(relay, history, partial(self._opened, relay))
 
     def _opened(self, relay: Relay) -> None:
+        relay.opened = True
         for standin in relay.outlets.values() if relay.token else ():
             standin.announce(next(self._numbers), again=relay.again)
         self._finish(relay)
@@ -206,13 +209,24 @@ class Keeper:
     # -- what was lost ------------------------------------------------------------------------------------------------
 
     def _behind(self, relay: Relay, before: int, told: int) -> None:
-        if relay.last == before and not relay.ended:
+        if relay.busy:
+            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
+        elif relay.last == before and not relay.ended:
             relay.last = told
-            if relay.depth == 0:
-                relay.deliver(None, partial(relay.skip, told - before))
-                relay.deliver(None, relay.beat)
-            else:
-                self.recover(relay, before + 1, told)
+            self.recover(relay, before + 1, told)
+
+    def _recover(self, relay: Relay, first: int, last: int) -> None:
+        if relay.depth == 0:
+            self._locked(relay, partial(self._skipped, relay, last - first + 1))
+        else:
+            then = partial(self._locked, relay, partial(self._recovered, relay))
+            self._upstream.ask(relay.source, f"?_sn={first}..{last}", then)
+
+    def _skipped(self, relay: Relay, numbers: int) -> None:
+        relay.skip(numbers)
+        self._finish(relay)
+        if relay.beats:
+            relay.beat()
 
     def _recovered(self, relay: Relay, found: Found) -> None:
         self._feed(relay, found.numbers, partial(self._stored, relay))
@@ -228,10 +242,9 @@ class Keeper:
     # -- depth --------------------------------------------------------------------------------------------------------
 
     def _check(self, relay: Relay) -> None:
-        relay.checking = False
         source = relay.source
         if relay.depth is not None or relay.ended:
-            self._finish(relay)
+            self._locked(relay, partial(self._checked, relay))
         elif source.numbered:
             then = partial(self._step, relay, partial(self._first, relay))
             self._upstream.ask(source, f"?_sn={relay.first}..{relay.first}", then)
@@ -240,7 +253,7 @@ class Keeper:
 
     def _first(self, relay: Relay, found: Found) -> None:
         if found.samples:
-            self._locked(relay, partial(self._finish, relay))
+            self._locked(relay, partial(self._checked, relay))
         else:
             self._upstream.ask(relay.source, "", partial(self._locked, relay, partial(self._measured, relay)))
 
@@ -253,6 +266,10 @@ class Keeper:
             relay.resize(0)
         elif found.complete and gone and not relay.ended:
             relay.resize(len(samples))
+        self._checked(relay)
+
+    def _checked(self, relay: Relay) -> None:
+        relay.checking = False  # also after a failure: then the next message asks again
         self._finish(relay)
 
 

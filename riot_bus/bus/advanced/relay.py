@@ -72,14 +72,19 @@ class Relay:
         self.waiting: Callable[[], None] | None = None
         """What to do when the first live sample comes."""
         self.holds = 0
-        self.pending: list[tuple[str | None, Callable[[], None]]] = []
+        self.pending: deque[tuple[str, Callable[[], None]] | None] = deque()
+        """Messages that wait; None stands for a task that has to be done before what is behind it."""
         self.early: dict[int, Stored] = {}
         self.first: int | None = None
         self.last: int | None = None
         self.depth: int | None = None
         self.failures = 0
         self.check_from = 0.0
-        self.ended = self.checking = self.beats = self.near = False
+        self.busy = False
+        """Whether a lane is taking a message through the interceptors."""
+        self.opened = False
+        """Whether the history is there."""
+        self.ended = self.checking = self.unchecked = self.beats = self.near = False
 
     def arrived(self, number: int, now: float) -> Verdict:
         """Take note of a live sample.
@@ -102,9 +107,16 @@ class Relay:
             lost = None
             if self.source.numbered and before is not None and number > before + 1:
                 lost = before + 1, number - 1
-            check = self.depth is None and not (self.checking or self.holds or lost) and now >= self.check_from
-            self.checking = self.checking or check
-            return Verdict(lost=lost, check=check)
+            self.unchecked = self.depth is None
+            return Verdict(lost=lost, check=lost is None and now >= self.check_from and self.overdue())
+
+    def overdue(self) -> bool:
+        """Return whether it is time to ask how many samples the publisher keeps; if so, take note that it is asked."""
+        with self.lock:
+            due = self.unchecked and self.depth is None and not (self.checking or self.holds or self.ended)
+            if due:
+                self.checking, self.unchecked = True, False
+            return due
 
     def claim(self, number: int) -> Stored:
         """Say that a sample of the history will be stored; when it comes live too, it is not taken again."""
@@ -113,11 +125,11 @@ class Relay:
         stored = self.early[number] = Stored()
         return stored
 
-    def deliver(self, key: str | None, action: Callable[[], None]) -> None:
+    def deliver(self, key: str, action: Callable[[], None]) -> None:
         """Do what sends a live message, as soon as nothing has to go before it.
 
         Args:
-            key: Of the message, for `held`; None if it is none.
+            key: Of the message, for `held`.
             action: Sends it; must not raise.
         """
         with self.lock:
@@ -126,18 +138,24 @@ class Relay:
             else:
                 action()
 
+    def hold(self) -> None:
+        """Let messages that come from now on wait for a task."""
+        with self.lock:
+            self.holds += 1
+            self.pending.append(None)
+
     def let_go(self) -> None:
-        """Give up one reason to hold messages back, and send them if it was the last."""
+        """Send what has waited for the task that is done, which is the first one."""
         with self.lock:
             self.holds -= 1
-            if not self.holds:
-                pending, self.pending = self.pending, []
-                for _, action in pending:
-                    action()
+            self.pending.popleft()
+            while self.pending and (first := self.pending[0]) is not None:
+                self.pending.popleft()
+                first[1]()
 
     def held(self) -> Counter[str]:
         """Return how many messages wait, by key."""
-        return Counter(key for key, _ in list(self.pending) if key is not None)
+        return Counter(each[0] for each in list(self.pending) if each is not None)
 
     def publish(self, segment: str, message: Message) -> bool:
         """Publish in a segment; return False if nothing stands in there for the publisher."""

@@ -42,6 +42,10 @@ class Relayed(Message):
 
     relay: Relay | None = field(default=None, compare=False, repr=False)
 
+    def with_payload(self, payload: bytes) -> Message:
+        """Return a copy with another payload, of the same publisher."""
+        return self.with_(payload=payload)
+
 
 def relayed(message: Message, relay: Relay) -> Relayed:
     """Return a message that knows its publisher."""

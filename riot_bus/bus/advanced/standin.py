@@ -50,6 +50,11 @@ class StandIn:
         self._depth, self._next, self._beaten = depth, 0, 0
         self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
 
+    @property
+    def cache(self) -> str:
+        """Where the cache answers."""
+        return self._suffix
+
     def announce(self, number: int, *, again: bool) -> None:
         """Show a token.
 

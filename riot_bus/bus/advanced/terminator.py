@@ -9,6 +9,7 @@ from collections import Counter, OrderedDict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.advanced.answers import Answers
 from riot_bus.bus.advanced.keeper import Keeper
 from riot_bus.bus.advanced.relay import Relay
 from riot_bus.bus.advanced.source import Relayed, Source, announced, relayed, source_of
@@ -74,6 +75,7 @@ class Terminator:
         self._closed = False
         self._worker = Worker("riot-advanced")
         self._upstream = Upstream(sessions, self._worker)
+        self._answers = Answers(sessions, self._worker, self._published_by)
         self._keeper = Keeper(
             sessions,
             outlets,
@@ -106,9 +108,10 @@ class Terminator:
         for name, session in self._sessions.items():
             heard = partial(self._heard, name)
             mine.append(session.declare_subscriber(text, heard, allowed_origin=zenoh.Locality.REMOTE))
-            for reply in session.liveliness().get(text, timeout=_TOKENS_S) if again else ():
-                if reply.ok is not None:
-                    self._token(name, reply.ok, again=True)
+            mine.append(self._answers.declare(name, text))
+        for name, sample in self._present(text) if again else ():
+            self._token(name, sample, again=True)
+        for name, session in self._sessions.items():
             # Not on a thread of its own: a key has to be known before the first message of its publisher comes.
             seen = zenoh.handlers.Callback(partial(self._token, name, again=False), indirect=False)
             mine.append(session.liveliness().declare_subscriber(text, seen, history=True))
@@ -185,14 +188,16 @@ class Terminator:
         if verdict.late:
             return message
         if verdict.lost is not None:
-            first, last = verdict.lost
-            if relay.depth == 0:
-                relay.deliver(None, partial(relay.skip, last - first + 1))
-            else:
-                self._keeper.recover(relay, first, last)
+            self._keeper.recover(relay, *verdict.lost)
         if verdict.check:
             self._keeper.check(relay)
+        relay.busy = True
         return relayed(message, relay)
+
+    def through(self, message: Message) -> None:
+        """Take note that a message which was taken has been sent."""
+        if isinstance(message, Relayed) and message.relay is not None:
+            message.relay.busy = False
 
     def relay_of(self, original: Message | None, message: Message) -> Relay | None:
         """Return to whose stream a message belongs that came out of the interceptors; None if to nobody's.
@@ -232,10 +237,33 @@ class Terminator:
         if source is None or source.zid in self._own:
             return
         if int(sample.kind) == 0:
-            self._ended.pop(source, None)
-            self._meet(source, again=again, token=True)
+            if not self._is_elsewhere(source):
+                self._ended.pop(source, None)
+                self._meet(source, again=again, token=True)
         elif (relay := self.keys.get(source.key, {}).get(source)) is not None:
             self._end(relay)
+
+    def _present(self, text: str) -> list[tuple[str, Any]]:
+        """Return segments and the tokens that are seen there, those of components that are connected there first."""
+        found = []
+        for name, session in self._sessions.items():
+            near = self._connected(name)
+            for reply in session.liveliness().get(text, timeout=_TOKENS_S):
+                if reply.ok is not None:
+                    source = announced(name, str(reply.ok.key_expr))
+                    found.append((source is None or source.zid not in near, name, reply.ok))
+        return [(name, sample) for _, name, sample in sorted(found, key=lambda each: each[0])]
+
+    def _is_elsewhere(self, source: Source) -> bool:
+        """Return whether a token has come from another segment natively, as it does if it did before interception."""
+        here = list(self.keys.get(source.key, ()))
+        return any(known[1:] == source[1:] and known.segment != source.segment for known in here)
+
+    def _connected(self, segment: str) -> set[str]:
+        return {str(each.zid) for each in self._sessions[segment].info.transports()}
+
+    def _published_by(self, key: str, zid: str) -> list[Relay]:
+        return [relay for source, relay in list(self.keys.get(key, {}).items()) if source.zid == zid]
 
     def _heard(self, segment: str, sample: Any) -> None:
         self._worker.do(partial(self._beat, segment, sample))
@@ -307,7 +335,7 @@ class Terminator:
             if not relay.token and not relay.ended:
                 segment, zid = relay.source.segment, relay.source.zid
                 if segment not in connected:
-                    connected[segment] = {str(each.zid) for each in self._sessions[segment].info.transports()}
+                    connected[segment] = self._connected(segment)
                 if zid in connected[segment]:
                     relay.near = True
                 elif relay.near:

@@ -49,6 +49,8 @@ class _Builder:
         self.silent()
         if self.seen.skipped:
             self.unknown.append(Unknown("", "", f"who would receive {self.seen.skipped} more keys: too many to watch"))
+        if self.seen.left_out:
+            self.unknown.append(Unknown("", "", f"more keys than the busiest {len(self.seen.flows)}: too many to show"))
         return Graph.of(self.components(), self.topics(), self.edges.values(), self.unknown)
 
     def add(self, edge: Edge) -> None:

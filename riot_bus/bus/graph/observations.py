@@ -42,6 +42,7 @@ class Observations:
         intercepted: Whether a key goes through the pipeline, so that matching is told by segment.
         name: What people call a key.
         skipped: Number of keys whose matching is not watched, because there are too many.
+        left_out: Whether there are more keys with traffic, which had less of it.
     """
 
     segments: tuple[str, ...] = ()
@@ -58,3 +59,4 @@ class Observations:
     intercepted: Callable[[str], bool] = _nothing
     name: Callable[[str], str] = _itself
     skipped: int = 0
+    left_out: bool = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import time
 from typing import TYPE_CHECKING, Protocol
 
@@ -23,6 +24,7 @@ __all__ = ["Observer", "WatchedBus"]
 
 _MOST_WATCHED = 2_000
 _MOST_QUESTIONS = 5
+_MOST_FLOWS = 2_000
 _LEAST_RATE_S = 0.1
 
 Key = tuple[str, str]
@@ -81,6 +83,7 @@ class Observer:
         self._processes = processes
         self._clock = clock
         self._flows: dict[Key, int] = {}
+        self._left_out = False
         self._looked = clock()
         self._rates: dict[Key, float] = {}
         self._owners: dict[str, Process | None] = {}
@@ -115,7 +118,7 @@ class Observer:
         addresses = {who: found for who, found in ends.items() if who in modes}
         tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
         self.declared = [each for each in self.declared if (each.segment, each.zid) in modes]
-        self._measure(dict(self._bus.flows()))
+        self._measure(self._busiest(self._bus.flows()))
         keys = {key for key, _ in self._flows} | {token.key for token in tokens if token.role == "publishes"}
         keys |= {each.key for each in self.declared if each.kind == "publisher"}
         skipped = self._watch({key for key in keys if key and "*" not in key})
@@ -135,7 +138,13 @@ class Observer:
             intercepted=lambda key: any(key_matches(expression, key) for expression in expressions),
             name=self._name,
             skipped=skipped,
+            left_out=self._left_out,
         )
+
+    def _busiest(self, flows: Mapping[Key, int]) -> dict[Key, int]:
+        """Leave out what is too much: a graph of all keys that somebody invents would take the memory."""
+        self._left_out = len(flows) > _MOST_FLOWS
+        return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: each[1]) if self._left_out else flows)
 
     def _measure(self, flows: dict[Key, int]) -> None:
         now = self._clock()

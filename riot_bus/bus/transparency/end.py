@@ -144,7 +144,7 @@ class End:
                 told = True
             return told and bool(self._signals["met"])
 
-        self._until(met, "the other end", interval=_PROBE_INTERVAL_S)
+        self.until(met, "the other end", interval=_PROBE_INTERVAL_S)
         self.wait("met")
         release(*probes)
 
@@ -154,11 +154,12 @@ class End:
         Raises:
             TimeoutError: That did not happen.
         """
-        self._until(lambda: declared.matching_status.matching == matching, f"matching to be {matching}", timeout)
+        self.until(lambda: declared.matching_status.matching == matching, f"matching to be {matching}", timeout)
 
-    def _until(
+    def until(
         self, condition: Callable[[], bool], what: str, timeout: float = DEADLINE_S, interval: float = 0.001
     ) -> None:
+        """Wait for a condition; `what` says for what, if it does not come: then TimeoutError is raised."""
         if not wait_until(condition, timeout, interval=interval):
             raise TimeoutError(f"{self.name}: waited {timeout:g} s for {what}")
 

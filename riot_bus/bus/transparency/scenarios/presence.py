@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.runtime import wait_until
@@ -109,6 +110,10 @@ class _LivelinessOfKilled:
         return str(token)
 
 
+def _last_is(heard: list[bool], matching: object) -> bool:
+    return heard[-1:] == [matching]
+
+
 @scenario("matching", limits={"intercepted": _BUS_SUBSCRIBES})
 class _Matching:
     """A publisher learns that a subscriber elsewhere comes and goes, and comes again."""
@@ -125,6 +130,7 @@ class _Matching:
             end.wait("did")
             with contextlib.suppress(TimeoutError):  # what it says instead is an observation
                 end.matched(publisher, matching=matching, timeout=2.0)
+                end.until(partial(_last_is, heard, matching), "the listener to hear of it", 2.0)
             seen.append(publisher.matching_status.matching)
         return {"seen": seen, "heard": heard, "listening": listener is not None}
 

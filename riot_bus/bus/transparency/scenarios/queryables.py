@@ -111,6 +111,7 @@ class _Queriers:
         first = show_replies(querier.get(payload="1", parameters="a=1"))
         end.signal("undeclare")
         end.matched(querier, matching=False)
+        end.until(lambda: heard[-1:] == [False], "the listener to hear of it")
         end.together("done")
         return [before, nobody, first, heard, listener is not None]
 

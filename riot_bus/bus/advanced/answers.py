@@ -1,0 +1,110 @@
+"""Histories for those who ask for them by the id of a publisher's session, which they know from elsewhere.
+
+An advanced subscriber asks all caches of a key, or those that show a token, which in other segments are our own. A few
+clients know the publisher's session from other announcements instead (zenoh-ros2-sdk: from ROS 2 tokens) and ask for
+`KEY/@adv/pub/ZID/**`. They get what the stand-in keeps. Answers to them have no numbers, since Python cannot give any;
+that is why nobody else is answered.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.advanced.source import announced
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.bus.advanced.relay import Relay
+    from riot_bus.bus.advanced.source import Source
+    from riot_bus.bus.advanced.worker import Worker
+
+__all__ = ["Answers"]
+
+_TIMEOUT_S = 2.0
+_PATIENCE_S = 1.0
+_AGAIN_S = 0.01
+
+
+class Answers:
+    """Answers such questions in every segment.
+
+    Args:
+        sessions: The segments' own sessions.
+        worker: Waits for publishers whose history is not there yet.
+        find: Returns what is known of a session's publishers, by key and id of the session.
+    """
+
+    def __init__(
+        self, sessions: Mapping[str, zenoh.Session], worker: Worker, find: Callable[[str, str], list[Relay]]
+    ) -> None:
+        self._sessions, self._worker, self._find = sessions, worker, find
+
+    def declare(self, segment: str, expression: str) -> Any:
+        """Answer in a segment; return what can be undeclared.
+
+        Args:
+            segment: Name of the segment.
+            expression: Such as `KEY/@adv/pub/**`.
+        """
+        import zenoh
+
+        take = partial(self._take, segment)
+        return self._sessions[segment].declare_queryable(expression, take, allowed_origin=zenoh.Locality.REMOTE)
+
+    def _take(self, segment: str, query: Any) -> None:
+        asked = announced(segment, str(query.key_expr))
+        if asked is not None and asked.entity in ("*", "**") and self._find(asked.key, asked.zid):
+            self._worker.do(partial(self._answer, asked, query, time.monotonic() + _PATIENCE_S))
+        else:
+            query.drop()
+
+    def _answer(self, asked: Source, query: Any, deadline: float) -> None:
+        relays = [relay for relay in self._find(asked.key, asked.zid) if relay.source.segment != asked.segment]
+        if all(relay.opened for relay in relays) or time.monotonic() >= deadline:
+            caches = [relay.outlets[asked.segment].cache for relay in relays if asked.segment in relay.outlets]
+            self._ask(asked.segment, query, deque(caches))
+        else:  # who asks in this way asks only once
+            again = partial(self._answer, asked, query, deadline)
+            self._worker.later(_AGAIN_S, again, background=True)
+
+    def _ask(self, segment: str, query: Any, caches: deque[str]) -> None:
+        """Pass on what one cache has, then ask the next one; without waiting, since other questions come this way."""
+        import zenoh
+
+        if not caches:
+            query.drop()
+            return
+
+        def take(reply: Any) -> None:
+            if reply.ok is not None:
+                _pass_on(query, reply.ok)
+
+        self._sessions[segment].get(
+            f"{caches.popleft()}?{query.parameters}",
+            zenoh.handlers.Callback(take, drop=partial(self._ask, segment, query, caches), indirect=False),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            allowed_destination=zenoh.Locality.SESSION_LOCAL,
+            timeout=_TIMEOUT_S,
+        )
+
+
+def _pass_on(query: Any, sample: Any) -> None:
+    import zenoh
+
+    with suppress(zenoh.ZError):  # a question that wants answers on its own key alone gets none from caches
+        query.reply(
+            sample.key_expr,
+            sample.payload,
+            encoding=sample.encoding,
+            attachment=sample.attachment,
+            timestamp=sample.timestamp,
+        )
