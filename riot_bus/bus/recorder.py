@@ -9,8 +9,8 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
-from riot_bus.bus.recording_file import BrokenFileError
 from riot_bus.bus.tally import Tally
+from riot_bus.log.writer import LostMessagesError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,10 +26,17 @@ _TICK_S = 0.25
 
 
 class Writer(Protocol):
-    """Where messages are written; `RecordingFile` is one.
+    """Where messages are written; `riot_bus.log.writer.LogWriter` is one.
 
-    What raises `BrokenFileError` says which messages are lost besides; of other errors, only this message is.
+    What raises LostMessagesError says which messages are lost besides; of other errors, only this message is.
+
+    Attributes:
+        problem: Why nothing can be written at present, empty if all is well.
+        refused: Messages that it cannot hold.
     """
+
+    problem: str
+    refused: int
 
     def write(
         self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...
@@ -91,8 +98,6 @@ class Recorder:
         """Messages written per topic, originals not counted."""
         self.lost = Tally()
         """Messages per topic that did not fit or could not be written."""
-        self.problem = ""
-        """Why nothing can be written at present; empty as long as all is well."""
         self._writer = writer
         self._topic = topic
         self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
@@ -102,6 +107,11 @@ class Recorder:
         self._said: set[type[Exception]] = set()
         self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
         self._thread.start()
+
+    @property
+    def problem(self) -> str:
+        """Why nothing can be written at present; empty as long as all is well."""
+        return self._writer.problem
 
     def original(self, message: Message, changes: Sequence[Change]) -> None:
         """Record a message as it was before interceptors had it."""
@@ -183,33 +193,40 @@ class Recorder:
             self._guard(lambda: self._writer.note(item.name, item.mapping))
         else:
             self._guard(self._writer.close)
-            self._writer, self.problem = item.writer, ""
+            self._writer = item.writer
             self._said.clear()
             item.totals.set_result(self.totals())
 
     def _write(self, entry: _Entry) -> None:
-        message = entry.message
-        if not self._guard(lambda: self._writer.write(message, role=entry.role, changes=entry.changes)):
+        message, writer = entry.message, self._writer
+        refused = writer.refused
+        try:
+            writer.write(message, role=entry.role, changes=entry.changes)
+        except Exception as error:
+            self._failed(error)
+            self._count_lost(message)
+            return
+        if writer.refused != refused:
             self._count_lost(message)
         elif entry.role == "delivered":
             self.recorded.add(self._topic(message.key))
 
-    def _guard(self, action: Callable[[], None]) -> bool:
+    def _guard(self, action: Callable[[], None]) -> None:
         try:
             action()
-        except BrokenFileError as error:
-            self.problem = error.message
-            self._take_back(error.lost)
-            if type(error) not in self._said:
-                _LOG.error("%s", error)
-            self._said.add(type(error))
         except Exception as error:
-            if type(error) not in self._said:  # else a full disk would be followed by a full log
-                _LOG.exception("the recording failed; further failures of this kind are only counted")
-            self._said.add(type(error))
+            self._failed(error)
+
+    def _failed(self, error: Exception) -> None:
+        if isinstance(error, LostMessagesError):
+            self._take_back(error.lost)
+        if type(error) in self._said:  # else a full disk would be followed by a full log
+            return
+        self._said.add(type(error))
+        if isinstance(error, LostMessagesError):
+            _LOG.error("%s", error)
         else:
-            return True
-        return False
+            _LOG.error("the recording failed; further failures of this kind are only counted", exc_info=error)
 
     def _take_back(self, lost: Mapping[tuple[str, Role], int]) -> None:
         with self._lock:

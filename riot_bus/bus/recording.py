@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.model import Graph
     from riot_bus.bus.recorder import Recorder
-    from riot_bus.bus.recording_file import RecordingFile
     from riot_bus.bus.router import Bus
+    from riot_bus.log.writer import LogWriter
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Recordings"]
@@ -153,10 +153,17 @@ class Recordings:
         if self._graph is not None:
             self._note(self._graph)
 
-    def _writer(self, path: Path) -> RecordingFile:
-        from riot_bus.bus.recording_file import RecordingFile
+    def _writer(self, path: Path) -> LogWriter:
+        from riot_bus.log.writer import LogWriter
 
-        return RecordingFile(path, registry=self._registry, metadata=self._metadata(), profile=self._profile)
+        return LogWriter(
+            path,
+            registry=self._registry,
+            metadata=self._metadata(),
+            profile=self._profile,
+            threaded=True,
+            durable=True,
+        )
 
     def _await_observation(self) -> None:
         """Wait until what is published in any segment would be observed; routes take about 100 ms."""

@@ -6,7 +6,7 @@ import signal
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -460,6 +460,12 @@ class MemoryWriter:
         self.rows: list[tuple[str, Message, tuple[str, ...]]] = []
         self.ticks = 0
         self.closed = False
+        self.problem = ""
+        self.refused = 0
+        self.notes: list[str] = []
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        self.notes.append(name)
 
     def write(self, message: Message, *, role: str = "delivered", changes: tuple[object, ...] = ()) -> None:
         if message.payload == b"unwritable":

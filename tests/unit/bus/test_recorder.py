@@ -9,11 +9,18 @@ import pytest
 
 from riot_bus.bus.logfiles import claim, safe_path
 from riot_bus.bus.recorder import Recorder
+from riot_bus.bus.runtime import wait_until
 from riot_bus.errors import ConfigError
+from riot_bus.log.mcap_file import McapFile
+from riot_bus.log.reader import LogReader
+from riot_bus.log.writer import LogWriter
 from riot_bus.message import Message
 
 
 class Memory:
+    problem = ""
+    refused = 0
+
     def __init__(self) -> None:
         self.rows: list[str] = []
         self.closed = threading.Event()
@@ -63,6 +70,31 @@ def test_what_does_not_fit_is_counted() -> None:
     assert not recorder.note("n", {})
     recorder.close()
     assert recorder.totals() == (0, 1)
+
+
+def test_what_a_broken_file_lost_is_counted_and_the_next_file_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    recorder = Recorder(LogWriter(tmp_path / "a.mcap", chunk_seconds=0.1, threaded=True))
+    with monkeypatch.context() as patch:
+        patch.setattr(McapFile, "chunk", full)
+        for key in ("a", "a", "b"):
+            recorder.delivered(Message(1, key, b""))
+        recorder.original(Message(1, "b", b""), ())
+        assert wait_until(lambda: recorder.totals() == (0, 4), 10)
+    assert recorder.lost == {"a": 2, "b": 2}
+    assert "No space left on device" in recorder.problem
+    assert recorder.switch(LogWriter(tmp_path / "b.mcap")) == (0, 4)
+    assert recorder.problem == ""
+    recorder.delivered(Message(1, "d", b""))
+    recorder.close()
+    assert recorder.totals() == (1, 4)
+    with LogReader(tmp_path / "b.mcap") as reader:
+        assert [message.key for message in reader.messages()] == ["d"]
+    assert len(caplog.records) == 1
 
 
 @pytest.mark.parametrize(

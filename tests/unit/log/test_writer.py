@@ -1,6 +1,8 @@
 import subprocess
 import sys
 import threading
+import time
+from collections import Counter
 
 import pytest
 from mcap.reader import make_reader
@@ -8,8 +10,9 @@ from mcap.reader import make_reader
 from riot_bus.clock import ManualClock
 from riot_bus.errors import ConfigError
 from riot_bus.log import writer as module
+from riot_bus.log.mcap_file import McapFile
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.log.writer import LogWriter
+from riot_bus.log.writer import LogWriter, LostMessagesError
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
 from riot_bus.types.registry import TypeRegistry
@@ -64,19 +67,157 @@ def test_originals_and_provenance_are_apart_from_the_delivered_stream(tmp_path):
 def test_chunks_end_by_size_and_by_age(tmp_path):
     path = tmp_path / "a.mcap"
     clock = ManualClock()
-    with LogWriter(path, chunk_bytes=100, chunk_seconds=1.0, clock=clock) as writer:
+    with LogWriter(path, chunk_bytes=2000, chunk_seconds=1.0, clock=clock) as writer:
         writer.write(Message(1, "a", b"x"))
         writer.tick()
         assert read_log(path) == ()
         clock.advance(10**9)
         writer.tick()
         assert len(read_log(path)) == 1
-        writer.write(Message(2, "a", b"x" * 100))
+        writer.write(Message(2, "a", b"x" * 2000))
+        writer.tick()
         assert len(read_log(path)) == 2
         writer.write(Message(3, "a", b"x"))
         clock.advance(2 * 10**9)
-        writer.write(Message(4, "a", b"x"))
-        assert len(read_log(path)) == 4
+        for number in range(40):
+            writer.write(Message(4 + number, "a", b""))
+        assert len(read_log(path)) > 4
+
+
+def eventually(condition):
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline
+    return True
+
+
+def full(*arguments):
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_what_is_not_in_the_file_when_the_disk_fails_is_named_once_and_what_follows_is_written(
+    tmp_path, monkeypatch, threaded
+):
+    path = tmp_path / "a.mcap"
+    writer = LogWriter(path, chunk_bytes=1000, threaded=threaded)
+    lost = Counter()
+
+    def write(key, payload=b"", **more):
+        while True:
+            try:
+                writer.write(Message(len(key), key, payload, **more))
+            except LostMessagesError as error:
+                lost.update(error.lost)
+            else:
+                return
+
+    write("a", bytes(2000))
+    write("bb", attachment=b"x")
+    write("ccc", bytes(2000))
+    if threaded:
+        assert eventually(lambda: len(read_log(path)) == 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(McapFile, "chunk", full)
+        write("dddd", bytes(2000))
+        write("eeeee")
+        assert eventually(lambda: lost_of(writer, lost).total() == 3)
+        assert lost == {(key, "delivered"): 1 for key in ("bb", "ccc", "dddd")}
+        assert "No space left on device" in writer.problem
+        write("bb", bytes(2000))
+    write("bb", b"again")
+    writer.close()
+    assert writer.problem == ""
+    assert [(message.key, message.payload) for message in read_log(path)] == [
+        ("a", bytes(2000)),
+        ("bb", bytes(2000)),
+        ("bb", b"again"),
+        ("eeeee", b""),
+    ]
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_summary().statistics.message_count == 4
+        assert [channel.topic for _, channel, _ in reader.iter_messages()] == ["a", "bb", "bb", "eeeee"]
+
+
+def lost_of(writer, lost):
+    """What is known to be lost, that is: once the other thread has tried."""
+    try:
+        writer.tick()
+    except LostMessagesError as error:
+        lost.update(error.lost)
+    return lost
+
+
+def test_a_disk_that_is_full_for_good_leaves_whole_records(tmp_path):
+    code = """
+import resource, signal, sys, os
+from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.message import Message
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+lost = 0
+writer = LogWriter(sys.argv[1], chunk_bytes=30_000)
+for n in range(100):
+    try:
+        writer.write(Message(n, "a", os.urandom(5000), attachment=b"x", sequence=n))
+    except LostMessagesError as error:
+        lost += 1 + error.lost.total()
+try:
+    writer.close()
+except LostMessagesError as error:
+    lost += error.lost.total()
+print(lost)
+"""
+    path = tmp_path / "a.mcap"
+    lost = int(subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True).stdout)
+    with LogReader(path) as reader:
+        messages = list(reader.messages())
+        assert (reader.loss.bytes, reader.loss.chunks, reader.loss.details) == (0, 0, 0)
+    assert len(messages) + lost == 100
+    assert [message.sequence for message in messages] == list(range(len(messages)))
+    assert messages
+    assert all(message.attachment == b"x" for message in messages)
+
+
+def test_a_file_that_was_removed_takes_everything_along(tmp_path):
+    path = tmp_path / "a.mcap"
+    writer = LogWriter(path, chunk_bytes=1000)
+    for key in ("a", "b"):
+        writer.write(Message(1, key, bytes(2000)))
+    path.rename(tmp_path / "b.mcap")  # is still there
+    writer.tick()
+    (tmp_path / "b.mcap").unlink()
+    with pytest.raises(LostMessagesError, match="removed") as caught:
+        writer.tick()
+    assert caught.value.lost == {("a", "delivered"): 1, ("b", "delivered"): 1}
+    with pytest.raises(LostMessagesError, match="removed") as caught:
+        writer.write(Message(1, "c", b""))
+    assert not caught.value.lost
+    writer.close()
+
+
+def test_every_tool_finds_messages_by_the_indexes(tmp_path):
+    path = tmp_path / "a.mcap"
+    with LogWriter(path, chunk_bytes=500, compression="lz4", metadata={"seed": "7"}) as writer:
+        for n in range(200):
+            writer.write(Message(1000 + n, f"k{n % 3}", b"%d" % n, sequence=n, attachment=b"x" if n % 7 == 0 else None))
+        writer.note("other", {"a": "b"})
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        statistics = reader.get_summary().statistics
+        assert (statistics.message_start_time, statistics.message_end_time) == (1000, 1199)
+        assert sum(statistics.channel_message_counts.values()) == statistics.message_count == 200
+        assert statistics.chunk_count == len(reader.get_summary().chunk_indexes) > 10
+        found = reader.iter_messages(topics=["k1"], starting_at=1050, ending_before=1100)
+        assert [message.data for _, _, message in found] == [b"%d" % n for n in range(50, 100) if n % 3 == 1]
+        assert {each.name for each in reader.iter_metadata()} == {"riot_bus.run", "other"}
+        for index in reader.get_summary().chunk_indexes:
+            assert index.message_index_offsets
+            for offset in index.message_index_offsets.values():
+                file.seek(offset)
+                assert file.read(1) == b"\x07"
 
 
 def test_closing_twice_is_fine_and_errors_are_clear(tmp_path):
