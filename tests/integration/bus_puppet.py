@@ -67,6 +67,7 @@ class Puppet:
 
 def _main(endpoint: str, mode: str, more: str) -> None:
     import itertools
+    import os
     import threading
     import time
 
@@ -176,7 +177,7 @@ def _main(endpoint: str, mode: str, more: str) -> None:
                     ext.declare_advanced_publisher(
                         session,
                         key,
-                        cache=ext.CacheConfig(10),
+                        cache=ext.CacheConfig(order.get("depth", 10)),
                         sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.05, sporadic_heartbeat=None),
                         publisher_detection=True,
                     )
@@ -197,8 +198,9 @@ def _main(endpoint: str, mode: str, more: str) -> None:
             case "flood":
                 order.setdefault("congestion", "BLOCK")
                 publisher = session.declare_publisher(key, **qos(order))
+                padding = os.urandom if order.get("noise") else bytes  # noise cannot be compressed
                 for index in range(order["count"]):
-                    publisher.put(index.to_bytes(8, "little") + bytes(order.get("padding", 56)))
+                    publisher.put(index.to_bytes(8, "little") + padding(order.get("padding", 56)))
             case "flood_keys":
                 for index in range(order["first"], order["first"] + order["count"]):
                     session.put(f"{key}/{index}", b"x", **qos(order))

@@ -144,7 +144,10 @@ class Observer:
     def _busiest(self, flows: Mapping[Key, int]) -> dict[Key, int]:
         """Leave out what is too much: a graph of all keys that somebody invents would take the memory."""
         self._left_out = len(flows) > _MOST_FLOWS
-        return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: each[1]) if self._left_out else flows)
+        if not self._left_out:
+            return dict(flows)
+        shown = self._flows  # of keys with as many messages those stay, else the graph would change all the time
+        return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: (each[1], each[0] in shown)))
 
     def _measure(self, flows: dict[Key, int]) -> None:
         now = self._clock()

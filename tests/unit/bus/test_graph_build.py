@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from riot_bus.bus.graph.build import build
 from riot_bus.bus.graph.declarations import Declared
 from riot_bus.bus.graph.model import Change, Component, Edge, Graph, Topic, Unknown
 from riot_bus.bus.graph.observations import Observations
+from riot_bus.bus.graph.observe import Observer
 from riot_bus.bus.graph.processes import Process, endpoint_of
 from riot_bus.bus.graph.sources import AdminView
 from riot_bus.bus.graph.tokens import Token, parse_token
@@ -164,3 +167,31 @@ def test_locators_of_tcp_have_host_and_port() -> None:
     assert endpoint_of("tls/127.0.0.1:80?so=1#iface=lo") == ("127.0.0.1", 80)
     for text in ("udp/127.0.0.1:80", "unixsock-stream/x", "tcp/:x", ""):
         assert endpoint_of(text) is None
+
+
+class Flowing:
+    """A bus without segments, of which flows are told."""
+
+    sessions: dict[str, Any] = {}  # noqa: RUF012
+    ids = ids_ever = intercepted = ()
+
+    def __init__(self, flows: dict[tuple[str, str], int]) -> None:
+        self._flows = flows
+
+    def flows(self) -> dict[tuple[str, str], int]:
+        return self._flows
+
+
+def test_of_too_many_keys_the_busiest_are_shown_and_they_stay() -> None:
+    flows = {(f"k/{number}", "in"): 1 for number in range(5000)}
+    flows["busy", "in"] = 2
+    observer = Observer(Flowing(flows), lambda: None, senders=dict, name=str, processes=False)
+    graph = build(observer.observe())
+    assert len(graph.topics) == 2000
+    assert edge(graph, "publishes", "busy")
+    assert "more keys than the busiest 2000" in texts(graph)
+    for key in reversed(list(flows)):
+        flows[key] = flows.pop(key)
+    assert build(observer.observe()).topics == graph.topics
+    flows.clear()
+    assert "too many" not in texts(build(observer.observe()))
