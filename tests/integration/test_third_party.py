@@ -39,6 +39,15 @@ where = "data == 'message 3'"
 """
 
 
+MAP_PLAN = """
+[[inject]]
+topic = "/map"
+field = "data"
+value = "another map"
+where = "data == 'map 2'"
+"""
+
+
 @pytest.fixture(scope="session")
 def python() -> Path:
     """An interpreter that has zenoh-ros2-sdk."""
@@ -142,9 +151,12 @@ def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp
 
 
 @MODES
-def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, mode: str) -> None:
+@INTERCEPTED
+def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, *, mode: str, intercepted: bool) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(MAP_PLAN)
     with (
-        RouterProcess() as router,
+        RouterProcess(*([f"--inject={plan}"] if intercepted else [])) as router,
         nodes(python, router, tmp_path, mode) as (_, unit),
         Puppet(router.endpoints["system"], mode=mode) as latched,
     ):
@@ -154,7 +166,9 @@ def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, mod
         latched.do("token", key=f"@ros2_lv/0/{latched.zid}/0/1/MP/%/%/latched/%map/{STRING}/:1:,10:,:,:,,")
         assert wait_until(lambda: "/map" in unit.do("topics"), 10)
         unit.do("subscribe", "/map", latched=True)
-        assert unit.do("wait", "/map", count=1)[-1] == sent[-1]
+        expected = {"data": "another map"} if intercepted else sent[-1]
+        assert wait_until(lambda: unit.do("received", "/map")[-1:] == [expected], 10, interval=0.02)
+        assert not intercepted or sent[-1] not in unit.do("received", "/map")
         assert unit.errors() == ""
 
 

@@ -173,13 +173,17 @@ class Keeper:
             if name != source.segment:
                 relay.outlets[name] = StandIn(self._outlets[name], session, source.key, depth)
         history = [each for each in samples if relay.first is None or each[0] < relay.first]
-        self._feed(relay, history, partial(self._opened, relay))
+        self._feed(relay, history, partial(self._opened, relay, bool(history)))
 
-    def _opened(self, relay: Relay) -> None:
+    def _opened(self, relay: Relay, history: bool) -> None:  # noqa: FBT001
         relay.opened = True
         for standin in relay.outlets.values() if relay.token else ():
             standin.announce(next(self._numbers), again=relay.again)
-        self._finish(relay)
+        if history and relay.token and not relay.again:
+            # Who asks for the history because of the token refuses it once a live message has come.
+            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._finish, relay)))
+        else:
+            self._finish(relay)
 
     def _feed(self, relay: Relay, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
         claimed = deque((relay.claim(number), sample) for number, sample in samples)

@@ -79,3 +79,10 @@ def test_runtime_gets_enough_threads_and_respects_the_user(monkeypatch: pytest.M
     monkeypatch.setattr(runtime, "_running", lambda: True)  # somebody used Zenoh before us
     with pytest.warns(RuntimeWarning, match="2 receive threads"):
         prepare_runtime(1)
+
+
+def test_tokens_that_may_cross_are_not_denied() -> None:
+    rules = access_control(["a/*", "b"], tokens=["b/@adv/pub/**"])["access_control"]["rules"]
+    assert [rule["key_exprs"] for rule in rules if rule["id"] == "cut-tokens"] == [["b/@adv/pub/**"]]
+    acl = access_control(["a"], tokens=[])["access_control"]
+    assert acl["policies"][0]["rules"] == ["control", "cut", "cut-caches"]
