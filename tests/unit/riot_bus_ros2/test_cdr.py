@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.errors import PayloadError
 from riot_bus.types.model import Leaf, MessageType
-from riot_bus_ros2 import cdr
+from riot_bus_ros2 import cdr, cdr_layout, cdr_plan
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.store import TypeStore, parse_msg
@@ -180,8 +180,9 @@ def test_large_arrays_are_crossed_in_one_step(monkeypatch):
     payload = b"\0\1\0\0" + struct.pack("<iII", 1, 2, 1) + b"\0\0\0\0" + struct.pack("<III", 1, 4096, 0)
     payload += struct.pack("<B3xIII", 0, 16, 65536, 65536) + bytes(65535) + b"\x05" + b"\x01"
     calls = []
-    skip = cdr._skip
-    monkeypatch.setattr(cdr, "_skip", lambda *args: calls.append(args) or skip(*args))
+    skip = cdr_layout.skip
+    for module in (cdr_layout, cdr_plan):
+        monkeypatch.setattr(module, "skip", lambda *args: calls.append(args) or skip(*args))
     assert kind.read(payload, "is_dense") is True
     assert kind.read(payload, "data[65535]") == 5
     assert len(kind.patch(payload, {"is_dense": False})) == len(payload)

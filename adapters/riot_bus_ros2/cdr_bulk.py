@@ -1,0 +1,199 @@
+"""One field of many CDR payloads at once: the walk of `cdr_plan`, with arrays for positions.
+
+Where a walk runs into anything odd (a place beyond the payload, a count that is too large), the payload is left to
+`CdrType.read`, so that there is one judge of what decodes. Positions are counted from the beginning of a payload.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.types.bulk import Gathered
+from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Record, Table, Text
+from riot_bus_ros2.cdr_plan import Element
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from riot_bus.types.bulk import Payloads
+    from riot_bus_ros2.cdr_plan import Way
+
+    Positions = NDArray[np.int64]
+    Mask = NDArray[np.bool_]
+
+__all__ = ["gather"]
+
+_FEW = 32  # so few payloads are walked faster one by one
+_FAR = 1 << 40  # what fields of fixed size may add without int64 overflowing
+_STRIDE = 1 << 30
+
+
+def gather(way: Way, payloads: Payloads) -> Gathered:
+    """Return the field at the end of a way for each of n payloads, shape (n,).
+
+    The values have the field's own numpy type; text is an array of str objects, lengths are uint32 (of arrays whose
+    length is fixed, int64).
+    """
+    values = _blank(way.target, len(payloads))
+    valid = np.zeros(len(payloads), np.bool_)
+    doubtful = np.ones(len(payloads), np.bool_)
+    if len(payloads.buffer) < ORIGIN or not len(payloads):
+        return Gathered(values, valid, doubtful)
+    head = _view(payloads.buffer, ">u2")[np.where(payloads.lengths >= ORIGIN, payloads.offsets, 0)]
+    for order, encapsulation in (("<", 1), (">", 0)):
+        rows: Any = (payloads.lengths >= ORIGIN) & (head == encapsulation)
+        if not rows.any():
+            continue
+        rows = slice(None) if rows.all() else rows
+        found, ok = _gather(way, payloads.take(rows), order)
+        values[rows] = found
+        valid[rows] = ok
+        doubtful[rows] = ~ok
+    return Gathered(values, valid, doubtful)
+
+
+def _gather(way: Way, payloads: Payloads, order: str) -> tuple[NDArray[Any], Mask]:
+    walk = _Walk(payloads, order)
+    position = np.full(len(payloads), ORIGIN, np.int64)
+    ok = np.ones(len(payloads), np.bool_)
+    values = _blank(way.target, len(payloads))
+    try:
+        for move in way.moves:
+            if isinstance(move, Element):
+                position, ok = walk.enter(move, position, ok)
+            else:
+                position, ok = walk.skip(move, position, ok)
+        return walk.read(way.target, position, ok, values)
+    except OverflowError:
+        return values, np.zeros(len(payloads), np.bool_)
+
+
+def _blank(target: Node, count: int) -> NDArray[Any]:
+    if isinstance(target, Number):
+        return np.full(count, np.nan if target.type.startswith("float") else 0, target.type)
+    if isinstance(target, Array):
+        return np.zeros(count, np.uint32 if target.length is None else np.int64)
+    return np.empty(count, np.object_)
+
+
+def _view(buffer: bytes, dtype: str) -> NDArray[Any]:
+    """Return the buffer as if a number began at every byte: element i is the number at byte i."""
+    size = np.dtype(dtype).itemsize
+    return np.ndarray((max(0, len(buffer) - size + 1),), dtype, buffer, 0, (1,))
+
+
+class _Walk:
+    """Walks over all payloads in step; where `ok` is false, a position means nothing."""
+
+    def __init__(self, payloads: Payloads, order: str) -> None:
+        self._payloads = payloads
+        self._base, self._length = payloads.offsets, payloads.lengths
+        self._order = order
+        self._counts = _view(payloads.buffer, order + "u4")
+
+    def skip(self, what: Table | Node, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
+        """Pass a field."""
+        if isinstance(what, tuple):
+            return self._within(position + _numbers(what)[position & 7], ok)
+        if what.jump is not None:
+            return self.skip(what.jump.first, position, ok)
+        if isinstance(what, Text):
+            count, position, ok = self._count(position, ok)
+            return self._within(position + count, ok)
+        if isinstance(what, Array):
+            count, position, ok = self._length_of(what, position, ok)
+            return self._elements(what.element, count, position, ok)
+        assert isinstance(what, Record)
+        for part in what.parts:
+            position, ok = self.skip(part, position, ok)
+        return position, ok
+
+    def enter(self, element: Element, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
+        """Go to an element of an array; payloads that have no such element are not ok."""
+        count, position, ok = self._length_of(element.array, position, ok)
+        ok = ok & (count > element.index)
+        return self._elements(element.array.element, np.full_like(count, element.index), position, ok)
+
+    def read(self, target: Node, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
+        """Return what stands there."""
+        if isinstance(target, Array):
+            _, ok = self.skip(target, position, ok)
+            count, _, ok = self._length_of(target, position, ok)
+            values[ok] = count[ok]
+            return values, ok
+        if isinstance(target, Text):
+            return self._texts(position, ok, values)
+        assert isinstance(target, Number)
+        ok = ok & (position + target.size <= self._length)
+        if not ok.any():
+            return values, ok
+        dtype = "u1" if target.type == "bool" else self._order + np.dtype(target.type).str[1:]
+        found = _view(self._payloads.buffer, dtype)[np.where(ok, self._base + position, 0)]
+        found = found != 0 if target.type == "bool" else found.astype(target.type)
+        if ok.all():
+            return found, ok
+        values[ok] = found[ok]
+        return values, ok
+
+    def _texts(self, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
+        count, start, ok = self._count(position, ok)
+        ok = ok & (start + count <= self._length)
+        buffer = self._payloads.buffer
+        begin = np.where(ok, self._base + start, 0)
+        end = begin + np.where(ok, count, 0)
+        last = np.frombuffer(buffer, np.uint8)[np.maximum(end - 1, 0)]
+        ok = ok & ((count == 0) | (last == 0))
+        end -= count > 0
+        known: dict[bytes, str] = {}
+        rows = np.flatnonzero(ok)
+        for row, low, high in zip(rows.tolist(), begin[rows].tolist(), end[rows].tolist(), strict=True):
+            data = buffer[low:high]
+            text = known.get(data)
+            if text is None:
+                text = known[data] = data.decode(errors="surrogateescape")
+            values[row] = text
+        return values, ok
+
+    def _count(self, position: Positions, ok: Mask) -> tuple[Positions, Positions, Mask]:
+        """Return the count at each position and where it ends."""
+        position = (position + 3) & -4
+        ok = ok & (position + 4 <= self._length)
+        if not ok.any():
+            return np.zeros_like(position), position, ok
+        place = self._base + position
+        counts = self._counts[place if ok.all() else np.where(ok, place, 0)]
+        return counts.astype(np.int64), position + 4, ok
+
+    def _length_of(self, array: Array, position: Positions, ok: Mask) -> tuple[Positions, Positions, Mask]:
+        if array.length is not None:
+            return np.full_like(position, array.length), position, ok
+        return self._count(position, ok)
+
+    def _elements(self, node: Node, count: Positions, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
+        """Pass so many elements."""
+        if node.jump is not None:
+            if node.jump.stride > _STRIDE:
+                raise OverflowError
+            far = _numbers(node.jump.first)[position & 7] + (count - 1) * node.jump.stride
+            return self._within(position + np.where(count > 0, far, 0), ok)
+        done = 0
+        while (active := ok & (count > done)).any():
+            if np.count_nonzero(active) < min(_FEW, len(ok)):
+                return position, ok & ~active
+            further, still = self.skip(node, position, active)
+            position = np.where(active, further, position)
+            ok = ok & (still | ~active)
+            done += 1
+        return position, ok
+
+    def _within(self, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
+        ok = ok & (position <= self._length)
+        return (position if ok.all() else np.where(ok, position, 0)), ok
+
+
+def _numbers(table: Table) -> NDArray[np.int64]:
+    if max(table) > _FAR:
+        raise OverflowError
+    return np.array(table, np.int64)

@@ -1,0 +1,266 @@
+"""How CDR lays a ROS 2 type out: what a field of fixed size adds to a position, and where fields of variable size end.
+
+Source: OMG CDR (formal/02-06-51, 15.3) and DDS-RTPS 10.2 for the encapsulation header. Each primitive is aligned to its
+size, counted from after the 4-byte header; strings and sequences begin with a 32-bit count.
+
+What a field of fixed size adds to the position depends only on the position modulo 8, so any run of such fields is one
+`Jump`: a table of eight numbers. Arrays of them are crossed in one step, whatever their length.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import PayloadError
+from riot_bus.types.model import wrap_integer
+
+if TYPE_CHECKING:
+    from riot_bus.trial import Scalar
+    from riot_bus_ros2.store import TypeStore
+
+__all__ = [
+    "Array",
+    "Jump",
+    "Node",
+    "Number",
+    "OpaqueError",
+    "Record",
+    "Text",
+    "compile_type",
+    "length_of",
+    "skip",
+    "skip_elements",
+    "skip_text",
+    "then",
+]
+
+ORIGIN = 4
+_MAX_DEPTH = 64
+OUTSIDE = (struct.error, IndexError, OverflowError)
+"""Raised by reading at a place beyond the payload."""
+PLACEHOLDER = "structure_needs_at_least_one_member"
+_PRIMITIVES = {
+    "bool": ("bool", "?"), "byte": ("uint8", "B"), "char": ("uint8", "B"), "int8": ("int8", "b"),
+    "uint8": ("uint8", "B"), "int16": ("int16", "h"), "uint16": ("uint16", "H"), "int32": ("int32", "i"),
+    "uint32": ("uint32", "I"), "int64": ("int64", "q"), "uint64": ("uint64", "Q"), "float32": ("float32", "f"),
+    "float64": ("float64", "d"),
+}  # fmt: skip
+
+Data = bytes | bytearray
+Unpack = Callable[[Data, int], tuple[Any, ...]]
+Step = Callable[[Data, int, Unpack], int]
+Table = tuple[int, ...]
+
+COUNT_LE: Unpack = struct.Struct("<I").unpack_from
+COUNT_BE: Unpack = struct.Struct(">I").unpack_from
+NOTHING: Table = (0,) * 8
+
+
+class OpaqueError(Exception):
+    """A type has something whose place in the bytes is not known here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """How far fields of fixed size reach: from each position modulo 8 the first time, `stride` each further time.
+
+    The stride is one number: after the first element the position modulo the largest alignment is always the same.
+    """
+
+    first: Table
+    stride: int
+
+    def over(self, position: int, count: int) -> int:
+        """Return the position after so many elements."""
+        return position + self.first[position & 7] + (count - 1) * self.stride if count else position
+
+
+def _jump(first: Table) -> Jump:
+    return Jump(first, first[first[0] & 7])
+
+
+def then(before: Table, after: Table) -> Table:
+    """Return what two runs of fields of fixed size, one after the other, add to a position."""
+    return tuple(step + after[(at + step) & 7] for at, step in enumerate(before))
+
+
+def _padding(size: int) -> Table:
+    return tuple((ORIGIN - at) & (size - 1) for at in range(8))
+
+
+class Number:
+    """A primitive."""
+
+    def __init__(self, base: str) -> None:
+        self.type, code = _PRIMITIVES[base]
+        self.little, self.big = struct.Struct("<" + code), struct.Struct(">" + code)
+        self.size = self.little.size
+        self.padding = _padding(self.size)
+        self.jump: Jump | None = _jump(tuple(pad + self.size for pad in self.padding))
+
+    def read(self, data: Data, position: int, count: Unpack) -> Scalar:
+        """Return the number at this place; `count` tells the byte order."""
+        value: Scalar = (self.little if count is COUNT_LE else self.big).unpack_from(data, position)[0]
+        return value
+
+    def write(self, data: bytearray, position: int, count: Unpack, value: Scalar) -> None:
+        """Write a number; integers wrap, floats that overflow become infinite."""
+        little = count is COUNT_LE
+        if self.type == "bool" and isinstance(value, int):
+            struct.pack_into("B", data, position, value & 0xFF)
+            return
+        try:
+            (self.little if little else self.big).pack_into(data, position, self._fit(value))
+        except OverflowError:
+            (self.little if little else self.big).pack_into(data, position, math.copysign(math.inf, _sign(value)))
+
+    def _fit(self, value: Scalar) -> int | float | bool:
+        if isinstance(value, str | bytes):
+            raise PayloadError(f"{value!r} is no {self.type}")
+        if self.type.startswith("float"):
+            return float(value)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise PayloadError(f"{value} is no {self.type}")
+        return wrap_integer(int(value), bits=8 * self.size, signed=self.type.startswith("int"))
+
+
+class Text:
+    """A string: count of bytes with the terminator, the bytes, a zero."""
+
+    type = "string"
+    padding = _padding(4)
+    jump: Jump | None = None
+
+    def read(self, data: Data, position: int, count: Unpack) -> Scalar:
+        """Return the text; bytes that are no UTF-8 become surrogates."""
+        start, end = self.span(data, position, count)
+        return bytes(data[start:end]).decode(errors="surrogateescape")
+
+    def span(self, data: Data, position: int, count: Unpack) -> tuple[int, int]:
+        """Return from where to where the text goes, without its terminator."""
+        size = count(data, position)[0]
+        start = position + 4
+        end = start + size
+        if end > len(data) or (size and data[end - 1]):
+            raise PayloadError(f"string of {size} bytes at byte {position} is not terminated within the payload")
+        return start, end - (size > 0)
+
+
+class Array:
+    """An array of `length` elements, a sequence if `length` is None."""
+
+    def __init__(self, element: Node, length: int | None) -> None:
+        self.element = element
+        self.length = length
+        inner = element.jump
+        self.jump: Jump | None = None
+        if length == 0:
+            self.jump = _jump(NOTHING)
+        elif length is not None and inner is not None:
+            self.jump = _jump(tuple(inner.over(at, length) - at for at in range(8)))
+
+
+class Record:
+    """A message: fields in order; `parts` are the same with runs of fixed size joined."""
+
+    def __init__(self, fields: dict[str, Node]) -> None:
+        self.fields = fields
+        self.parts: list[Table | Node] = []
+        for node in fields.values():
+            if node.jump is None:
+                self.parts.append(node)
+            elif self.parts and isinstance(self.parts[-1], tuple):
+                self.parts[-1] = then(self.parts[-1], node.jump.first)
+            else:
+                self.parts.append(node.jump.first)
+        only = self.parts[0] if len(self.parts) == 1 else None
+        self.jump: Jump | None = _jump(only) if isinstance(only, tuple) else None
+
+
+Node = Number | Text | Array | Record
+
+
+def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Record]) -> Record:
+    """Return the layout of a type; raises OpaqueError if something in it is unknown or not supported.
+
+    Args:
+        name: The type.
+        store: Where definitions are found.
+        outer: The types that it is nested in.
+        done: Layouts by name, filled on the way.
+    """
+    if name in done:
+        return done[name]
+    if name in outer or len(outer) > _MAX_DEPTH:
+        raise OpaqueError(f"type {name} contains itself or is nested deeper than {_MAX_DEPTH}")
+    try:
+        fields = store.fields(name)
+    except KeyError as error:
+        raise OpaqueError(f"type {name} is unknown") from error
+    nodes: dict[str, Node] = {}
+    for field in fields:
+        node: Node
+        if field.is_message:
+            node = compile_type(field.content, store, outer=(*outer, name), done=done)
+        else:
+            node = _base(field.content)
+        nodes[field.name] = Array(node, field.length) if field.is_array else node
+    done[name] = Record(nodes or {PLACEHOLDER: Number("uint8")})
+    return done[name]
+
+
+def _base(name: str) -> Node:
+    if name == "string":
+        return Text()
+    if name not in _PRIMITIVES:
+        raise OpaqueError(f"{name} is not supported")
+    return Number(name)
+
+
+def length_of(array: Array, data: Data, position: int, count: Unpack) -> tuple[int, int]:
+    """Return how many elements there are and where the first may begin."""
+    if array.length is not None:
+        return array.length, position
+    position = (position + 3) & -4
+    return count(data, position)[0], position + 4
+
+
+def skip(node: Node, data: Data, position: int, count: Unpack) -> int:
+    """Return where a field ends."""
+    if node.jump is not None:
+        return position + node.jump.first[position & 7]
+    if isinstance(node, Text):
+        return skip_text(data, position, count)
+    if isinstance(node, Array):
+        length, position = length_of(node, data, position, count)
+        return skip_elements(node.element, length, data, position, count)
+    assert isinstance(node, Record)
+    for part in node.parts:
+        if isinstance(part, tuple):
+            position += part[position & 7]
+        else:
+            position = skip(part, data, position, count)
+    return position
+
+
+def skip_text(data: Data, position: int, count: Unpack) -> int:
+    """Return where a string ends."""
+    position = (position + 3) & -4
+    return position + 4 + int(count(data, position)[0])
+
+
+def skip_elements(node: Node, number: int, data: Data, position: int, count: Unpack) -> int:
+    """Return where so many elements end."""
+    if node.jump is not None:
+        return node.jump.over(position, number)
+    for _ in range(number):
+        position = skip(node, data, position, count)
+    return position
+
+
+def _sign(value: Scalar) -> float:
+    return -1.0 if isinstance(value, int | float) and value < 0 else 1.0

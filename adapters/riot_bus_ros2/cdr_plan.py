@@ -1,0 +1,140 @@
+"""The way to one field of a CDR payload: what is fixed is known beforehand, the rest are steps from place to place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus_ros2.cdr_layout import (
+    NOTHING,
+    ORIGIN,
+    Array,
+    Node,
+    Record,
+    Table,
+    Text,
+    length_of,
+    skip,
+    skip_elements,
+    skip_text,
+    then,
+)
+
+if TYPE_CHECKING:
+    from riot_bus.types.model import FieldPath
+    from riot_bus_ros2.cdr_layout import Data, Step, Unpack
+
+__all__ = ["Element", "Move", "Plan", "Way", "find_way", "make_plan"]
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """Go to one element of an array."""
+
+    array: Array
+    index: int
+
+
+Move = Table | Node | Element
+"""One part of a way: add what a table says, pass a field, or go to an element."""
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How to reach one field from the beginning of a payload, whatever the payload, and what stands there."""
+
+    moves: tuple[Move, ...]
+    target: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How to reach one field: a place known beforehand, steps from there, and what stands at the end."""
+
+    start: int
+    steps: tuple[Step, ...]
+    target: Node
+
+    def locate(self, data: Data, count: Unpack) -> int:
+        """Return where the field begins."""
+        position = self.start
+        for step in self.steps:
+            position = step(data, position, count)
+        return position
+
+
+def find_way(root: Record, field: FieldPath, path: str) -> Way:
+    """Return the way to a field; raises PayloadError if the type has no such field."""
+    node: Node = root
+    moves: list[Move] = []
+    for step in field.steps:
+        if isinstance(node, Record) and isinstance(step, str):
+            if step not in node.fields:
+                raise PayloadError(f"no field {step!r}", hint=did_you_mean(step, node.fields))
+            for name, each in node.fields.items():
+                if name == step:
+                    break
+                moves.append(each if each.jump is None else each.jump.first)
+            node = node.fields[step]
+        elif isinstance(node, Array) and isinstance(step, int):
+            moves.append(_element(node, step))
+            node = node.element
+        else:
+            raise PayloadError(f"no field {step!r} here", hint="elements are written 'name[3]', members 'name.member'")
+    if field.length != isinstance(node, Array):
+        kind = "an array" if isinstance(node, Array) else "no array"
+        raise PayloadError(f"{path!r}: this field is {kind}", hint="write 'len(name)' or 'name[3]' for arrays")
+    if isinstance(node, Record):
+        raise PayloadError("a message is no scalar field", hint=did_you_mean("", node.fields))
+    if not isinstance(node, Array):
+        moves.append(node.padding)
+    return Way(_joined(moves), node)
+
+
+def make_plan(way: Way) -> Plan:
+    """Return the steps of a way for one payload at a time."""
+    moves = list(way.moves)
+    start = ORIGIN
+    if moves and isinstance(moves[0], tuple):
+        start += moves[0][ORIGIN]
+        del moves[0]
+    return Plan(start, tuple(map(_step, moves)), way.target)
+
+
+def _element(array: Array, index: int) -> Move:
+    length, jump = array.length, array.element.jump
+    if index < 0 or (length is not None and index >= length):
+        raise PayloadError(f"no element {index} in an array of {length}")
+    if length is None or jump is None:
+        return Element(array, index)
+    return tuple(jump.over(at, index) - at for at in range(8))
+
+
+def _joined(moves: list[Move]) -> tuple[Move, ...]:
+    """Join tables that stand next to each other."""
+    found: list[Move] = []
+    for move in moves:
+        if isinstance(move, tuple) and found and isinstance(found[-1], tuple):
+            found[-1] = then(found[-1], move)
+        else:
+            found.append(move)
+    return tuple(move for move in found if move != NOTHING)
+
+
+def _step(move: Move) -> Step:
+    if isinstance(move, tuple):
+        return lambda _data, position, _count: position + move[position & 7]
+    if isinstance(move, Element):
+        return _element_step(move.array, move.index)
+    return skip_text if isinstance(move, Text) else lambda *at: skip(move, *at)
+
+
+def _element_step(array: Array, index: int) -> Step:
+    def step(data: Data, position: int, count: Unpack) -> int:
+        length, position = length_of(array, data, position, count)
+        if index >= length:
+            raise PayloadError(f"no element {index} in a sequence of {length}")
+        return skip_elements(array.element, index, data, position, count)
+
+    return step

@@ -1,0 +1,167 @@
+"""One field of many payloads at once: in bulk where the type can, message by message where it cannot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from riot_bus.errors import PayloadError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from riot_bus.trial import Scalar
+    from riot_bus.types.model import MessageType
+
+__all__ = ["BulkType", "Gathered", "Payloads", "as_array", "gather", "join"]
+
+_EXACT = 1 << 53
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Payloads:
+    """Many payloads in one buffer.
+
+    Attributes:
+        buffer: Such as the decompressed data of a chunk.
+        offsets: Where each payload begins, shape (n,).
+        lengths: How many bytes each has, shape (n,); none goes beyond the buffer.
+    """
+
+    buffer: bytes
+    offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.offsets)
+
+    def __iter__(self) -> Iterator[bytes]:
+        buffer = self.buffer
+        for start, length in zip(self.offsets.tolist(), self.lengths.tolist(), strict=True):
+            yield buffer[start : start + length]
+
+    def take(self, rows: NDArray[Any]) -> Payloads:
+        """Return some of them, by number or by mask."""
+        return Payloads(self.buffer, self.offsets[rows], self.lengths[rows])
+
+
+class Gathered(NamedTuple):
+    """A field's values, shape (n,), and where there are any: elsewhere a float is NaN, a number 0, an object None.
+
+    `doubtful` marks payloads of which the type cannot tell in bulk; `gather` reads those one by one.
+    """
+
+    values: NDArray[Any]
+    valid: NDArray[np.bool_]
+    doubtful: NDArray[np.bool_] | None = None
+
+
+@runtime_checkable
+class BulkType(Protocol):
+    """What a `MessageType` can offer besides its protocol, if fields of many payloads can be found at once."""
+
+    def gather(self, payloads: Payloads, path: str) -> Gathered:
+        """Return the values that `read` would return; doubtful ones are left to it.
+
+        Raises:
+            PayloadError: No payload of this type has such a field.
+        """
+        ...
+
+
+def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
+    """Return one field of many payloads; what does not decode, or lacks the field, is not valid.
+
+    Args:
+        kind: Their type.
+        payloads: n of them.
+        path: A field, or `len(path)`.
+
+    Raises:
+        PayloadError: The type has no such field, whatever the payload.
+    """
+    if not isinstance(kind, BulkType):
+        return as_array([_read(kind, payload, path) for payload in payloads])
+    found = kind.gather(payloads, path)
+    if found.doubtful is None or not found.doubtful.any():
+        return Gathered(found.values, found.valid)
+    rows = np.flatnonzero(found.doubtful)
+    for row, payload in zip(rows.tolist(), payloads.take(rows), strict=True):
+        value = _read(kind, payload, path)
+        if value is not None:
+            found.values[row] = value
+            found.valid[row] = True
+    return Gathered(found.values, found.valid)
+
+
+def as_array(values: list[Scalar | None]) -> Gathered:
+    """Return scalars as an array of the narrowest type that holds all of them exactly; None where there is none.
+
+    The types are bool, int64, uint64, float64 and object (text, bytes, mixtures); without any value, float64.
+    """
+    valid = np.array([value is not None for value in values], np.bool_)
+    kinds = {type(value) for value in values if value is not None}
+    dtype = _dtype(kinds, values)
+    if dtype == np.object_:
+        return Gathered(_objects(values), valid)
+    nothing: float = np.nan if dtype == np.float64 else 0
+    return Gathered(np.array([nothing if value is None else value for value in values], dtype), valid)
+
+
+def join(parts: list[Gathered]) -> Gathered:
+    """Return arrays of one field after each other, in a type that holds all values exactly."""
+    valid = np.concatenate([part.valid for part in parts]) if parts else np.zeros(0, np.bool_)
+    arrays = [part.values for part in parts if part.valid.any()] or [part.values for part in parts]
+    dtypes = {array.dtype for array in arrays}
+    if len(dtypes) > 1:
+        dtypes = {np.dtype(np.object_) if _lossy(dtypes, arrays) else np.result_type(*dtypes)}
+    dtype = dtypes.pop() if dtypes else np.dtype(np.float64)
+    blank: Any = np.nan if dtype.kind == "f" else None if dtype == np.object_ else 0
+    values = np.full(len(valid), blank, dtype)
+    begin = 0
+    for part in parts:
+        here = values[begin : begin + len(part.valid)]
+        here[part.valid] = part.values[part.valid].tolist() if dtype == np.object_ else part.values[part.valid]
+        begin += len(part.valid)
+    return Gathered(values, valid)
+
+
+def _lossy(dtypes: set[np.dtype[Any]], arrays: list[NDArray[Any]]) -> bool:
+    kinds = {dtype.kind for dtype in dtypes}
+    if not kinds <= {"i", "u", "f"}:
+        return True
+    if np.result_type(*dtypes).kind != "f":
+        return False
+    return any(array.dtype.kind in "iu" and bool((np.abs(array.astype(np.float64)) > _EXACT).any()) for array in arrays)
+
+
+def _dtype(kinds: set[type], values: list[Scalar | None]) -> type[Any]:
+    if kinds == {bool}:
+        return np.bool_
+    if not kinds or kinds == {float}:
+        return np.float64
+    integers = [value for value in values if isinstance(value, int)]
+    if kinds == {int}:
+        low, high = min(integers), max(integers)
+        if low >= -(1 << 63) and high < 1 << 63:
+            return np.int64
+        return np.uint64 if low >= 0 and high < 1 << 64 else np.object_
+    exact = kinds == {int, float} and all(-_EXACT <= value <= _EXACT for value in integers)
+    return np.float64 if exact else np.object_
+
+
+def _objects(values: list[Scalar | None]) -> NDArray[Any]:
+    array = np.empty(len(values), np.object_)
+    array[:] = values
+    return array
+
+
+def _read(kind: MessageType, payload: bytes, path: str) -> Scalar | None:
+    try:
+        return kind.read(payload, path)
+    except PayloadError:
+        return None
