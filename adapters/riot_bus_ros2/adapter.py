@@ -9,6 +9,7 @@ from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.keys import key_expression, parse_data_key
+from riot_bus_ros2.offering import clock_of, offer_of
 from riot_bus_ros2.store import (
     DefinitionError,
     TypeStore,
@@ -22,11 +23,13 @@ from riot_bus_ros2.store import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from riot_bus.types.offer import Offer, RecordedTopic, SimClock
+
 __all__ = ["Ros2Adapter"]
 
 
 class Ros2Adapter:
-    """Implements `riot_bus.types.model.Adapter` for ROS 2.
+    """Implements `riot_bus.types.model.Adapter` and `riot_bus.types.offer.Offering` for ROS 2.
 
     Raises:
         MissingExtraError: rosbags is not installed.
@@ -87,6 +90,21 @@ class Ros2Adapter:
         if schema not in self._from_schemas:
             self._from_schemas[schema] = self._parse_schema(schema)
         return self._from_schemas[schema]
+
+    def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
+        """Return how to publish a topic of a bag, or of rmw_zenoh."""
+        return offer_of(topic, name=name, domain=domain, type_hash=self._type_hash)
+
+    def clock(self, domain: int | None) -> SimClock:
+        """Return how to publish `/clock`."""
+        return clock_of(domain, self.store.type_hash("rosgraph_msgs/msg/Clock"))
+
+    def _type_hash(self, topic: RecordedTopic, type_name: str) -> str | None:
+        found = self.type_of_schema(topic.schema) or self.type_named(type_name)
+        try:
+            return found.type_hash if isinstance(found, CdrType) else None
+        except KeyError:  # it has members of unknown types
+            return None
 
     def _parse_schema(self, schema: Schema) -> CdrType | None:
         name = normal_name(schema.name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = ["NO_HASH", "DataKey", "build_data_key", "key_expression", "parse_data_key"]
+__all__ = ["NO_HASH", "DataKey", "build_data_key", "is_topic", "key_expression", "parse_data_key"]
 
 NO_HASH = "TypeHashNotSupported"
 
@@ -21,6 +21,7 @@ _KEY = re.compile(
     re.ASCII,
 )
 _TOPIC = re.compile(r"/[^/\s#?:]+(?:/[^/\s#?:]+)*")
+_NAME = re.compile(r"(?:/\w+)+", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +79,8 @@ def key_expression(topic: str, *, domain: int | None = None) -> str | None:
     if _TOPIC.fullmatch(topic) is None:
         return None
     return f"{'*' if domain is None else domain}{topic}/*/*"
+
+
+def is_topic(name: str) -> bool:
+    """Return whether a text is the full name of a ROS topic, such as `/robot1/odom`."""
+    return _NAME.fullmatch(name) is not None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.service import RouterService
 
-__all__ = ["COMMANDS", "LARGEST_PAYLOAD", "VERSION", "Command", "answer", "find_command", "refusal"]
+__all__ = ["COMMANDS", "LARGEST_PAYLOAD", "VERSION", "Command", "Request", "answer", "find_command", "refusal"]
 
 VERSION = 1
 """Version of the answers' format."""
@@ -84,7 +84,7 @@ class Request:
 class Command:
     """A command: what it does, and whether it only reads, so that a question to all may mean it."""
 
-    run: Callable[[RouterService, Request], Any]
+    run: Callable[[Any, Request], Any]
     reads: bool = False
 
 
@@ -113,28 +113,37 @@ COMMANDS: dict[str, Command] = {
 """All commands by name."""
 
 
-def find_command(name: str) -> Command:
+def find_command(name: str, commands: Mapping[str, Command] = COMMANDS) -> Command:
     """Return a command; raises ConfigError if there is none of this name."""
     try:
-        return COMMANDS[name]
+        return commands[name]
     except KeyError:
-        raise ConfigError(f"no command {name[:80]!r}", hint=did_you_mean(name[:80], COMMANDS)) from None
+        raise ConfigError(f"no command {name[:80]!r}", hint=did_you_mean(name[:80], commands)) from None
 
 
-def answer(service: RouterService, router: str, name: str, payload: bytes, parameters: Mapping[str, str]) -> bytes:
+def answer(
+    service: Any,
+    router: str,
+    name: str,
+    payload: bytes,
+    parameters: Mapping[str, str],
+    *,
+    commands: Mapping[str, Command] = COMMANDS,
+) -> bytes:
     """Carry out a command and return the answer as JSON.
 
     Args:
-        service: The router.
+        service: The router, or what else the commands are for.
         router: Its name.
         name: The command.
         payload: What was sent along.
         parameters: What the question says besides.
+        commands: What can be done.
 
     Raises:
         RiotError: It cannot be done.
     """
-    result = find_command(name).run(service, Request(payload, parameters))
+    result = find_command(name, commands).run(service, Request(payload, parameters))
     document = {"version": VERSION, "router": router, "command": name, "result": result}
     return json.dumps(document, sort_keys=True).encode()
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from queue import Full, Queue
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.bus.commands import COMMANDS, LARGEST_PAYLOAD, answer, refusal
+from riot_bus.bus.commands import COMMANDS, LARGEST_PAYLOAD, Command, answer, refusal
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.bus.runtime import release
 from riot_bus.errors import ConfigError, EnvironmentFaultError, RiotError
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     import zenoh
-
-    from riot_bus.bus.service import RouterService
 
 __all__ = ["Control"]
 
@@ -34,15 +32,27 @@ class Control:
     the commands that only read.
 
     Args:
-        service: The router, open.
+        service: The router (or what else the commands are for), open.
         name: Its name.
         sessions: The sessions of the segments in which it answers.
+        commands: What it can do.
+        under: Which of its keys it answers for; others may be somebody else's.
     """
 
-    def __init__(self, service: RouterService, name: str, sessions: Mapping[str, zenoh.Session]) -> None:
+    def __init__(
+        self,
+        service: Any,
+        name: str,
+        sessions: Mapping[str, zenoh.Session],
+        *,
+        commands: Mapping[str, Command] = COMMANDS,
+        under: str = "**",
+    ) -> None:
         self._service = service
         self._name = name
         self._sessions = sessions
+        self._commands = commands
+        self._under = under
         self._waiting: Queue[zenoh.Query | None] = Queue(_MOST_WAITING + 1)
         self._queryables: list[Any] = []
         self._closing = threading.Event()
@@ -51,7 +61,7 @@ class Control:
     def __enter__(self) -> Self:
         import zenoh
 
-        expression = f"{OWN_CHUNK}/{self._name}/**"
+        expression = f"{OWN_CHUNK}/{self._name}/{self._under}"
         for session in self._sessions.values():
             queryable = session.declare_queryable(expression, self._take, allowed_origin=zenoh.Locality.REMOTE)
             self._queryables.append(queryable)
@@ -90,7 +100,8 @@ class Control:
         prefix = f"{OWN_CHUNK}/{self._name}/"
         asked = str(query.key_expr)
         if "*" in asked:
-            names = [name for name, command in COMMANDS.items() if command.reads and self._means(query, prefix + name)]
+            reading = (name for name, command in self._commands.items() if command.reads)
+            names = [name for name in reading if self._means(query, prefix + name)]
         else:
             names = [asked.removeprefix(prefix)]
         try:
@@ -100,7 +111,8 @@ class Control:
             payload = query.payload.to_bytes() if query.payload is not None else b""
             parameters = {str(key): str(value) for key, value in _pairs(str(query.parameters))}
             for name in names:
-                self._reply(query, prefix + name, answer(self._service, self._name, name, payload, parameters))
+                found = answer(self._service, self._name, name, payload, parameters, commands=self._commands)
+                self._reply(query, prefix + name, found)
         except RiotError as error:
             error.where = error.where or asked
             self._refuse(query, error)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["FEW", "Claims", "Converter", "Occasional", "Outlets", "is_delete", "is_droppable"]
+__all__ = ["FEW", "Claims", "Converter", "Occasional", "Outlets", "is_delete", "is_droppable", "publisher_settings"]
 
 _CONGESTION = ("drop", "block", "block_first")  # by Zenoh's numbers
 _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND")
@@ -150,7 +150,7 @@ class Outlets:
         known = self._publishers.get((key, qos))
         if known is not None:
             return known
-        publisher = self._session.declare_publisher(key, encoding=encoding, **_settings(qos))
+        publisher = self._session.declare_publisher(key, encoding=encoding, **publisher_settings(qos))
         if len(self._publishers) >= _CACHED_PUBLISHERS:
             self._publishers.clear()  # they undeclare themselves
         self._publishers[key, qos] = publisher
@@ -158,14 +158,14 @@ class Outlets:
 
     def occasional(self, key: str, qos: Qos, encoding: zenoh.Encoding) -> zenoh.Publisher | Occasional:
         """Return what publishes on a key for the first time; its publisher, if it was declared before."""
-        return self._publishers.get((key, qos)) or Occasional(self._session, key, _settings(qos), encoding)
+        return self._publishers.get((key, qos)) or Occasional(self._session, key, publisher_settings(qos), encoding)
 
     def _seldom(self, key: str, qos: Qos) -> zenoh.Publisher | Occasional:
         self._times[key, qos] += 1
         if self._times[key, qos] <= FEW:
             if len(self._times) > _CACHED_PUBLISHERS:
                 self._times.clear()
-            return Occasional(self._session, key, _settings(qos), None)
+            return Occasional(self._session, key, publisher_settings(qos), None)
         del self._times[key, qos]
         return self.publisher(key, qos)
 
@@ -182,7 +182,8 @@ class Outlets:
         return encoding
 
 
-def _settings(qos: Qos) -> dict[str, Any]:
+def publisher_settings(qos: Qos) -> dict[str, Any]:
+    """Return what Zenoh calls these delivery settings when a publisher is declared."""
     import zenoh
 
     return {

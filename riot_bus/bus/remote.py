@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.bus.client import open_client
 from riot_bus.bus.config import OWN_CHUNK, control_id
@@ -25,6 +25,13 @@ _TIMEOUT_S = 30.0
 _FIND_S = 3.0
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
 _VERSION = 1
+_STATUS = {"router": "status", "player": "play/status"}
+_NOBODY = {
+    "router": "is it riot's, and may this segment control it (control)?",
+    "player": "is riot play running in this segment?",
+}
+
+Kind = Literal["router", "player"]
 
 
 class Remote:
@@ -34,14 +41,23 @@ class Remote:
         endpoint: Where one of its segments listens.
         name: The router's name; None if it is the only one.
         config: Further Zenoh configuration, such as certificates.
+        kind: What is asked instead of a router.
 
     Raises:
         EnvironmentFaultError: Nobody answers at the endpoint.
     """
 
-    def __init__(self, endpoint: str, name: str | None = None, *, config: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        name: str | None = None,
+        *,
+        config: Mapping[str, Any] | None = None,
+        kind: Kind = "router",
+    ) -> None:
         self._endpoint = endpoint
         self._name = name
+        self._kind = kind
         self._client = open_client(endpoint, config={"id": control_id(), **(config or {})})
 
     def __enter__(self) -> Remote:
@@ -51,9 +67,9 @@ class Remote:
         self._client.close()
 
     def find(self) -> list[str]:
-        """Return the names of all routers that answer here."""
+        """Return the names of all routers (or what else is asked) that answer here."""
         names = set()
-        for reply in self._get(f"{OWN_CHUNK}/*/status", timeout=_FIND_S):
+        for reply in self._get(f"{OWN_CHUNK}/*/{_STATUS[self._kind]}", timeout=_FIND_S):
             if reply.ok is not None:
                 names.add(str(reply.ok.key_expr).split("/")[1])
         return sorted(names)
@@ -83,7 +99,7 @@ class Remote:
                 raise _error(reply.err.payload.to_bytes())
         found = self.find()
         if name in found:
-            raise EnvironmentFaultError(f"router {name!r} did not answer in {timeout:g} s", where=command)
+            raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
         raise self._nobody(name, found)
 
     def _only(self) -> str:
@@ -91,13 +107,13 @@ class Remote:
         if not found:
             raise self._nobody(None, found)
         if len(found) > 1:
-            hint = "choose one: --router NAME"
-            raise ConfigError(f"several routers answer: {', '.join(found)}", where=self._endpoint, hint=hint)
+            hint = f"choose one: --{self._kind} NAME"
+            raise ConfigError(f"several {self._kind}s answer: {', '.join(found)}", where=self._endpoint, hint=hint)
         return found[0]
 
     def _nobody(self, name: str | None, found: list[str]) -> EnvironmentFaultError:
-        who = f"no router {name!r}" if name is not None else "no riot router"
-        hint = f"there are {', '.join(found)}" if found else "is it riot's, and may this segment control it (control)?"
+        who = f"no {self._kind} {name!r}" if name is not None else f"no riot {self._kind}"
+        hint = f"there are {', '.join(found)}" if found else _NOBODY[self._kind]
         return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
 
     def _get(self, selector: str, *, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
@@ -125,9 +141,10 @@ def ask(
     *,
     parameters: str = "",
     config: Mapping[str, Any] | None = None,
+    kind: Kind = "router",
 ) -> dict[str, Any]:
     """Ask one question; arguments and errors as for `Remote` and `Remote.ask`."""
-    with Remote(endpoint, name, config=config) as remote:
+    with Remote(endpoint, name, config=config, kind=kind) as remote:
         return remote.ask(command, payload, parameters=parameters)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from riot_bus.cli import ctl_play
 from riot_bus.cli.options import Format, OutputFormat
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def register(app: typer.Typer) -> None:
         for command, function in commands.items():
             group.command(command)(function)
         ctl.add_typer(group, name=name)
+    ctl.add_typer(ctl_play.group(), name="play")
     app.add_typer(ctl, name="ctl")
 
 

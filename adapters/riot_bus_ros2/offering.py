@@ -1,0 +1,139 @@
+"""How a recorded ROS topic is published over rmw_zenoh: key, latching, liveliness tokens and attachments.
+
+Source: docs/design.md, liveliness_utils.cpp and attachment_helpers.cpp of ros2/rmw_zenoh.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.types.offer import Identity, Offer, SimClock
+from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
+from riot_bus_ros2.gid import gid_of
+from riot_bus_ros2.keys import DataKey, build_data_key, is_topic, parse_data_key
+from riot_bus_ros2.qos import RosQos, parse_offered
+from riot_bus_ros2.store import normal_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.types.offer import RecordedTopic
+
+__all__ = ["NODE", "clock_of", "identity_of", "offer_of"]
+
+NODE = "riot_play"
+"""The ROS node as which a player is seen."""
+
+_CLOCK = "rosgraph_msgs/msg/Clock"
+_HASH = re.compile(r"RIHS[0-9]{2}_[0-9a-f]+")
+_TYPE = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
+_SCHEMAS = ("ros2msg", "ros2idl")
+_LARGEST_DOMAIN = 999_999_999
+
+
+def offer_of(
+    topic: RecordedTopic,
+    *,
+    name: str | None,
+    domain: int | None,
+    type_hash: Callable[[RecordedTopic, str], str | None],
+) -> Offer | None:
+    """Return how to publish a topic, None if it is no ROS topic.
+
+    Args:
+        topic: What was recorded: a topic of a bag, or a key of rmw_zenoh's.
+        name: Another name for it.
+        domain: Another ROS domain; by default that of the key, else that of `ROS_DOMAIN_ID`, else 0.
+        type_hash: Returns the hash of a type where the bag does not say it.
+    """
+    if domain is not None and not 0 <= domain <= _LARGEST_DOMAIN:
+        raise ConfigError(f"{domain} is no ROS domain", hint="give a number such as 0")
+    found = parse_data_key(topic.key) if topic.keyed else _bag_key(topic, type_hash)
+    if found is None:
+        return None
+    found = replace(
+        found,
+        topic=found.topic if name is None else _full(name),
+        domain=found.domain if domain is None else domain,
+        suffix="",  # buffers were meant for a subscriber that is gone; ours takes messages from the topic itself
+    )
+    if not is_topic(found.topic):
+        raise ConfigError(f"{found.topic!r} is no name of a ROS topic", hint="write it like /robot1/odom")
+    qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
+    return _offer(found, qos)
+
+
+def clock_of(domain: int | None, type_hash: str) -> SimClock:
+    """Return how to publish `/clock`."""
+    number = _default_domain() if domain is None else domain
+    key = DataKey(number, "/clock", _CLOCK, type_hash)
+    return SimClock(_offer(key, RosQos(reliable=False, depth=1)), _clock_payload)
+
+
+def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
+    """Return the tokens of the node and of the publisher, and what makes its attachments.
+
+    Args:
+        key: What it publishes.
+        qos: How.
+        zid: Id of the Zenoh session.
+        entity: Number of the publisher in it, from 1; the node is number 0.
+    """
+    node = f"@ros2_lv/{key.domain}/{zid}/0/0/NN/%/%/{NODE}"
+    chunks = build_data_key(key).split("/")
+    topic = key.topic.replace("/", "%")
+    publisher = f"@ros2_lv/{key.domain}/{zid}/0/{entity}/MP/%/%/{NODE}/{topic}/{'/'.join(chunks[-2:])}/{qos.token()}"
+    return Identity((node, publisher), partial(_attachment, gid_of(publisher)))
+
+
+def _offer(key: DataKey, qos: RosQos) -> Offer:
+    return Offer(
+        build_data_key(key),
+        depth=qos.kept if qos.latched else None,
+        reliable=qos.reliable,
+        block=qos.reliable and qos.keep_all,
+        identify=partial(identity_of, key, qos),
+    )
+
+
+def _bag_key(topic: RecordedTopic, type_hash: Callable[[RecordedTopic, str], str | None]) -> DataKey | None:
+    type_name = normal_name(topic.schema.name)
+    if topic.encoding != "cdr" or topic.schema.encoding not in _SCHEMAS or _TYPE.fullmatch(type_name) is None:
+        return None
+    recorded = topic.details.get("topic_type_hash", "")
+    found = recorded if _HASH.fullmatch(recorded) else type_hash(topic, type_name)
+    return DataKey(_default_domain(), _full(topic.name), type_name, found)
+
+
+def _default_domain() -> int:
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    if not text:
+        return 0
+    if not text.isdecimal() or int(text) > _LARGEST_DOMAIN:
+        raise ConfigError(f"{text!r} is no ROS domain", where="ROS_DOMAIN_ID", hint="set it to a number such as 0")
+    return int(text)
+
+
+def _full(name: str) -> str:
+    return name if name.startswith("/") else f"/{name}"
+
+
+def _attachment(gid: bytes, recorded: bytes | None, sequence: int, time: int) -> bytes:
+    version: int = 2
+    if recorded is not None:
+        try:
+            version = parse_attachment(recorded).version
+        except PayloadError:
+            return recorded  # somebody has spoilt it on purpose
+    return build_attachment(Attachment(sequence, time, gid, 1 if version == 1 else 2))
+
+
+def _clock_payload(time: int) -> bytes:
+    seconds, nanoseconds = divmod(max(0, time), 10**9)
+    return b"\0\1\0\0" + struct.pack("<iI", min(seconds, 2**31 - 1), nanoseconds)

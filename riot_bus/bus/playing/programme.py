@@ -1,0 +1,122 @@
+"""From what is wanted to what a player plays: logs, topics, time line and interceptors; nothing is published yet."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from riot_bus.bus.assemble import RouterOptions, interceptors_of, parse_types, plan_of
+from riot_bus.bus.interception import topics_of
+from riot_bus.bus.playing.cast import cast
+from riot_bus.bus.playing.options import parse_until
+from riot_bus.bus.settings import RouterSettings
+from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.log.ahead import AheadSource
+from riot_bus.log.channels import recorded_topics, span_of
+from riot_bus.log.reader import LogReader
+from riot_bus.log.sources import LogSource, MergedSource, PipedSource
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.registry import TypeRegistry, load_adapters
+
+if TYPE_CHECKING:
+    from riot_bus.bus.playing.cast import Cast
+    from riot_bus.bus.playing.options import PlayOptions
+    from riot_bus.log.sources import Source
+
+__all__ = ["Programme"]
+
+
+class Programme:
+    """What is played.
+
+    Args:
+        options: What is wanted; files are opened and checked at once.
+
+    Attributes:
+        cast: Topics and how to publish them.
+        source: Messages, as interceptors leave them.
+        origin: Beginning of the logs, nanoseconds; what is left out at the beginning comes after it.
+        pipeline: The interceptors; None if there are none.
+        warnings: What is odd.
+
+    Raises:
+        ConfigError: A log, option, plan or interceptor is not usable.
+    """
+
+    def __init__(self, options: PlayOptions) -> None:
+        options.check()
+        self.warnings: list[str] = []
+        self._stack = ExitStack()
+        with ExitStack() as stack:
+            self.readers = [stack.enter_context(LogReader(path)) for path in options.logs]
+            adapters = load_adapters()
+            for adapter in adapters if options.definitions else ():
+                adapter.load(options.definitions)
+            self.registry = TypeRegistry(adapters, declared=parse_types(options.types))
+            self.cast: Cast = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
+            self._learn_types()
+            merged = self._merged(options)
+            ahead = AheadSource(merged)
+            stack.callback(ahead.close)
+            self.pipeline = self._pipeline(options)
+            self.source: Source = ahead if self.pipeline is None else PipedSource(ahead, self.pipeline)
+            self._stack = stack.pop_all()
+
+    def close(self) -> None:
+        """Close the logs; safe to call twice."""
+        self._stack.close()
+
+    def name(self, key: str) -> str:
+        """Return what people call a key that is played."""
+        return self.cast.names.get(key) or self.registry.topic(key)
+
+    def losses(self) -> dict[str, str]:
+        """Return what could not be read so far, by log."""
+        return {reader.path: str(reader.loss) for reader in self.readers if reader.loss}
+
+    def _learn_types(self) -> None:
+        for key, topic in self.cast.topics.items():
+            for name in {key, self.cast.names[key], topic.name}:
+                if topic.schema.name or topic.encoding:
+                    self.registry.add_schema(name, topic.schema, topic.encoding)
+
+    def _merged(self, options: PlayOptions) -> MergedSource:
+        spans = [span_of(reader) for reader in self.readers]
+        filled = [span for span in spans if span != (0, 0)]
+        self.origin = min((low for low, _ in filled), default=0)
+        sources = [
+            LogSource(reader, keys, shift=self.origin - low if options.align else 0)
+            for reader, keys, (low, high) in zip(self.readers, self.cast.keys, spans, strict=True)
+            if keys and (low, high) != (0, 0)
+        ]
+        start = self.origin + int(options.start_offset * 1e9)
+        end: int | None = None
+        if options.duration is not None:
+            end = start + int(options.duration * 1e9)
+        elif options.until is not None:
+            end = parse_until(options.until, self.origin)
+            if end <= start:
+                raise ConfigError(f"{options.until} is not after the beginning", where="--until")
+        last = max((source.end for source in sources), default=start)
+        if start > last:
+            text = (
+                f"there is nothing after {options.start_offset:g} s: the logs are {(last - self.origin) / 1e9:g} s long"
+            )
+            raise ConfigError(text, where="--start-offset")
+        return MergedSource(sources, start=start, end=end)
+
+    def _pipeline(self, options: PlayOptions) -> Pipeline | None:
+        wanted = RouterOptions(interceptors=options.interceptors, inject=options.inject, seed=options.seed)
+        found = interceptors_of(RouterSettings(), wanted)
+        plan = plan_of(wanted)
+        if plan is not None:
+            found.append(plan.injector)
+        if not found:
+            return None
+        for each in found:
+            for topic in topics_of(each) or ():
+                if not any(self.registry.matches(topic, key) for key in self.cast.offers):
+                    names = {self.cast.names[key] for key in self.cast.offers}
+                    hint = did_you_mean(topic, names)
+                    self.warnings.append(f"nothing is played on {topic!r}, which an interceptor wants; {hint}")
+        return Pipeline(found, registry=self.registry, start=self.origin)

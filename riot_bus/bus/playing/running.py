@@ -1,0 +1,168 @@
+"""`riot play`: plays until the end or until told to stop, then says what happened."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.bus.playing.keys import HELP, press
+from riot_bus.bus.playing.service import PlayService
+from riot_bus.bus.playing.text import progress_line, result_line, speed
+from riot_bus.errors import DataLossError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+    from types import FrameType
+
+    from riot_bus.bus.playing.options import PlayOptions
+    from riot_bus.bus.playing.service import PlayResult
+
+__all__ = ["Console", "run_play"]
+
+_LOOK_S = 0.2
+_SWITCH_S = 2e-4
+
+
+class Console(Protocol):
+    """A terminal."""
+
+    def keys(self, timeout: float) -> list[str]:
+        """Return what was pressed; waits for it at most so many seconds."""
+        ...
+
+    def progress(self, line: str) -> None:
+        """Show a line in place of the one before; the empty line ends it."""
+        ...
+
+
+def run_play(
+    options: PlayOptions,
+    *,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+    console: AbstractContextManager[Console] | None = None,
+    as_json: bool = False,
+) -> bool:
+    """Play, then say what became of it.
+
+    Args:
+        options: What to play.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        console: Shows progress and takes keys while it plays; None if there is no terminal.
+        as_json: Say it as lines of JSON.
+
+    Returns:
+        False if a signal has ended it.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: No router answers.
+        DataLossError: Messages could not be read or published.
+    """
+    shown: list[Console] = []
+
+    def tell(line: str) -> None:
+        for each in shown:
+            each.progress("")
+        warn(f"warning: {line}")
+
+    service = PlayService(options, warn=tell)
+    interrupted = threading.Event()
+    try:
+        with _signals(service, interrupted), _quick_switches(), service:
+            say(_ready(service, as_json=as_json))
+            with console or nullcontext() as terminal:
+                if terminal is None:
+                    while not service.wait(_LOOK_S):
+                        pass  # a signal that comes just before an endless wait begins does not end it
+                else:
+                    warn(HELP)
+                    shown.append(terminal)
+                    _attend(service, terminal)
+            result = service.result()
+    finally:
+        service.close()
+    _end(service, result, say, warn, as_json=as_json)
+    return not interrupted.is_set()
+
+
+def _attend(service: PlayService, terminal: Console) -> None:
+    while not service.wait(0):
+        for key in terminal.keys(_LOOK_S):
+            press(service, key)
+        terminal.progress(progress_line(service.status()))
+    terminal.progress("")
+
+
+def _ready(service: PlayService, *, as_json: bool) -> str:
+    options, topics = service.options, sorted(service.programme.cast.names.values())
+    if as_json:
+        started = {"event": "started", "player": service.name, "topics": topics, "status": service.status()}
+        return json.dumps(started, sort_keys=True)
+    status = service.status()
+    logs = ", ".join(str(path) for path in options.logs)
+    length = status["end"] - status["start"]
+    return (
+        f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, to {options.endpoint}"
+    )
+
+
+def _end(
+    service: PlayService,
+    result: PlayResult,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+    *,
+    as_json: bool,
+) -> None:
+    say(json.dumps({"event": "ended", **asdict(result)}, sort_keys=True) if as_json else result_line(result))
+    pipeline = service.programme.pipeline
+    for name, errors in pipeline.errors.items() if pipeline is not None else ():
+        warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
+    if not result:
+        parts = [f"{path}: {loss}" for path, loss in result.unread.items()]
+        if result.lost:
+            topics = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(5))
+            parts.append(f"{result.lost.total()} messages were not published: {topics}")
+        parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:5]]
+        raise DataLossError("; ".join(parts))
+
+
+@contextmanager
+def _quick_switches() -> Iterator[None]:
+    """Let threads take turns more often, else reading ahead makes messages late by Python's usual 5 ms."""
+    former = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(former)
+
+
+@contextmanager
+def _signals(service: PlayService, interrupted: threading.Event) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end the play, at once when it is the second; nothing outside of the main thread."""
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        if interrupted.is_set():
+            raise KeyboardInterrupt
+        interrupted.set()
+        service.stop()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, action in former.items():
+            signal.signal(number, action)

@@ -1,0 +1,58 @@
+"""Time for a player: a clock whose waiting commands can interrupt."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import threading
+
+__all__ = ["Pace", "SteadyPace"]
+
+_SPIN_NS = 150_000
+_IDLE_S = 3600.0
+
+
+class Pace(Protocol):
+    """Where a player's time comes from."""
+
+    def now(self) -> int:
+        """Return nanoseconds since the Unix epoch."""
+        ...
+
+    def wait(self, bell: threading.Condition, until: int | None) -> None:
+        """Return when `now()` is `until`, when somebody has rung, or a little earlier.
+
+        Args:
+            bell: Held by the caller.
+            until: Nanoseconds; None to wait for the bell alone.
+        """
+        ...
+
+
+class SteadyPace:
+    """The machine's time without the jumps of its clock being set; exact to some 10 microseconds.
+
+    The system wakes a thread 50 to 100 microseconds late, so the last bit is waited for awake.
+    """
+
+    def __init__(self) -> None:
+        self._offset = time.time_ns() - time.monotonic_ns()
+
+    def now(self) -> int:
+        """Return nanoseconds since the Unix epoch, by the clock as it was set at first."""
+        return time.monotonic_ns() + self._offset
+
+    def wait(self, bell: threading.Condition, until: int | None) -> None:
+        """Return when it is `until`, when somebody has rung, or a little earlier."""
+        if until is None:
+            bell.wait(_IDLE_S)
+            return
+        until -= self._offset
+        remaining = until - time.monotonic_ns()
+        if remaining > _SPIN_NS:
+            bell.wait((remaining - _SPIN_NS) / 1e9)
+        else:
+            while time.monotonic_ns() < until:
+                pass

@@ -1,0 +1,117 @@
+"""Logs to play, and who listens."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import Writer
+
+from riot_bus.bus.client import Client, open_client
+from riot_bus.bus.playing.options import PlayOptions
+from riot_bus.bus.playing.service import PlayResult, PlayService
+from riot_bus.log.writer import LogWriter
+from riot_bus.message import Message
+
+MS = 10**6
+SECOND = 10**9
+BEGIN = 1_700_000_000 * SECOND
+STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+STRING_KEY = f"std_msgs::msg::dds_::String_/{STRING_HASH}"
+VOLATILE = "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n"
+LATCHED = "- history: 1\n  depth: 2\n  reliability: 1\n  durability: 1\n"
+
+
+def write(path: Path, messages: Iterable[Message]) -> Path:
+    """A log of riot_bus."""
+    with LogWriter(path) as writer:
+        for message in messages:
+            writer.write(message)
+    return path
+
+
+def numbered(count: int, *keys: str, period: int = MS, begin: int = BEGIN) -> list[Message]:
+    """Messages `{"v": 0}`, `{"v": 1}` ... over the keys in turn; of each time as many as there are keys."""
+    return [
+        Message(begin + number // len(keys) * period, keys[number % len(keys)], b'{"v": %d}' % number, sequence=number)
+        for number in range(count)
+    ]
+
+
+def text(value: str) -> bytes:
+    """A std_msgs/msg/String."""
+    data = value.encode() + b"\0"
+    return b"\0\1\0\0" + len(data).to_bytes(4, "little") + data
+
+
+def write_bag(path: Path, topics: dict[str, tuple[str, str]], messages: Iterable[tuple[int, str, str]]) -> Path:
+    """A ROS 2 bag of strings, as rosbag2 writes it.
+
+    Args:
+        path: The file.
+        topics: Offered QoS and type hash by name.
+        messages: Time, topic and text.
+    """
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="rosbag2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channels = {
+            name: writer.register_channel(
+                name, "cdr", schema, {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
+            )
+            for name, (qos, type_hash) in topics.items()
+        }
+        for time, name, value in messages:
+            writer.add_message(channels[name], time, text(value), time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+class Listener:
+    """What arrives, in its order."""
+
+    def __init__(self, endpoint: str, *keys: str) -> None:
+        self.client: Client = open_client(endpoint)
+        self.messages: list[Message] = []
+        self._bell = threading.Condition()
+        for key in keys:
+            self.client.subscribe(key, self._take)
+
+    def _take(self, message: Message) -> None:
+        with self._bell:
+            self.messages.append(message)
+            self._bell.notify_all()
+
+    def wait(self, count: int, timeout: float = 30) -> list[Message]:
+        """Return what has come, at least so many unless the time is up."""
+        with self._bell:
+            self._bell.wait_for(lambda: len(self.messages) >= count, timeout)
+            return list(self.messages)
+
+    def payloads(self, count: int) -> list[bytes]:
+        return [message.payload for message in self.wait(count)]
+
+    def clear(self) -> None:
+        with self._bell:
+            self.messages.clear()
+
+    def __enter__(self) -> Listener:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.client.close()
+
+
+def play(endpoint: str, *logs: Path, warn: Callable[[str], None] | None = None, **options: Any) -> PlayResult:
+    """Play to the end."""
+    wanted = PlayOptions(logs=logs, endpoint=endpoint, **{"wait": 20.0, **options})
+    with PlayService(wanted, warn=warn or _no_warning) as service:
+        assert service.wait(60)
+        return service.result()
+
+
+def _no_warning(line: str) -> None:
+    raise AssertionError(line)
