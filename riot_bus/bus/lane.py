@@ -261,10 +261,10 @@ class Lane:
         self.received += len(backlog) - before
 
     def _shed(self) -> None:
-        """Take more in than there is room for, and keep only what must not be dropped."""
-        kept = 0
+        """Take a little more in than there is room for, and keep only what must not be dropped."""
+        most = self._room + _SURPLUS
         for _ in range(_SLICE):
-            if kept >= _SURPLUS or (sample := self._channel.try_recv()) is None:
+            if len(self._backlog) >= most or (sample := self._channel.try_recv()) is None:
                 return
             if is_droppable(sample):
                 key = str(sample.key_expr)
@@ -272,7 +272,6 @@ class Lane:
                     self.shed.add(key)
             else:
                 self._backlog.append(sample)
-                kept += 1
 
     def _slice(self) -> None:
         if self._former:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.bus import lane
 from riot_bus.bus.client import open_client
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
@@ -455,6 +456,24 @@ def test_client_speaks_in_messages() -> None:
         assert seen[1].kind == "delete"
 
 
+def test_a_slow_interceptor_holds_up_senders_and_does_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lane, "_BACKLOG", 64)
+    monkeypatch.setattr(lane, "_TURN_S", 0.0)  # so each message that is looked at ends the lane's turn, as slow ones do
+    waiting: list[int] = []
+
+    class Watcher:
+        def message(self, event: Event) -> None:
+            waiting.append(sum(len(each._backlog) for each in bus._all_lanes()))
+
+    bus = Bus({"system": (), "unit": ()}, intercept=["cut/**"], pipeline=pipeline(Watcher()))
+    count = 3000
+    with bus, pair(bus) as (source, sink):
+        source.do("put_texts", key="cut/x", payloads=["x"] * count, congestion="BLOCK")
+        sink.do("wait", count=count)
+        assert bus.counts()["cut/x"].forwarded == count
+    assert max(waiting) <= 64 + lane._SURPLUS
+
+
 class MemoryWriter:
     def __init__(self) -> None:
         self.rows: list[tuple[str, Message, tuple[str, ...]]] = []
@@ -474,6 +493,9 @@ class MemoryWriter:
 
     def tick(self) -> None:
         self.ticks += 1
+
+    def flush(self) -> None:
+        assert not self.closed
 
     def close(self) -> None:
         self.closed = True
