@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, OrderedDict
+from collections import Counter, OrderedDict, deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,9 @@ _END_S = 5.0
 _TOKENS_S = 2.0
 _ASK_AGAIN_S = 5.0
 _MOST_ASKED = 1 << 16
+_MOST_UNASKED = 1 << 13
+_ASK_AT_ONCE = 16
+_ASK_PAUSE_S = 0.05
 _MOST_ENDED = 1 << 12
 _MOST_RELAYS = 1 << 14
 
@@ -70,6 +73,8 @@ class Terminator:
         self._lock = threading.Lock()
         self._watched: dict[str, list[Any]] = {}
         self._asked: OrderedDict[tuple[str, str], float] = OrderedDict()
+        self._unasked: deque[tuple[str, str]] = deque(maxlen=_MOST_UNASKED)
+        self._asking = False
         self._ended: OrderedDict[Source, None] = OrderedDict()
         self._ending: set[Relay] = set()
         self._closed = False
@@ -161,7 +166,10 @@ class Terminator:
                 now = time.monotonic()
                 if now - self._asked.get((segment, key), -_ASK_AGAIN_S) >= _ASK_AGAIN_S:
                     _remember(self._asked, (segment, key), now, _MOST_ASKED)
-                    self._search(segment, f"{key}/@adv/pub/**", again=False)
+                    self._unasked.append((segment, key))
+                    if not self._asking:
+                        self._asking = True
+                        self._worker.do(self._ask)
         return key in self.keys
 
     def take(self, segment: str, sample: zenoh.Sample) -> Message | None:
@@ -271,6 +279,16 @@ class Terminator:
     def _search(self, segment: str, selector: str, *, again: bool) -> None:
         """Find caches that show no token."""
         self._upstream.search(segment, f"{selector}?_max=1", partial(self._found, again=again))
+
+    def _ask(self) -> None:
+        """Ask about new keys, a few at a time: a question takes the longer the more publishers there are."""
+        for _ in range(min(_ASK_AT_ONCE, len(self._unasked))):
+            segment, key = self._unasked.popleft()
+            self._search(segment, f"{key}/@adv/pub/**", again=False)
+        self._asking = False
+        if self._unasked:
+            self._asking = True
+            self._worker.later(_ASK_PAUSE_S, self._ask, background=True)
 
     def _relay(self, source: Source) -> Relay | None:
         relay = self.keys.get(source.key, {}).get(source)
