@@ -79,8 +79,8 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         plain, ours = Path(folder, "plain.mcap"), Path(folder, "ours.mcap")
-        for size, attachment in ((200, None), (200, bytes(33)), (10_000, None)):
-            count = options.count if size < 1000 else options.count // 10
+        for size, attachment in ((64, None), (200, None), (200, bytes(33)), (10_000, None), (1 << 20, None)):
+            count = max(100, min(options.count, options.count * 1000 // size))
             log = messages(count, size, attachment)
             actions: list[tuple[str, Callable[[], object], Callable[[], object]]] = [
                 ("write", lambda log=log: plain_write(plain, log), lambda log=log: riot_write(ours, log)),  # type: ignore[misc]

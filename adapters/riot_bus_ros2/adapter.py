@@ -10,6 +10,7 @@ from riot_bus.types.model import MessageType, Schema, TopicName
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.keys import key_expression, parse_data_key
 from riot_bus_ros2.offering import clock_of, offer_of
+from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
 from riot_bus_ros2.store import (
     DefinitionError,
     TypeStore,
@@ -21,21 +22,23 @@ from riot_bus_ros2.store import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.types.offer import Offer, RecordedTopic, SimClock
+    from riot_bus.types.stamp import Stamp
 
 __all__ = ["Ros2Adapter"]
 
 
 class Ros2Adapter:
-    """Implements `riot_bus.types.model.Adapter` and `riot_bus.types.offer.Offering` for ROS 2.
+    """Implements `Adapter`, `Offering` and `Stamping` (of `riot_bus.types.model`, `offer` and `stamp`) for ROS 2.
 
     Raises:
         MissingExtraError: rosbags is not installed.
     """
 
     name = "ros2"
+    tokens = TOKENS
 
     def __init__(self) -> None:
         require_rosbags()
@@ -83,6 +86,10 @@ class Ros2Adapter:
             found = self._types[name] = CdrType(name, self.store)
         return found
 
+    def type_names(self) -> list[str]:
+        """Return the names of all message types that need no search in files."""
+        return [name for name in self.store.names() if name.split("/")[1] == "msg"]
+
     def type_of_schema(self, schema: Schema) -> MessageType | None:
         """Return the type by the definitions of a log, which hold for that log whatever is installed here."""
         if schema.encoding not in ("ros2msg", "ros2idl"):
@@ -95,9 +102,21 @@ class Ros2Adapter:
         """Return how to publish a topic of a bag, or of rmw_zenoh."""
         return offer_of(topic, name=name, domain=domain, type_hash=self._type_hash)
 
-    def clock(self, domain: int | None) -> SimClock:
+    def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
         """Return how to publish `/clock`."""
-        return clock_of(domain, self.store.type_hash("rosgraph_msgs/msg/Clock"))
+        return clock_of(topics, domain=domain, type_hash=self.store.type_hash("rosgraph_msgs/msg/Clock"))
+
+    def stamp(self, attachment: bytes) -> Stamp | None:
+        """Return what an attachment of rmw_zenoh says."""
+        return stamp_of(attachment)
+
+    def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
+        """Return the offered QoS of a topic's publishers."""
+        return details_of(key, tokens)
+
+    def definition(self, key: str) -> tuple[Schema, str] | None:
+        """Return the name of a topic's type, whether it is known or not."""
+        return definition_of(key)
 
     def _type_hash(self, topic: RecordedTopic, type_name: str) -> str | None:
         found = self.type_of_schema(topic.schema) or self.type_named(type_name)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import PayloadError
 from riot_bus.types.model import Leaf, Schema, member_path, parse_path
+from riot_bus_ros2.cdr_fields import list_fields
 from riot_bus_ros2.cdr_layout import (
     COUNT_BE,
     COUNT_LE,
@@ -31,10 +32,13 @@ from riot_bus_ros2.cdr_layout import (
 from riot_bus_ros2.cdr_plan import Plan, Way, find_way, make_plan
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Gathered, Payloads
+    from riot_bus.types.fields import FieldType
     from riot_bus_ros2.store import TypeStore
 
 __all__ = ["CdrType"]
@@ -113,6 +117,16 @@ class CdrType:
         from riot_bus_ros2.cdr_bulk import gather
 
         return gather(self._way(path), payloads)
+
+    def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
+        """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""
+        from riot_bus_ros2.cdr_bulk import elements
+
+        return elements(self._way(f"len({path})"), payloads)
+
+    def fields(self) -> Sequence[FieldType]:
+        """List the fields that messages of this type have, in payload order."""
+        return list_fields(self._layout())
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced in place.
@@ -236,6 +250,8 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
     if isinstance(node, Record):
         if node.jump is not None and node.jump.first == NOTHING:
             return position
+        if position > len(data):  # nested empty messages may be more than anybody can walk over
+            raise IndexError
         for name, each in node.fields.items():
             if name == PLACEHOLDER:
                 position = skip(each, data, position, count)

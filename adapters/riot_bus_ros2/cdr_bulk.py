@@ -15,6 +15,8 @@ from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Record, Table,
 from riot_bus_ros2.cdr_plan import Element
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from riot_bus.types.bulk import Payloads
@@ -23,11 +25,13 @@ if TYPE_CHECKING:
     Positions = NDArray[np.int64]
     Mask = NDArray[np.bool_]
 
-__all__ = ["gather"]
+__all__ = ["elements", "gather"]
 
 _FEW = 32  # so few payloads are walked faster one by one
 _FAR = 1 << 40  # what fields of fixed size may add without int64 overflowing
 _STRIDE = 1 << 30
+_SHORT = 64  # elements of an array, on the average, below which arrays are read together
+_BATCH = 1 << 14
 
 
 def gather(way: Way, payloads: Payloads) -> Gathered:
@@ -47,24 +51,42 @@ def gather(way: Way, payloads: Payloads) -> Gathered:
         if not rows.any():
             continue
         rows = slice(None) if rows.all() else rows
-        found, ok = _gather(way, payloads.take(rows), order)
+        walk = _Walk(payloads.take(rows), order)
+        found, ok = _gather(way, walk)
         values[rows] = found
         valid[rows] = ok
-        doubtful[rows] = ~ok
+        doubtful[rows] = ~(ok | walk.absent)
     return Gathered(values, valid, doubtful)
 
 
-def _gather(way: Way, payloads: Payloads, order: str) -> tuple[NDArray[Any], Mask]:
-    walk = _Walk(payloads, order)
-    position = np.full(len(payloads), ORIGIN, np.int64)
-    ok = np.ones(len(payloads), np.bool_)
+def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
+    """Yield all elements of an array of numbers, some payloads at a time; those that are damaged are left out.
+
+    Args:
+        way: To the array.
+        payloads: Any number.
+    """
+    target = way.target
+    assert isinstance(target, Array)
+    assert isinstance(target.element, Number)
+    if len(payloads.buffer) < ORIGIN or not len(payloads):
+        return
+    head = _view(payloads.buffer, ">u2")[np.where(payloads.lengths >= ORIGIN, payloads.offsets, 0)]
+    for order, encapsulation in (("<", 1), (">", 0)):
+        rows = (payloads.lengths >= ORIGIN) & (head == encapsulation)
+        if not rows.any():
+            continue
+        try:
+            yield from _Walk(payloads.take(rows), order).elements(way, target, target.element)
+        except OverflowError:
+            continue
+
+
+def _gather(way: Way, walk: _Walk) -> tuple[NDArray[Any], Mask]:
+    payloads = walk.payloads
     values = _blank(way.target, len(payloads))
     try:
-        for move in way.moves:
-            if isinstance(move, Element):
-                position, ok = walk.enter(move, position, ok)
-            else:
-                position, ok = walk.skip(move, position, ok)
+        position, ok = walk.locate(way)
         return walk.read(way.target, position, ok, values)
     except OverflowError:
         return values, np.zeros(len(payloads), np.bool_)
@@ -85,13 +107,51 @@ def _view(buffer: bytes, dtype: str) -> NDArray[Any]:
 
 
 class _Walk:
-    """Walks over all payloads in step; where `ok` is false, a position means nothing."""
+    """Walks over all payloads in step; where `ok` is false, a position means nothing.
+
+    Attributes:
+        absent: Payloads that surely lack what is looked for: their array is too short.
+    """
 
     def __init__(self, payloads: Payloads, order: str) -> None:
-        self._payloads = payloads
+        self.payloads = payloads
+        self.absent = np.zeros(len(payloads), np.bool_)
         self._base, self._length = payloads.offsets, payloads.lengths
         self._order = order
         self._counts = _view(payloads.buffer, order + "u4")
+
+    def locate(self, way: Way) -> tuple[Positions, Mask]:
+        """Go all the way."""
+        position = np.full(len(self.payloads), ORIGIN, np.int64)
+        ok = np.ones(len(self.payloads), np.bool_)
+        for move in way.moves:
+            if isinstance(move, Element):
+                position, ok = self.enter(move, position, ok)
+            else:
+                position, ok = self.skip(move, position, ok)
+        return position, ok
+
+    def elements(self, way: Way, array: Array, number: Number) -> Iterator[NDArray[Any]]:
+        """Yield the elements of an array."""
+        position, ok = self.locate(way)
+        count, position, ok = self._length_of(array, position, ok)
+        position = position + np.where(count > 0, _numbers(number.padding)[position & 7], 0)
+        ok = ok & (count > 0) & (position + count * number.size <= self._length)
+        rows = np.flatnonzero(ok)
+        if not len(rows):
+            return
+        count, start = count[rows], self._base[rows] + position[rows]
+        dtype = "u1" if number.type == "bool" else self._order + np.dtype(number.type).str[1:]
+        buffer = self.payloads.buffer
+        if int(count.sum()) > _SHORT * len(rows):
+            for at, length in zip(start.tolist(), count.tolist(), strict=True):
+                yield np.frombuffer(buffer, dtype, length, at)
+            return
+        view = _view(buffer, dtype)
+        for begin in range(0, len(rows), _BATCH):
+            some, first = count[begin : begin + _BATCH], start[begin : begin + _BATCH]
+            inside = np.arange(int(some.sum())) - np.repeat(np.cumsum(some) - some, some)
+            yield view[np.repeat(first, some) + number.size * inside]
 
     def skip(self, what: Table | Node, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
         """Pass a field."""
@@ -113,6 +173,7 @@ class _Walk:
     def enter(self, element: Element, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
         """Go to an element of an array; payloads that have no such element are not ok."""
         count, position, ok = self._length_of(element.array, position, ok)
+        self.absent |= ok & (count <= element.index)
         ok = ok & (count > element.index)
         return self._elements(element.array.element, np.full_like(count, element.index), position, ok)
 
@@ -130,7 +191,7 @@ class _Walk:
         if not ok.any():
             return values, ok
         dtype = "u1" if target.type == "bool" else self._order + np.dtype(target.type).str[1:]
-        found = _view(self._payloads.buffer, dtype)[np.where(ok, self._base + position, 0)]
+        found = _view(self.payloads.buffer, dtype)[np.where(ok, self._base + position, 0)]
         found = found != 0 if target.type == "bool" else found.astype(target.type)
         if ok.all():
             return found, ok
@@ -140,7 +201,7 @@ class _Walk:
     def _texts(self, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
         count, start, ok = self._count(position, ok)
         ok = ok & (start + count <= self._length)
-        buffer = self._payloads.buffer
+        buffer = self.payloads.buffer
         begin = np.where(ok, self._base + start, 0)
         end = begin + np.where(ok, count, 0)
         last = np.frombuffer(buffer, np.uint8)[np.maximum(end - 1, 0)]

@@ -21,7 +21,7 @@ from riot_bus_ros2.qos import RosQos, parse_offered
 from riot_bus_ros2.store import normal_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from riot_bus.types.offer import RecordedTopic
 
@@ -30,7 +30,7 @@ __all__ = ["NODE", "clock_of", "identity_of", "offer_of"]
 NODE = "riot_play"
 """The ROS node as which a player is seen."""
 
-_CLOCK = "rosgraph_msgs/msg/Clock"
+_CLOCK_TOPIC, _CLOCK = "/clock", "rosgraph_msgs/msg/Clock"
 _HASH = re.compile(r"RIHS[0-9]{2}_[0-9a-f]+")
 _TYPE = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 _SCHEMAS = ("ros2msg", "ros2idl")
@@ -64,16 +64,28 @@ def offer_of(
         suffix="",  # buffers were meant for a subscriber that is gone; ours takes messages from the topic itself
     )
     if not is_topic(found.topic):
-        raise ConfigError(f"{found.topic!r} is no name of a ROS topic", hint="write it like /robot1/odom")
+        raise ConfigError(
+            f"{found.topic!r} is no name of a ROS topic", hint="rename it (--remap) or leave it out (--exclude)"
+        )
     qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
     return _offer(found, qos)
 
 
-def clock_of(domain: int | None, type_hash: str) -> SimClock:
-    """Return how to publish `/clock`."""
-    number = _default_domain() if domain is None else domain
-    key = DataKey(number, "/clock", _CLOCK, type_hash)
-    return SimClock(_offer(key, RosQos(reliable=False, depth=1)), _clock_payload)
+def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: str) -> SimClock:
+    """Return how to publish `/clock`.
+
+    Args:
+        topics: What is played; nodes that want it listen in the same domain, and name types alike.
+        domain: Another ROS domain than theirs.
+        type_hash: Of rosgraph_msgs/msg/Clock.
+    """
+    keys = (parse_data_key(topic.key) for topic in topics if topic.keyed)
+    example = next((key for key in keys if key is not None), None)
+    if domain is None:
+        domain = _default_domain() if example is None else example.domain
+    hashed = example is None or example.type_hash is not None  # Humble has no hashes
+    key = DataKey(domain, _CLOCK_TOPIC, _CLOCK, type_hash if hashed else None)
+    return SimClock(_CLOCK_TOPIC, _offer(key, RosQos(reliable=False, depth=1)), _clock_payload)
 
 
 def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:

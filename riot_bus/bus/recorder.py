@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import defaultdict
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
 from riot_bus.bus.tally import Tally
+from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LostMessagesError
 
 if TYPE_CHECKING:
@@ -50,6 +52,10 @@ class Writer(Protocol):
 
     def tick(self) -> None:
         """Make what was written readable, if it is time."""
+        ...
+
+    def flush(self) -> None:
+        """Return when all that was written is in the file, or known to be lost."""
         ...
 
     def close(self) -> None:
@@ -98,6 +104,8 @@ class Recorder:
         """Messages written per topic, originals not counted."""
         self.lost = Tally()
         """Messages per topic that did not fit or could not be written."""
+        self._reasons: defaultdict[str, Tally] = defaultdict(Tally)
+        self._former = Account()
         self._writer = writer
         self._topic = topic
         self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
@@ -162,15 +170,31 @@ class Recorder:
         if self._thread.is_alive():
             self._mailbox.wake()
             self._thread.join()
+            self._finish()
+
+    def account(self) -> Account:
+        """Return what was recorded so far, and what was lost and why."""
+        with self._lock:
+            reasons = {reason: dict(topics) for reason, topics in self._reasons.items()}
+        return Account(self.recorded.copy(), reasons)
+
+    def _finish(self) -> None:
+        """Write into the file what is missing in it, and close it."""
+        self._guard(self._writer.flush)
+        account = self.account()
+        self._guard(lambda: self._writer.note(LOST, account.since(self._former).record()))
+        self._former = account
         self._guard(self._writer.close)
 
     def _offer(self, entry: _Entry) -> None:
         if not self._mailbox.offer(entry, len(entry.message.payload)):
-            self._count_lost(entry.message)
+            self._count_lost(entry.message, "no room")
 
-    def _count_lost(self, message: Message) -> None:
+    def _count_lost(self, message: Message, reason: str) -> None:
+        topic = self._topic(message.key)
         with self._lock:
-            self.lost.add(self._topic(message.key))
+            self.lost.add(topic)
+            self._reasons[reason].add(topic)
 
     def _run(self) -> None:
         ticked = time.monotonic()
@@ -192,7 +216,7 @@ class Recorder:
         elif isinstance(item, _Note):
             self._guard(lambda: self._writer.note(item.name, item.mapping))
         else:
-            self._guard(self._writer.close)
+            self._finish()
             self._writer = item.writer
             self._said.clear()
             item.totals.set_result(self.totals())
@@ -204,10 +228,10 @@ class Recorder:
             writer.write(message, role=entry.role, changes=entry.changes)
         except Exception as error:
             self._failed(error)
-            self._count_lost(message)
+            self._count_lost(message, "disk" if isinstance(error, LostMessagesError) else "damaged")
             return
         if writer.refused != refused:
-            self._count_lost(message)
+            self._count_lost(message, "refused")
         elif entry.role == "delivered":
             self.recorded.add(self._topic(message.key))
 
@@ -219,7 +243,8 @@ class Recorder:
 
     def _failed(self, error: Exception) -> None:
         if isinstance(error, LostMessagesError):
-            self._take_back(error.lost)
+            for reason, lost in error.reasons.items():
+                self._take_back(reason, lost)
         if type(error) in self._said:  # else a full disk would be followed by a full log
             return
         self._said.add(type(error))
@@ -228,10 +253,11 @@ class Recorder:
         else:
             _LOG.error("the recording failed; further failures of this kind are only counted", exc_info=error)
 
-    def _take_back(self, lost: Mapping[tuple[str, Role], int]) -> None:
+    def _take_back(self, reason: str, lost: Mapping[tuple[str, Role], int]) -> None:
         with self._lock:
             for (key, role), number in lost.items():
                 topic = self._topic(key)
                 self.lost.add(topic, number)
+                self._reasons[reason].add(topic, number)
                 if role == "delivered":
                     self.recorded.add(topic, -number)

@@ -154,12 +154,13 @@ class Recordings:
             self._note(self._graph)
 
     def _writer(self, path: Path) -> LogWriter:
+        from riot_bus.log.run import run_facts
         from riot_bus.log.writer import LogWriter
 
         return LogWriter(
             path,
             registry=self._registry,
-            metadata=self._metadata(),
+            metadata={**run_facts(), **self._metadata()},
             profile=self._profile,
             threaded=True,
             durable=True,

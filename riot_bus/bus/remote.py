@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.bus.client import open_client
 from riot_bus.bus.config import OWN_CHUNK, control_id
+from riot_bus.bus.status_text import plain
 from riot_bus.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
 
 if TYPE_CHECKING:
@@ -17,21 +18,24 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.client import Client
     from riot_bus.bus.graph.model import Graph
 
-__all__ = ["Remote", "ask", "find_routers", "graphs", "plan_payload"]
+__all__ = ["Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
 
 _TIMEOUT_S = 30.0
 _FIND_S = 3.0
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
 _VERSION = 1
-_STATUS = {"router": "status", "player": "play/status"}
+_STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
 _NOBODY = {
     "router": "is it riot's, and may this segment control it (control)?",
     "player": "is riot play running in this segment?",
+    "recorder": "is riot record running, and connected to this router?",
+    "agent": "is riot agent running there, and connected to this router? see riot fleet robots",
 }
 
-Kind = Literal["router", "player"]
+Kind = Literal["router", "player", "recorder", "agent"]
 
 
 class Remote:
@@ -66,6 +70,11 @@ class Remote:
     def __exit__(self, *error: object) -> None:
         self._client.close()
 
+    @property
+    def client(self) -> Client:
+        """The connection, for what is no question."""
+        return self._client
+
     def find(self) -> list[str]:
         """Return the names of all routers (or what else is asked) that answer here."""
         names = set()
@@ -96,7 +105,9 @@ class Remote:
             if reply.ok is not None:
                 return _result(reply.ok.payload.to_bytes())
             if reply.err is not None:
-                raise _error(reply.err.payload.to_bytes())
+                document = _document(reply.err.payload.to_bytes())
+                if "exit_code" in document:  # else it is Zenoh's own, which says that the time is up
+                    raise error_from(document)
         found = self.find()
         if name in found:
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
@@ -186,11 +197,12 @@ def _result(data: bytes) -> dict[str, Any]:
     return result
 
 
-def _error(data: bytes) -> RiotError:
-    document = _document(data)
-    kind = _ERRORS.get(document.get("exit_code", 2), EnvironmentFaultError)
-    message = str(document.get("message") or data[:200])
-    return kind(message, where=_text(document.get("where")), hint=_text(document.get("hint")))
+def error_from(document: Mapping[str, Any]) -> RiotError:
+    """Return the error that a refusal tells of; what came from the network is shown without obeying it."""
+    code = document.get("exit_code")
+    kind = _ERRORS.get(code if isinstance(code, int) else ConfigError.exit_code, EnvironmentFaultError)
+    message, where, hint = (_text(document.get(name)) for name in ("message", "where", "hint"))
+    return kind(message or "it does not say why", where=where, hint=hint)
 
 
 def _document(data: bytes) -> dict[str, Any]:
@@ -202,4 +214,4 @@ def _document(data: bytes) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str | None:
-    return str(value) if value else None
+    return "\n".join(map(plain, str(value).split("\n"))) if value else None

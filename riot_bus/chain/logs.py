@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.generalize.oracle import same_scalar
+from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 
@@ -40,12 +41,14 @@ def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
 def read_messages(path: Path, *, registry: TypeRegistry) -> tuple[Message, ...]:
     """Return the delivered messages of a log, and learn the types that it names; what is damaged is said on stderr.
 
+    Those of a ROS 2 bag get the keys and attachments of rmw_zenoh.
+
     Raises:
         ConfigError: The file is missing or not MCAP.
     """
     with LogReader(path) as reader:
         learn_types(reader, registry)
-        messages = tuple(reader.messages())
+        messages = tuple(bus_messages(reader, registry))
         if reader.loss:
             _warn(str(path), str(reader.loss))
         return messages

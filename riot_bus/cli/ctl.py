@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from riot_bus.cli import ctl_play
+from riot_bus.cli import ctl_play, ctl_record
 from riot_bus.cli.options import Format, OutputFormat
 
 if TYPE_CHECKING:
@@ -34,9 +34,6 @@ Cfg = Annotated[
     typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of this client, such as a certificate; repeatable."),
 ]
 Keys = Annotated[list[str], typer.Argument(metavar="KEYEXPR...", help="Key expressions, or ROS names such as /odom.")]
-LogPath = Annotated[
-    str | None, typer.Argument(metavar="PATH", help="On the router's machine, in its folder of recordings.")
-]
 
 
 class _Anywhere(TyperGroup):
@@ -66,13 +63,13 @@ def register(app: typer.Typer) -> None:
     groups: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "intercept": ("What is intercepted.", {"add": intercept_add, "remove": intercept_remove}),
         "plan": ("The injection plan.", {"load": plan_load, "clear": plan_clear}),
-        "record": ("The recording.", {"start": record_start, "stop": record_stop, "split": record_split}),
     }
     for name, (text, commands) in groups.items():
         group = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
         for command, function in commands.items():
             group.command(command)(function)
         ctl.add_typer(group, name=name)
+    ctl.add_typer(ctl_record.group(), name="record")
     ctl.add_typer(ctl_play.group(), name="play")
     app.add_typer(ctl, name="ctl")
 
@@ -124,21 +121,6 @@ def plan_load(
 def plan_clear(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
     """Carry out no injection plan."""
     _ask(context, form, "plan/clear")
-
-
-def record_start(context: typer.Context, path: LogPath = None, *, form: Format = OutputFormat.TEXT) -> None:
-    """Record all that passes; into a new file only."""
-    _ask(context, form, "record/start", payload=_json(path=path))
-
-
-def record_stop(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
-    """End the recording."""
-    _ask(context, form, "record/stop")
-
-
-def record_split(context: typer.Context, path: LogPath = None, *, form: Format = OutputFormat.TEXT) -> None:
-    """Go on recording in another file; nothing is lost in between."""
-    _ask(context, form, "record/split", payload=_json(path=path))
 
 
 def _json(**arguments: Any) -> bytes:

@@ -1,42 +1,357 @@
-"""`riot info`."""
+"""`riot info`, `riot types`, `riot export`."""
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from riot_bus.log.columns_ranges import TopicFields
+    from riot_bus.log.info import LogInfo
+    from riot_bus.log.reader import LogReader, Loss
+    from riot_bus.types.registry import TypeRegistry
+
 __all__ = ["register"]
+
+_Types = Annotated[
+    list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
+]
+_Definitions = Annotated[
+    list[Path] | None, typer.Option("--msg", metavar="FILE.msg", help="Definition of a message type; repeatable.")
+]
+_SIZES = ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
 
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
     app.command()(info)
+    app.command()(types)
+    app.command()(export)
 
 
-def info(log: Annotated[Path, typer.Argument(help="An MCAP file.")], *, form: Format = OutputFormat.TEXT) -> None:
-    """Say what a log holds: topics, types, counts, duration, and what is missing of a damaged one."""
+def info(
+    log: Annotated[Path, typer.Argument(help="An MCAP file.")],
+    *,
+    scan: Annotated[
+        bool | None,
+        typer.Option(
+            "--scan/--no-scan",
+            help="Read all of it, or its summary alone if that is sound. [default: read it if it has at most 64 MiB]",
+            show_default=False,
+        ),
+    ] = None,
+    fields: Annotated[
+        bool, typer.Option("--fields", help="List every field with its type and the range of its values.")
+    ] = False,
+    topics: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC", help="List the fields of these topics alone; repeatable.")
+    ] = None,
+    type_: _Types = None,
+    msg: _Definitions = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say what a log holds: topics, types, counts, duration, and what is missing of a damaged one.
+
+    Exit code 3: something cannot be read, or the recorder lost messages by its own account.
+    """
+    from riot_bus.log.info import log_info
+    from riot_bus.log.reader import LogReader
+
+    with _progress("reading") as progress:
+        found = log_info(log, scan=scan, progress=progress)
+    loss, ranges = found.loss, None
+    if fields:
+        with LogReader(log) as reader, _progress("fields") as progress:
+            from riot_bus.log.columns_ranges import field_ranges
+
+            registry = _registry(reader, type_, msg)
+            ranges = field_ranges(reader, topics=topics, registry=registry, progress=progress)
+            loss = loss or reader.loss
+    if form is OutputFormat.JSON:
+        _print_json(found, ranges)
+    else:
+        _print_info(found)
+        if ranges is not None:
+            _print_ranges(ranges)
+    _end(loss, found, log)
+
+
+def types(
+    what: Annotated[str | None, typer.Argument(metavar="[LOG|TYPE]", help="A log, or a type such as Odometry.")] = None,
+    *,
+    topics: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="These topics alone; repeatable.")] = None,
+    type_: _Types = None,
+    msg: _Definitions = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """List the types that are known, or the fields of a type, or those of the topics of a log."""
     import json
     from dataclasses import asdict
 
+    from riot_bus.types.listing import describe_named, type_names
+    from riot_bus.types.registry import load_adapters
+
+    adapters = load_adapters()
+    for adapter in adapters if msg else ():
+        adapter.load(msg or [])
+    if what is None:
+        names = type_names(adapters)
+        typer.echo(json.dumps(names, indent=1) if form is OutputFormat.JSON else "\n".join(names))
+    elif _is_file(what):
+        _log_types(Path(what), topics, type_, msg, form)
+    else:
+        listing = describe_named(what, adapters)
+        if form is OutputFormat.JSON:
+            typer.echo(json.dumps(asdict(listing), indent=1))
+        else:
+            typer.echo(f"{listing.name} ({listing.encoding})")
+            _print_fields(listing)
+
+
+def export(
+    log: Annotated[Path, typer.Argument(help="An MCAP file.")],
+    *,
+    field: Annotated[
+        list[str],
+        typer.Option(metavar="TOPIC:FIELD", help="A column, such as '/odom:pose.pose.position.x'; repeatable."),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="A file .csv or .parquet.")],
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
+    ] = None,
+    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    type_: _Types = None,
+    msg: _Definitions = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Write fields of a log as a table: one row per message, by time.
+
+    Exit code 3: the log is damaged, and what could be read was written.
+    """
+    import json
+
+    from riot_bus.log.channels import span_of
+    from riot_bus.log.export import export_table
+    from riot_bus.log.naming import parse_time
+    from riot_bus.log.reader import LogReader
+
+    with LogReader(log) as reader:
+        registry = _registry(reader, type_, msg)
+        begin = (span_of(reader) or (0, 0))[0] if start is not None or end is not None else 0
+    done = export_table(
+        log,
+        field,
+        out,
+        start=None if start is None else parse_time(start, begin, where="--start"),
+        end=None if end is None else parse_time(end, begin, where="--end"),
+        force=force,
+        registry=registry,
+    )
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"file": str(out), "rows": done.rows, "values": done.values}))
+    else:
+        typer.echo(f"{out}: {done.rows} rows")
+    for name, count in done.values.items():
+        if not count:
+            typer.echo(f"riot: no message has a value of {name}", err=True)
+    _end(done.loss, None, log)
+
+
+def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
+    from riot_bus.errors import ConfigError
+    from riot_bus.log.columns_plan import log_registry
+
+    pairs = {}
+    for text in declared or ():
+        topic, equals, name = text.rpartition("=")
+        if not equals or not topic or not name:
+            raise ConfigError(f"{text!r} is not TOPIC=TYPE", where="--type", hint="such as /odom=nav_msgs/msg/Odometry")
+        pairs[topic] = name
+    return log_registry(reader, declared=pairs, definitions=definitions or ())
+
+
+def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
+    from riot_bus.errors import DataLossError
+
+    lost = found.account.total() if found is not None and found.account is not None else 0
+    parts = [str(loss) if loss else "", f"{lost} messages were lost when it was recorded" if lost else ""]
+    if any(parts):
+        raise DataLossError("; ".join(filter(None, parts)), where=str(log))
+
+
+def _is_file(text: str) -> bool:
+    try:
+        return Path(text).exists() or text.endswith(".mcap")
+    except (OSError, ValueError):
+        return False
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Show a bar on stderr if that is a terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        yield None
+        return
     from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title)
+        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
+
+
+def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:
+    import json
+    from dataclasses import asdict
+
+    document: dict[str, Any] = asdict(found)
+    document["seconds"] = found.seconds
+    document["lossless"] = not found.loss
+    if ranges is not None:
+        document["fields"] = [asdict(each) for each in ranges]
+    typer.echo(json.dumps(_plain(document), indent=1, default=str))
+
+
+def _plain(value: Any) -> Any:
+    """Return a document without what JSON lacks: infinite numbers become text."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float) and value - value != 0:
+        return str(value)
+    return value
+
+
+def _print_info(found: LogInfo) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
-    from riot_bus.log.info import log_info
+    missing = any(topic.missing for topic in found.topics)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("topic", overflow="fold")
+    table.add_column("type", overflow="fold")
+    for name in ("messages", "Hz", *(["missing"] if missing else [])):
+        table.add_column(name, justify="right")
+    for topic in found.topics:
+        cells = [escape(_printable(topic.topic)), escape(_printable(topic.type or topic.encoding))]
+        cells += [str(topic.count), f"{topic.rate:.1f}"]
+        table.add_row(*cells, *([str(topic.missing or 0)] if missing else []))
+    _console().print(table)
+    begun = f", from {_date(found.start)}" if found.start is not None else ""
+    profile = f", profile {_printable(found.profile)}" if found.profile else ""
+    typer.echo(f"{found.seconds:.3f} s, {found.count} messages{begun}")
+    typer.echo(f"{_size(found.size)} in {found.chunks} chunks{profile}, by {_printable(found.library) or 'unknown'}")
+    for name, value in found.metadata.items():
+        typer.echo(f"  {_printable(name)}: {_printable(value)}")
+    for reason, topics in found.account.lost.items() if found.account is not None else ():
+        for name, count in topics.items():
+            typer.echo(f"lost when recorded ({_printable(reason)}): {count} of {_printable(name)}")
+    if not found.scanned:
+        typer.echo("from the summary alone; --scan reads all of the file and checks it")
 
-    found = log_info(log)
+
+def _print_ranges(ranges: list[TopicFields]) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    for topic in ranges:
+        unreadable = f", {topic.unreadable} do not decode" if topic.unreadable else ""
+        name = f"{topic.topic} ({topic.type or 'unknown type'}): {topic.count} messages{unreadable}"
+        typer.echo(f"\n{_printable(name)}")
+        if not topic.fields:
+            continue
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        table.add_column("field", overflow="fold")
+        table.add_column("type")
+        for column in ("values", "NaN", "least", "greatest"):
+            table.add_column(column, justify="right")
+        partial = False
+        for each in topic.fields:
+            low, high = (_number(each.low), _number(each.high)) if not each.examples else (_texts(each.examples), "")
+            partial |= each.partial
+            mark = "+" if each.partial else ""
+            cells = (each.path, each.type, f"{each.count}{mark}", str(each.nan or ""), low, high)
+            table.add_row(*(escape(_printable(cell)) for cell in cells))
+        _console().print(table)
+        if partial:
+            typer.echo("+: of the first elements alone")
+
+
+def _log_types(
+    log: Path, topics: list[str] | None, declared: list[str] | None, definitions: list[Path] | None, form: OutputFormat
+) -> None:
+    import json
+    from dataclasses import asdict
+
+    from riot_bus.log.columns_plan import topic_types
+    from riot_bus.log.reader import LogReader
+
+    with LogReader(log) as reader:
+        found = topic_types(reader, _registry(reader, declared, definitions), topics)
+        loss = reader.loss
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps(asdict(found), indent=1, default=str))
+        typer.echo(json.dumps([{"topic": topic, **asdict(listing)} for topic, listing in found], indent=1))
     else:
-        table = Table("topic", "type", "messages", "Hz", box=None, header_style="bold", pad_edge=False)
-        for topic in found.topics:
-            table.add_row(topic.topic, topic.type, str(topic.count), f"{topic.rate:.1f}")
-        Console().print(table)
-        typer.echo(f"{found.seconds:.3f} s")
-    if found.loss:
-        from riot_bus.errors import DataLossError
+        for topic, listing in found:
+            typer.echo(f"{_printable(topic)}: {_printable(listing.name) or 'unknown type'} ({listing.encoding})")
+            _print_fields(listing)
+    _end(loss, None, log)
 
-        raise DataLossError(str(found.loss), where=str(log))
+
+def _print_fields(listing: Any) -> None:
+    width = max((len(each.path) for each in listing.fields), default=0)
+    for each in listing.fields:
+        length = f"[{each.length}]" if each.length else ""
+        typer.echo(f"  {each.path.ljust(width)}  {each.type}{length}")
+    if listing.problem:
+        typer.echo(f"  {_printable(listing.problem)}")
+
+
+def _console() -> Any:
+    import sys
+
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+
+
+def _printable(text: str) -> str:
+    """Return text of a file without what could command a terminal."""
+    return "".join(letter if letter.isprintable() else f"\\x{ord(letter):02x}" for letter in text)
+
+
+def _texts(examples: list[str]) -> str:
+    return " ".join(repr(each) for each in examples)
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _size(count: int) -> str:
+    for unit, name in _SIZES:
+        if count >= unit:
+            return f"{count / unit:.1f} {name}"
+    return f"{count} bytes"
+
+
+def _date(nanoseconds: int) -> str:
+    from datetime import UTC, datetime
+
+    try:
+        return f"{datetime.fromtimestamp(nanoseconds // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (OverflowError, ValueError, OSError):
+        return f"{nanoseconds} ns"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from riot_bus import __version__
-from riot_bus.cli import chain, ctl, doctor, graph, logs, play, reports, router
+from riot_bus.cli import agent, chain, ctl, doctor, edit, fleet, graph, logs, play, record, reports, router
 from riot_bus.errors import RiotError
 
 __all__ = ["app", "run"]
@@ -42,7 +42,7 @@ def _options(
     """Robustness Inside-Out Testing on a message bus."""
 
 
-for _module in (chain, reports, logs, play, router, ctl, graph, doctor):
+for _module in (chain, reports, logs, play, edit, record, router, ctl, graph, doctor, fleet, agent):
     _module.register(app)
 
 

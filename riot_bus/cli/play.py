@@ -35,7 +35,9 @@ def register(app: typer.Typer) -> None:
 
 
 def play(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="MCAP files; several are merged by time.")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="MCAP files, or folders of them; merged by time.")
+    ],
     *,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     cfg: Cfg = None,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import termios
 import tty
 from typing import Any, Self
 
-__all__ = ["Terminal"]
+__all__ = ["Terminal", "split_keys"]
 
 _LOCAL = 3  # of tcgetattr: local modes
 _COLUMNS = 80  # of a terminal that does not tell
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+_KEY = re.compile(r"\x1b[\[O]([0-9;]*)([@-~])|.", re.DOTALL)
+_UNFINISHED = re.compile(r"\x1b([\[O][0-9;]*)?\Z")
+_MOST = 64
 
 
 class Terminal:
@@ -27,11 +31,13 @@ class Terminal:
         self._former: list[Any] = []
         self._width = 0
         self._open = True
+        self._rest = ""
 
     @staticmethod
     def present() -> bool:
         """Return whether stdin and stderr are a terminal."""
-        return sys.stdin.isatty() and sys.stderr.isatty()
+        both = (sys.stdin, sys.stderr)
+        return all(each is not None and not each.closed and each.isatty() for each in both)
 
     def __enter__(self) -> Self:
         self._former = termios.tcgetattr(self._input)
@@ -53,16 +59,12 @@ class Terminal:
         ready, _, _ = select.select([self._input] if reading else [], [], [], timeout)
         if not ready:
             return []
-        text = os.read(self._input, 64).decode("ascii", "ignore")
-        self._open = bool(text)
-        found: list[str] = []
-        while text:
-            if text[:2] in ("\x1b[", "\x1bO") and text[2:3] in _ARROWS:
-                found.append(_ARROWS[text[2]])
-                text = text[3:]
-            else:
-                found.append(text[0])
-                text = text[1:]
+        try:
+            data = os.read(self._input, _MOST)
+        except OSError:  # the terminal has gone
+            data = b""
+        self._open = bool(data)
+        found, self._rest = split_keys(self._rest + data.decode("ascii", "ignore"))
         return found
 
     def progress(self, line: str) -> None:
@@ -80,3 +82,22 @@ class Terminal:
             return os.tcgetpgrp(self._input) == os.getpgrp()
         except OSError:
             return False
+
+
+def split_keys(text: str) -> tuple[list[str], str]:
+    r"""Return the keys that a terminal has sent, and what is the beginning of another one.
+
+    Arrows have names; other keys that are sent as several characters are left out.
+
+    Example:
+        >>> split_keys("a\x1b[A\x1b[5~\x1b[")
+        (['a', 'up'], '\x1b[')
+    """
+    unfinished = _UNFINISHED.search(text)
+    rest = unfinished.group() if unfinished is not None else ""
+    found: list[str] = []
+    for match in _KEY.finditer(text, 0, len(text) - len(rest)):
+        name = match.group() if match.group(2) is None else _ARROWS.get(match.group(2))
+        if name is not None:
+            found.append(name)
+    return found, rest[-_MOST:]

@@ -1,1 +1,21 @@
-"""Logs are MCAP: writer, reader, player."""
+"""Logs are MCAP: writer, reader, player, and fields as arrays.
+
+`columns` and `iter_columns` can be had from here; they are imported when they are first asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from riot_bus.log.table import Column, Columns, columns, iter_columns
+
+__all__ = ["Column", "Columns", "columns", "iter_columns"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from riot_bus.log import table
+
+    return getattr(table, name)

@@ -17,11 +17,12 @@ __all__ = ["AheadSource"]
 _BATCH = 64
 _BATCH_BYTES = 1 << 20
 _BATCHES = 32
+_WAITING_BYTES = _BATCHES * _BATCH_BYTES
 _JOIN_S = 10.0
 
 
 class AheadSource:
-    """A source that is read ahead by some 2000 messages or 32 MiB, whichever is less (but by one batch at least).
+    """A source that is read ahead by some 2000 messages or 32 MiB, whichever is less, but by one message at least.
 
     Args:
         source: The messages; read by threads of ours, one for each `messages`.
@@ -44,9 +45,10 @@ class AheadSource:
 
     def close(self) -> None:
         """End all reading; then the logs may be closed."""
-        for ahead in self._open:
+        unfinished = tuple(self._open)
+        for ahead in unfinished:
             ahead.close()
-        for ahead in self._open:
+        for ahead in unfinished:
             ahead.thread.join(_JOIN_S)
 
 
@@ -54,7 +56,8 @@ class _Ahead:
     def __init__(self, messages: Iterator[Message]) -> None:
         self._messages = messages
         self._bell = threading.Condition()
-        self._batches: deque[list[Message]] = deque()
+        self._batches: deque[tuple[list[Message], int]] = deque()
+        self._waiting_bytes = 0
         self._closed = self._done = False
         self._error: BaseException | None = None
         self.thread = threading.Thread(target=self._run, name="riot-read-ahead", daemon=True)
@@ -66,7 +69,8 @@ class _Ahead:
                 self._bell.wait_for(lambda: self._batches or self._done or self._closed)
                 if not self._batches:
                     break
-                batch = self._batches.popleft()
+                batch, size = self._batches.popleft()
+                self._waiting_bytes -= size
                 self._bell.notify_all()
             yield from batch
         if self._error is not None:
@@ -86,22 +90,26 @@ class _Ahead:
                 batch.append(message)
                 size += len(message.payload)
                 if len(batch) >= _BATCH or size >= _BATCH_BYTES:
-                    if not self._hand_over(batch):
+                    if not self._hand_over(batch, size):
                         return
                     batch, size = [], 0
         except BaseException as error:  # raised where the messages are wanted
             self._error = error
         finally:
             if batch:
-                self._hand_over(batch)
+                self._hand_over(batch, size)
             with self._bell:
                 self._done = True
                 self._bell.notify_all()
 
-    def _hand_over(self, batch: list[Message]) -> bool:
+    def _hand_over(self, batch: list[Message], size: int) -> bool:
         with self._bell:
-            self._bell.wait_for(lambda: self._closed or len(self._batches) < _BATCHES)
+            self._bell.wait_for(lambda: self._closed or self._room())
             if not self._closed:
-                self._batches.append(batch)
+                self._batches.append((batch, size))
+                self._waiting_bytes += size
                 self._bell.notify_all()
             return not self._closed
+
+    def _room(self) -> bool:
+        return len(self._batches) < _BATCHES and self._waiting_bytes < _WAITING_BYTES

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 import struct
-import sys
-from array import array
+from collections import Counter
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-__all__ = ["Chunk", "ChunkBuilder"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["MESSAGE_BYTES", "Chunk", "ChunkBuilder", "Draft", "Row"]
+
+MESSAGE_BYTES = 31
+"""What a message takes besides its payload."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
-_HEAD = 31
+_ENTRY = struct.Struct("<QQ")
 _BODY = 22
+_PIECE = 1 << 17
+_FEW = 8
+_FIELDS = (
+    ("opcode", "u1"),
+    ("length", "<u8"),
+    ("channel", "<u2"),
+    ("sequence", "<u4"),
+    ("time", "<u8"),
+    ("published", "<u8"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +36,7 @@ class Chunk:
     """A chunk that is complete.
 
     Attributes:
-        data: Its records, uncompressed.
+        data: Its records, uncompressed, whole or in pieces.
         start: Time of the earliest message, nanoseconds.
         end: Time of the latest message.
         indexes: Message index record of each channel.
@@ -28,7 +44,7 @@ class Chunk:
         definitions: Those of its records that define schemas and channels.
     """
 
-    data: bytes
+    data: bytes | tuple[bytes, ...]
     start: int
     end: int
     indexes: dict[int, bytes]
@@ -36,57 +52,139 @@ class Chunk:
     definitions: bytes
 
 
+Row = tuple[int, int, int, int, bytes, dict[str, Any] | None]
+"""Channel, sequence, time, publish time, payload and extras of a message."""
+
+
+class Draft(NamedTuple):
+    """What a chunk will be made of; making it takes time that need not be that of whoever writes messages.
+
+    Attributes:
+        parts: Heads and payloads of messages in turn.
+        definitions: Schema and channel records.
+        extras: Places of messages, and what else there is to say of them.
+        size: Bytes of all that.
+    """
+
+    parts: list[bytes]
+    definitions: list[bytes]
+    extras: list[tuple[int, dict[str, Any]]]
+    size: int
+
+    def counts(self) -> Counter[int]:
+        """Return how many messages there are of each channel."""
+        return Counter(_MESSAGE.unpack(head)[2] for head in self.parts[::2])
+
+    def chunk(self) -> Chunk:
+        """Return the chunk: definitions, then messages, and an index of them."""
+        import numpy as np
+
+        definitions = b"".join(self.definitions)
+        if len(self.parts) <= 2 * _FEW:
+            return self._chunk_of_few(definitions)
+        heads = np.frombuffer(b"".join(self.parts[::2]), np.dtype(list(_FIELDS)))
+        lengths = heads["length"].astype(np.int64) + 9
+        ends = np.cumsum(lengths)
+        order = np.argsort(heads["channel"], kind="stable")
+        entries = np.empty((len(heads), 2), "<u8")
+        entries[:, 0] = heads["time"]
+        entries[:, 1] = ends - lengths + len(definitions)
+        entries = entries[order]
+        channels, places = np.unique(heads["channel"][order], return_index=True)
+        following = [*places.tolist()[1:], len(heads)]
+        spans = list(zip(channels.tolist(), places.tolist(), following, strict=True))
+        cuts = np.unique(np.searchsorted(ends, np.arange(_PIECE, ends[-1], _PIECE), side="right"))
+        return Chunk(
+            (definitions, *self._pieces([*cuts.tolist(), len(heads)])),
+            int(heads["time"].min()),
+            int(heads["time"].max()),
+            {channel: _index_record(channel, entries[first:end].tobytes()) for channel, first, end in spans},
+            {channel: end - first for channel, first, end in spans},
+            definitions,
+        )
+
+    def _chunk_of_few(self, definitions: bytes) -> Chunk:
+        """Return the chunk; for large messages, of which there are few in it."""
+        entries: dict[int, bytes] = {}
+        counts: Counter[int] = Counter()
+        times, position = [], len(definitions)
+        for head in self.parts[::2]:
+            _, length, channel, _, time, _ = _MESSAGE.unpack(head)
+            entries[channel] = entries.get(channel, b"") + _ENTRY.pack(time, position)
+            counts[channel] += 1
+            times.append(time)
+            position += 9 + length
+        indexes = {channel: _index_record(channel, data) for channel, data in entries.items()}
+        start, end = min(times, default=0), max(times, default=0)
+        return Chunk((definitions, *self.parts), start, end, indexes, dict(counts), definitions)
+
+    def _pieces(self, cuts: list[int]) -> Iterator[bytes]:
+        """Yield all messages in pieces: large enough to be few, and large payloads without a copy."""
+        begin = 0
+        for end in cuts:
+            if end - begin == 1:
+                yield from self.parts[2 * begin : 2 * end]
+            elif end > begin:
+                yield b"".join(self.parts[2 * begin : 2 * end])
+            begin = end
+
+
 class ChunkBuilder:
     """Takes messages in.
 
     Attributes:
         size: Bytes so far.
-        count: Messages so far.
     """
 
+    __slots__ = ("_definitions", "_extras", "_parts", "size")
+
     def __init__(self) -> None:
-        self.size = self.count = 0
+        import numpy  # noqa: F401 - now: the first chunk must not wait for it
+
+        self.size = 0
         self._parts: list[bytes] = []
         self._definitions: list[bytes] = []
-        self._places: dict[int, array[int]] = {}
+        self._extras: list[tuple[int, dict[str, Any]]] = []
+
+    @property
+    def count(self) -> int:
+        """Messages so far."""
+        return len(self._parts) // 2
 
     def define(self, record: bytes) -> None:
-        """Take in a schema or channel record; before the first message that needs it."""
+        """Take in a schema or channel record."""
         self._definitions.append(record)
-        self._parts.append(record)
         self.size += len(record)
 
-    def add(self, channel: int, sequence: int, time: int, published: int, payload: bytes) -> None:
-        """Take in a message; numbers have to fit the format: 16, 32, 64 and 64 bits."""
-        length = len(payload)
-        self._parts += (_MESSAGE.pack(5, _BODY + length, channel, sequence, time, published), payload)
-        try:
-            places = self._places[channel]
-        except KeyError:
-            places = self._places[channel] = array("Q")
-        places.append(time)
-        places.append(self.size)
-        self.size += _HEAD + length
-        self.count += 1
+    def fill(self, rows: Iterator[Row], most: int) -> bool:
+        """Take messages in until there are so many bytes, then return True; False when there are no more messages.
 
-    def take(self) -> Chunk:
+        Args:
+            rows: Numbers have to fit the format: 16, 32, 64 and 64 bits.
+            most: Bytes.
+        """
+        put, pack, size = self._parts.append, _MESSAGE.pack, self.size
+        for channel, sequence, time, published, payload, extras in rows:
+            if extras is not None:
+                self._extras.append((len(self._parts) // 2, extras))
+                size += len(extras.get("a", ()))
+            length = len(payload)
+            put(pack(5, _BODY + length, channel, sequence, time, published))
+            put(payload)
+            size += MESSAGE_BYTES + length
+            if size >= most:
+                self.size = size
+                return True
+        self.size = size
+        return False
+
+    def take(self) -> Draft:
         """Return what there is, and begin another chunk."""
-        times = [places[::2] for places in self._places.values()]
-        chunk = Chunk(
-            data=b"".join(self._parts),
-            start=min(map(min, times), default=0),
-            end=max(map(max, times), default=0),
-            indexes={channel: _index_record(channel, places) for channel, places in self._places.items()},
-            counts={channel: len(places) // 2 for channel, places in self._places.items()},
-            definitions=b"".join(self._definitions),
-        )
-        self.size = self.count = 0
-        self._parts, self._definitions, self._places = [], [], {}
-        return chunk
+        draft = Draft(self._parts, self._definitions, self._extras, self.size)
+        self.size = 0
+        self._parts, self._definitions, self._extras = [], [], []
+        return draft
 
 
-def _index_record(channel: int, places: array[int]) -> bytes:
-    if sys.byteorder == "big":
-        places.byteswap()
-    data = places.tobytes()
+def _index_record(channel: int, data: bytes) -> bytes:
     return _INDEX.pack(7, 6 + len(data), channel, len(data)) + data

@@ -1,21 +1,51 @@
-"""What is in a log, at a glance."""
+"""What is in a log, at a glance: from its summary, or by reading all of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import os
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
-from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log import layout
+from riot_bus.log.account import LOST, Account, account_of
+from riot_bus.log.reader import LogReader, Loss, channel_source, open_log
+from riot_bus.log.scan import read_metadata
+from riot_bus.log.summary import Summary, read_summary
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from riot_bus.log.columns_blocks import LoadedBlock
+    from riot_bus.log.reader import ChannelSource
+    from riot_bus.types.stamp import Stamp, Stamping
+
 __all__ = ["LogInfo", "TopicInfo", "log_info"]
+
+_READ_AT_ONCE = 1 << 26
+_MEMORY = 1 << 28
+_REMEMBERED = 1024
+_MOST_PUBLISHERS = 10_000
 
 
 @dataclass(slots=True)
 class TopicInfo:
-    """One topic of a log."""
+    """One topic of a log.
+
+    Attributes:
+        topic: What people call it.
+        key: Its Zenoh key.
+        type: Name of the messages' type.
+        encoding: MCAP's message encoding.
+        count: Messages that were delivered.
+        originals: Those as they were before they were changed, delayed or dropped.
+        bytes: Of payloads; None if the log was not read.
+        first: Time of the first message, nanoseconds; if the log was not read, about that.
+        last: Time of the last message, likewise.
+        missing: Gaps in the numbers that publishers gave their messages; None if the log was not read, or if they
+            gave none.
+    """
 
     topic: str
     key: str
@@ -23,9 +53,10 @@ class TopicInfo:
     encoding: str
     count: int = 0
     originals: int = 0
-    bytes: int = 0
+    bytes: int | None = 0
     first: int = 0
     last: int = 0
+    missing: int | None = None
 
     @property
     def rate(self) -> float:
@@ -35,7 +66,23 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """A whole log."""
+    """A whole log.
+
+    Attributes:
+        path: The file.
+        size: Its bytes.
+        profile: MCAP profile.
+        topics: By name.
+        count: Messages that were delivered.
+        start: Time of the first message, nanoseconds; None if there is none.
+        end: Time of the last one.
+        metadata: What the recorder said of the run.
+        loss: What cannot be read; nothing is known of that unless `scanned`.
+        scanned: Whether all of the file was read; otherwise its summary alone.
+        account: What the recorder lost by its own account; None if it gave none.
+        library: Who has written the file.
+        chunks: How many there are.
+    """
 
     path: str
     size: int
@@ -46,6 +93,10 @@ class LogInfo:
     end: int | None
     metadata: dict[str, str]
     loss: Loss
+    scanned: bool = True
+    account: Account | None = None
+    library: str = ""
+    chunks: int = 0
 
     @property
     def seconds(self) -> float:
@@ -53,32 +104,187 @@ class LogInfo:
         return (self.end - self.start) / 1e9 if self.start is not None and self.end is not None else 0.0
 
 
-def log_info(path: Path | str) -> LogInfo:
-    """Read a log from end to end and count; so the loss is the whole truth."""
+def log_info(
+    path: Path | str, *, scan: bool | None = None, progress: Callable[[int, int], None] | None = None
+) -> LogInfo:
+    """Say what a log holds.
+
+    Args:
+        path: The log.
+        scan: Read all of it, so that the loss is the whole truth; False: only if its summary is not sound; None: if it
+            is small (64 MiB), or if its summary is not sound.
+        progress: Called now and then with the bytes that are read, and those of the file.
+
+    Raises:
+        ConfigError: The file is no log.
+    """
+    if not scan:
+        file = open_log(path)
+        try:
+            small = os.fstat(file).st_size <= _READ_AT_ONCE
+            summary = None if scan is None and small else read_summary(file)
+            if summary is not None:
+                return _of_summary(str(path), file, summary)
+        finally:
+            os.close(file)
     with LogReader(path) as reader:
-        topics: dict[str, TopicInfo] = {}
-        for topic, key, schema, encoding in reader.channels():
-            topics.setdefault(key, TopicInfo(topic, key, schema.name, encoding))
-        for message in reader.messages():
-            topic_info = topics[message.key]
-            if topic_info.count == 0:
-                topic_info.first = message.time
-            topic_info.count += 1
-            topic_info.bytes += len(message.payload)
-            topic_info.last = message.time
-        for message in reader.originals():
-            topics[message.key].originals += 1
-        for _ in reader.provenance():
-            pass  # so that damaged notes are counted
-        filled = [each for each in topics.values() if each.count]
-        return LogInfo(
-            path=str(path),
-            size=reader.size,
-            profile=reader.profile,
-            topics=tuple(sorted(topics.values(), key=lambda each: (each.topic, each.key))),
-            count=sum(each.count for each in filled),
-            start=min((each.first for each in filled), default=None),
-            end=max((each.last for each in filled), default=None),
-            metadata=dict(reader.metadata),
-            loss=reader.loss,
-        )
+        return _of_scan(reader, progress)
+
+
+def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
+    topics: dict[str, TopicInfo] = {}
+    spans, counts = summary.spans(), summary.statistics.channel_message_counts
+    for number, channel in summary.channels.items():
+        source = channel_source(channel, summary.schemas.get(channel.schema_id))
+        topic = _topic(topics, source)
+        topic.bytes = None
+        count = counts.get(number, 0)
+        if source.role == "original":
+            topic.originals += count
+        elif count and number in spans:
+            _widen(topic, *spans[number])
+            topic.count += count
+    known = summary.statistics
+    notes = {name: read_metadata(file, span) or {} for name, span in summary.metadata if name in (layout.RUN, LOST)}
+    delivered = sum(topic.count for topic in topics.values())
+    return LogInfo(
+        path=path,
+        size=summary.size,
+        profile=summary.header.profile,
+        topics=_ordered(topics),
+        count=delivered,
+        start=known.message_start_time if delivered else None,
+        end=known.message_end_time if delivered else None,
+        metadata=notes.get(layout.RUN, {}),
+        loss=Loss(),
+        scanned=False,
+        account=account_of(notes.get(LOST, {})),
+        library=summary.header.library,
+        chunks=len(summary.chunks),
+    )
+
+
+def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> LogInfo:
+    from riot_bus.log.columns_blocks import load_ahead
+
+    sources = reader.sources()
+    topics: dict[str, TopicInfo] = {}
+    for source in sources.values():
+        _topic(topics, source)
+    numbers = _Numbers()
+    read = 0
+    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=2, largest=layout.MAX_BLOCK):
+        _count(block, sources, topics)
+        numbers.take(block, sources, topics, reader.extras_of(block.block, len(block.data)))
+        read += block.block.body.length
+        if progress is not None:
+            progress(read, reader.size)
+    for _ in reader.provenance():
+        pass  # so that damaged notes are counted
+    accounts = [account_of(note) for note in reader.notes(LOST)]
+    filled = [each for each in topics.values() if each.count]
+    return LogInfo(
+        path=reader.path,
+        size=reader.size,
+        profile=reader.profile,
+        topics=_ordered(topics),
+        count=sum(each.count for each in filled),
+        start=min((each.first for each in filled), default=None),
+        end=max((each.last for each in filled), default=None),
+        metadata=dict(reader.metadata),
+        loss=reader.loss,
+        account=accounts[-1] if accounts else None,
+        library=reader.library,
+        chunks=sum(block.chunked for block in reader.blocks()),
+    )
+
+
+def _topic(topics: dict[str, TopicInfo], source: ChannelSource) -> TopicInfo:
+    return topics.setdefault(source.key, TopicInfo(source.topic, source.key, source.schema.name or "", source.encoding))
+
+
+def _ordered(topics: dict[str, TopicInfo]) -> tuple[TopicInfo, ...]:
+    return tuple(sorted(topics.values(), key=lambda each: (each.topic, each.key)))
+
+
+def _widen(topic: TopicInfo, first: int, last: int) -> None:
+    topic.first = min(topic.first, first) if topic.count else first
+    topic.last = max(topic.last, last) if topic.count else last
+
+
+def _count(block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo]) -> None:
+    import numpy as np
+
+    lengths = block.lengths()
+    for number in np.unique(block.channels).tolist():
+        source = sources.get(number)
+        if source is None:
+            continue
+        chosen = (block.channels == number) & (block.times >= 0)
+        count = int(np.count_nonzero(chosen))
+        if not count:
+            continue
+        topic = topics[source.key]
+        if source.role == "original":
+            topic.originals += count
+            continue
+        times = block.times[chosen]
+        _widen(topic, int(times.min()), int(times.max()))
+        topic.count += count
+        topic.bytes = (topic.bytes or 0) + int(lengths[chosen].sum())
+
+
+@dataclass(slots=True)
+class _Publisher:
+    last: int
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+
+
+class _Numbers:
+    """Finds gaps in the numbers that publishers give their messages; originals and copies have the same number."""
+
+    def __init__(self) -> None:
+        self._adapters: Sequence[Stamping] | None = None
+        self._known: dict[tuple[str, bytes], _Publisher] = {}
+
+    def take(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
+        """Take in the messages of a block that have an attachment."""
+        channels = block.channels
+        for place, extra in extras.items():
+            attachment = extra.get("a")
+            if not isinstance(attachment, bytes) or not 0 <= place < len(channels):
+                continue
+            source = sources.get(int(channels[place]))
+            stamp = self._stamp(attachment) if source is not None else None
+            if stamp is not None:
+                self._note(topics[source.key], stamp)
+
+    def _stamp(self, attachment: bytes) -> Stamp | None:
+        if self._adapters is None:
+            from riot_bus.types.registry import load_adapters
+            from riot_bus.types.stamp import Stamping
+
+            self._adapters = [each for each in load_adapters() if isinstance(each, Stamping)]
+        for adapter in self._adapters:
+            found = adapter.stamp(attachment)
+            if found is not None:
+                return found
+        return None
+
+    def _note(self, topic: TopicInfo, stamp: Stamp) -> None:
+        known = self._known.get((topic.key, stamp.publisher))
+        if topic.missing is None:
+            topic.missing = 0
+        if known is None:
+            if len(self._known) < _MOST_PUBLISHERS:
+                known = self._known[topic.key, stamp.publisher] = _Publisher(stamp.sequence)
+                known.recent.append(stamp.sequence)
+            return
+        if stamp.sequence > known.last:
+            topic.missing += stamp.sequence - known.last - 1
+            known.last = stamp.sequence
+        elif stamp.sequence == known.last or stamp.sequence in known.recent:
+            return
+        elif topic.missing:
+            topic.missing -= 1  # it was late, not lost
+        known.recent.append(stamp.sequence)

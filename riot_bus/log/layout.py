@@ -20,7 +20,7 @@ from riot_bus.message import Qos
 from riot_bus.pipeline.event import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.message import Message
     from riot_bus.trial import Scalar
@@ -38,6 +38,7 @@ EXTRAS_TYPE = "application/msgpack+zstd"
 LIBRARY = "riot_bus"
 MAX_BLOCK = 1 << 30
 """Largest chunk or attachment in bytes, uncompressed, that is read: a damaged size must not take the memory."""
+_MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class Constants:
         """Read channel metadata of a file that may be anybody's."""
         try:
             qos = _qos(json.loads(metadata.get(QOS, "null")))
-        except ValueError:
+        except (ValueError, RecursionError):
             qos = Qos()
         return cls(metadata.get(ENCODING, ""), metadata.get(SEGMENT, ""), qos)
 
@@ -119,16 +120,63 @@ def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
     return zstandard.compress(msgpack.packb([list(pair) for pair in extras]), 1)
 
 
-def unpack_extras(data: bytes) -> dict[int, dict[str, Any]]:
-    """Decode the extras of one chunk; raises ValueError on damage."""
+def unpack_extras(data: bytes, most: int) -> dict[int, dict[str, Any]]:
+    """Decode the extras of one chunk.
+
+    Args:
+        data: As `pack_extras` has returned it.
+        most: So many messages the chunk has at most.
+
+    Raises:
+        ValueError: They are damaged.
+    """
     try:
         size = zstandard.frame_content_size(data)
         if not 0 <= size <= MAX_BLOCK:
             raise ValueError(f"size {size}")
-        pairs = msgpack.unpackb(zstandard.decompress(data), strict_map_key=False)
+        raw = zstandard.decompress(data)
+        if most <= _MODEST_COUNT and size <= _MODEST_BYTES:
+            pairs = msgpack.unpackb(raw, strict_map_key=False, max_array_len=max(most, 3))
+        else:
+            pairs = _unpack_pairs(raw, most)
         return {int(place): dict(extras) for place, extras in pairs}
-    except (zstandard.ZstdError, TypeError, msgpack.UnpackException) as error:
+    except (zstandard.ZstdError, TypeError, OverflowError, msgpack.UnpackException) as error:
         raise ValueError(str(error)) from error
+
+
+def _unpack_pairs(raw: bytes, most: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the pairs of many extras: hostile ones, deeply nested, would take far more memory than they have bytes."""
+    maps = 0
+
+    def check_list(items: list[Any]) -> list[Any]:
+        nonlocal maps
+        pair = len(items) == 2 and isinstance(items[0], int) and isinstance(items[1], dict)
+        if not pair and not (len(items) == 3 and all(isinstance(each, int | str) for each in items)):
+            raise ValueError("not a pair")
+        maps = 0 if pair else maps
+        return items
+
+    def check_map(mapping: dict[Any, Any]) -> dict[Any, Any]:
+        nonlocal maps
+        maps += 1
+        if maps > 1:
+            raise ValueError("nested maps")
+        return mapping
+
+    unpacker = msgpack.Unpacker(
+        max_buffer_size=len(raw),
+        strict_map_key=False,
+        max_array_len=3,
+        max_map_len=16,
+        list_hook=check_list,
+        object_hook=check_map,
+    )
+    unpacker.feed(raw)
+    count = unpacker.read_array_header()
+    if count > most:
+        raise ValueError(f"{count} extras")
+    for _ in range(count):
+        yield unpacker.unpack()
 
 
 def pack_provenance(entries: Sequence[Provenance]) -> str:
@@ -177,7 +225,7 @@ def unpack_provenance(text: str) -> list[Provenance]:
             )
             for row in json.loads(text)
         ]
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ValueError(f"not provenance: {error!r}") from error
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import struct
+import threading
 import zlib
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -31,22 +34,100 @@ from mcap.records import (
 from riot_bus.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from riot_bus.log.chunk import Chunk
 
-__all__ = ["COMPRESSIONS", "McapFile", "record_bytes"]
+__all__ = ["COMPRESSIONS", "McapFile", "PackedChunk", "check_compression", "record_bytes"]
 
 _MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
+_MOST_PARTS = 1000  # of one call to pwritev
 
-COMPRESSIONS: dict[str, Callable[[bytes], bytes]] = {
-    "zstd": lambda data: zstandard.compress(data, 1),
-    "lz4": lambda data: bytes(lz4.frame.compress(data)),
-    "none": bytes,
-}
+_PER_THREAD = threading.local()
+
+
+def _zstd(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
+    try:
+        compressor = _PER_THREAD.zstd
+    except AttributeError:
+        compressor = _PER_THREAD.zstd = zstandard.ZstdCompressor(level=1)  # its buffers are used again
+    frame = compressor.compressobj(size=sum(map(len, pieces)))
+    return (*map(frame.compress, pieces), frame.flush())
+
+
+def _lz4(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
+    frame = lz4.frame.LZ4FrameCompressor()
+    return (frame.begin(sum(map(len, pieces))), *map(frame.compress, pieces), frame.flush())
+
+
+# In pieces: a chunk in one, and one more compressed, would be memory that the system gives and takes each time.
+COMPRESSIONS: dict[str, Callable[[Sequence[bytes]], tuple[bytes, ...]]] = {"zstd": _zstd, "lz4": _lz4, "none": tuple}
+
+
+@dataclass(frozen=True, slots=True)
+class PackedChunk:
+    """A chunk as it will stand in a file.
+
+    Attributes:
+        compression: One of `COMPRESSIONS`.
+        data: Its records, compressed, whole or in pieces.
+        size: Their bytes before that.
+        checksum: CRC of these.
+        start: Time of the earliest message, nanoseconds.
+        end: Time of the latest message.
+        indexes: Message index record of each channel.
+        counts: Number of messages of each channel.
+    """
+
+    compression: str
+    data: bytes | tuple[bytes, ...]
+    size: int
+    checksum: int
+    start: int
+    end: int
+    indexes: dict[int, bytes]
+    counts: dict[int, int]
+
+    @classmethod
+    def of(cls, chunk: Chunk, compression: str) -> PackedChunk:
+        """Compress a chunk."""
+        pieces = _pieces(chunk.data)
+        checksum = 0
+        for piece in pieces:
+            checksum = zlib.crc32(piece, checksum)
+        return cls(
+            compression,
+            COMPRESSIONS[compression](pieces),
+            sum(map(len, pieces)),
+            checksum,
+            chunk.start,
+            chunk.end,
+            chunk.indexes,
+            chunk.counts,
+        )
+
+    @property
+    def weight(self) -> int:
+        """Bytes in memory, about."""
+        return self.length + sum(map(len, self.indexes.values()))
+
+    @property
+    def length(self) -> int:
+        """Bytes of the compressed records."""
+        return sum(map(len, _pieces(self.data)))
+
+
+def _pieces(data: bytes | tuple[bytes, ...]) -> tuple[bytes, ...]:
+    return (data,) if isinstance(data, bytes) else data
+
+
+def check_compression(name: str, where: str) -> None:
+    """Raise ConfigError if there is no such compression."""
+    if name not in COMPRESSIONS:
+        raise ConfigError(f"unknown compression {name!r}", where=where, hint=did_you_mean(name, COMPRESSIONS))
 
 
 def record_bytes(record: McapRecord) -> bytes:
@@ -70,11 +151,8 @@ class McapFile:
     """
 
     def __init__(self, path: Path | str, *, profile: str, library: str, compression: str) -> None:
-        if compression not in COMPRESSIONS:
-            hint = did_you_mean(compression, COMPRESSIONS)
-            raise ConfigError(f"unknown compression {compression!r}", where=str(path), hint=hint)
-        self._compress = COMPRESSIONS[compression]
-        self._compression = "" if compression == "none" else compression
+        check_compression(compression, str(path))
+        self._compression = compression
         self._statistics = Statistics(
             attachment_count=0,
             channel_count=0,
@@ -108,6 +186,11 @@ class McapFile:
         """Bytes in the file."""
         return self._end
 
+    @property
+    def statistics(self) -> Statistics:
+        """What was written so far: counts by channel, earliest and latest time."""
+        return self._statistics
+
     def is_linked(self) -> bool:
         """Whether the file still has a name; not all file systems know."""
         return os.fstat(self._file).st_nlink > 0
@@ -118,65 +201,69 @@ class McapFile:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Append what is appended in this block all together, or, if that raises OSError, nothing of it."""
+        """Append what is appended in this block all together, or, if it raises, nothing of it."""
         end, counts = self._end, {opcode: len(records) for opcode, records in self._indexes.items()}
         try:
             yield
-        except OSError:
-            os.ftruncate(self._file, end)
+        except Exception:
             self._end = end
+            with suppress(OSError):  # what is there is overwritten, or read as cut off
+                os.ftruncate(self._file, end)
             for opcode, count in counts.items():
                 del self._indexes[opcode][count:]
             raise
 
+    def define(self, records: bytes) -> None:
+        """Write schema and channel records before the next chunk, since it does not have them."""
+        self._missing += records
+
     def chunk(self, chunk: Chunk) -> None:
         """Append a chunk and its message indexes; raises OSError, and then it is not in the file."""
-        packed = self._compress(chunk.data)
-        name = self._compression.encode()
-        start, length = self._end + len(self._missing), 40 + len(name) + len(packed)
-        head = _CHUNK.pack(
-            Opcode.CHUNK,
-            length,
-            chunk.start,
-            chunk.end,
-            len(chunk.data),
-            zlib.crc32(chunk.data),
-            len(name),
-        )
+        try:
+            self.packed(PackedChunk.of(chunk, self._compression))
+        except Exception:
+            self._missing += chunk.definitions
+            raise
+
+    def packed(self, chunk: PackedChunk) -> None:
+        """Append a chunk that is packed already; raises OSError, and then it is not in the file."""
+        compression = "" if chunk.compression == "none" else chunk.compression
+        name = compression.encode()
+        packed = chunk.length
+        start, length = self._end + len(self._missing), 40 + len(name) + packed
+        head = _CHUNK.pack(Opcode.CHUNK, length, chunk.start, chunk.end, chunk.size, chunk.checksum, len(name))
         offsets, position = {}, start + 9 + length
         for channel, record in chunk.indexes.items():
             offsets[channel] = position
             position += len(record)
-        body = [head, name, struct.pack("<Q", len(packed)), packed]
-        try:
-            self._append(self._missing, *body, *chunk.indexes.values())
-        except OSError:
-            self._missing += chunk.definitions
-            raise
+        body = (head, name, struct.pack("<Q", packed), *_pieces(chunk.data))
+        self._append(self._missing, *body, *chunk.indexes.values())
         self._missing = b""
         self._indexes[Opcode.CHUNK_INDEX].append(
             ChunkIndex(
                 chunk_length=9 + length,
                 chunk_start_offset=start,
-                compression=self._compression,
-                compressed_size=len(packed),
+                compression=compression,
+                compressed_size=packed,
                 message_end_time=chunk.end,
                 message_index_length=position - start - 9 - length,
                 message_index_offsets=offsets,
                 message_start_time=chunk.start,
-                uncompressed_size=len(chunk.data),
+                uncompressed_size=chunk.size,
             )
         )
         self._count(chunk)
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+    def attachment(self, name: str, media_type: str, data: bytes, *, log_time: int = 0, create_time: int = 0) -> None:
         """Append an attachment; raises OSError."""
-        record = record_bytes(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
+        record = record_bytes(
+            Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
+        )
         index = AttachmentIndex(
             offset=self._end,
             length=len(record),
-            log_time=0,
-            create_time=0,
+            log_time=log_time,
+            create_time=create_time,
             data_size=len(data),
             name=name,
             media_type=media_type,
@@ -227,20 +314,20 @@ class McapFile:
             self._file = -1
 
     def _append(self, *parts: bytes) -> None:
-        data = memoryview(b"".join(parts))
         position = self._end
+        waiting = [part for part in parts if part]
         try:
-            while data:
-                written = os.pwrite(self._file, data, position)
+            while waiting:
+                written = os.pwritev(self._file, waiting[:_MOST_PARTS], position)
                 position += written
-                data = data[written:]
+                waiting = _without(waiting, written)
         except OSError:
             with suppress(OSError):  # whatever is there of this record is read as cut off
                 os.ftruncate(self._file, self._end)
             raise
         self._end = position
 
-    def _count(self, chunk: Chunk) -> None:
+    def _count(self, chunk: PackedChunk) -> None:
         known = self._statistics
         if not chunk.counts:
             return
@@ -250,3 +337,12 @@ class McapFile:
         for channel, count in chunk.counts.items():
             known.channel_message_counts[channel] = known.channel_message_counts.get(channel, 0) + count
             known.message_count += count
+
+
+def _without(parts: list[bytes], written: int) -> list[bytes]:
+    """Return what is left of parts of which so many bytes are written."""
+    for place, part in enumerate(parts):
+        if written < len(part):
+            return [part[written:], *parts[place + 1 :]]
+        written -= len(part)
+    return []

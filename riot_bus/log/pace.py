@@ -52,7 +52,7 @@ class SteadyPace:
         until -= self._offset
         remaining = until - time.monotonic_ns()
         if remaining > _SPIN_NS:
-            bell.wait((remaining - _SPIN_NS) / 1e9)
+            bell.wait(min((remaining - _SPIN_NS) / 1e9, _IDLE_S))
         else:
             while time.monotonic_ns() < until:
                 pass

@@ -24,6 +24,7 @@ __all__ = ["PlayReport", "PlayState", "PlayStatus", "Player", "check_rate", "pla
 
 _LOOK_UP_NS = 100_000_000
 _STOP_S = 0.2
+_SLOWEST, _FASTEST = 1e-6, 1e6
 
 PlayState = Literal["ready", "playing", "paused", "ended"]
 
@@ -66,7 +67,7 @@ def play(
         stop: Asked before each message and while waiting.
 
     Raises:
-        ConfigError: The rate is negative or not a number.
+        ConfigError: The rate is no speed.
     """
     check_rate(rate)
     begun = clock.now()
@@ -89,9 +90,10 @@ def play(
 
 
 def check_rate(rate: float) -> float:
-    """Return the rate; raises ConfigError if it is negative or not a number."""
-    if not 0.0 <= rate < float("inf"):
-        raise ConfigError(f"rate {rate} is not a speed", hint="give a number above 0, or 0 for as fast as possible")
+    """Return the rate; raises ConfigError if it is neither 0 nor between a millionth and a million."""
+    if rate and not _SLOWEST <= rate <= _FASTEST:
+        hint = "give a number from 0.000001 to 1000000, or 0 for as fast as possible"
+        raise ConfigError(f"rate {rate} is not a speed", hint=hint)
     return rate
 
 
@@ -146,7 +148,7 @@ class Player:
         lateness: How late messages were, when a pace was asked for.
 
     Raises:
-        ConfigError: The rate is negative or not a number.
+        ConfigError: The rate is no speed.
     """
 
     def __init__(
@@ -172,6 +174,8 @@ class Player:
         self._messages: Iterator[Message] = iter(())
         self._upcoming: Message | None = None
         self._barren = False  # whether this pass has had no message so far, from the very beginning
+        self._exhausted = False  # whether this pass has no more messages
+        self._reading = False
         self._log = self._last = source.start  # at this time of the log
         self._wall = 0  # it was this time on the clock
 
@@ -207,10 +211,11 @@ class Player:
             self._bell.notify_all()
 
     def seek(self, time: int) -> None:
-        """Go on from another time of the log; before its beginning is its beginning."""
+        """Go on from another time of the log; before its beginning is its beginning. Steps not made are forgotten."""
         with self._bell:
             self._begin(min(max(time, self._source.start), self._source.end))
             self._barren = False
+            self._steps = 0
             self._bell.notify_all()
 
     def set_rate(self, rate: float) -> None:
@@ -270,7 +275,10 @@ class Player:
         """Wait for the next message and take it; None at the end."""
         with self._bell:
             while not self._stopped:
-                message = self._upcoming or self._fetch()
+                message = self._upcoming
+                if message is None and not self._exhausted:
+                    self._fetch()
+                    continue
                 if message is None:
                     if not self._hold:
                         return None
@@ -298,28 +306,36 @@ class Player:
                 return message
             return None
 
-    def _fetch(self) -> Message | None:
-        while True:
-            self._upcoming = next(self._messages, None)
-            if self._upcoming is not None:
-                self._barren = False
-                return self._upcoming
-            if not self._loop or self._barren:
-                return None
+    def _fetch(self) -> None:
+        """Read the next message; others may give commands meanwhile, however long it takes."""
+        messages, self._reading = self._messages, True
+        self._bell.release()
+        try:
+            message = next(messages, None)
+        finally:
+            self._bell.acquire()
+            self._reading = False
+        if messages is not self._messages:  # somebody has sought
+            _close(messages)
+        elif message is not None:
+            self._upcoming, self._barren = message, False
+        elif self._loop and not self._barren:
             self._passes += 1
             self._barren = True
             self._begin(self._source.start, delay=self._delay)
+        else:
+            self._exhausted = True
 
     def _begin(self, time: int, *, delay: int = 0) -> None:
         self._close_messages()
         self._messages = iter(self._source.messages(time if time > self._source.start else None))
-        self._log, self._last, self._wall, self._ended = time, time, self._pace.now() + delay, False
+        self._log, self._last, self._wall = time, time, self._pace.now() + delay
+        self._ended = self._exhausted = False
 
     def _close_messages(self) -> None:
         self._upcoming = None
-        close = getattr(self._messages, "close", None)
-        if close is not None:
-            close()
+        if not self._reading:
+            _close(self._messages)
 
     def _position(self) -> int:
         if self._paused or self._settling or self._ended or not (self._rate and self._running):
@@ -337,3 +353,9 @@ class Player:
             with self._bell:
                 self._settling = False
                 self._wall = max(self._wall, self._pace.now())
+
+
+def _close(messages: Iterator[Message]) -> None:
+    close = getattr(messages, "close", None)
+    if close is not None:
+        close()

@@ -6,24 +6,32 @@ import os
 import weakref
 from bisect import bisect_left
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.errors import ConfigError
 from riot_bus.log import layout
+from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.scan import Block, Entry, Scan, load_block, load_extras, read_metadata, scan_file
+from riot_bus.log.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
 from riot_bus.message import Message
 from riot_bus.selector import key_matches
 from riot_bus.types.model import Schema
+from riot_bus.types.offer import RecordedTopic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from mcap.records import Channel
+    from mcap.records import Schema as SchemaRecord
 
-__all__ = ["LogReader", "Loss", "read_log"]
+__all__ = ["ChannelSource", "LogReader", "Loss", "channel_source", "open_log", "read_log"]
+
+_LEAST_BYTES = HEAD.size + SHORTEST_MESSAGE
+_ENTRY_BYTES = 200
+_MOST_HELD = 1 << 28
+"""Bytes of messages that may wait for earlier ones of other chunks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +40,14 @@ class Loss:
 
     Attributes:
         unfinished: The file was never closed: what its writer had not yet written is lost.
-        bytes: Bytes at the end that are not a whole record.
-        chunks: Damaged chunks that were left out.
+        bytes: Bytes that are not a whole record: at the end, or behind a damaged length.
+        chunks: Damaged chunks that were left out, and those that the summary counts but that are not there.
         messages: Messages that were left out because their channel is unknown.
-        details: Damaged extras or provenance: messages lack attachments or notes, but not their payload.
+        details: Damaged extras, provenance or definitions: messages lack attachments, notes or their type, but not
+            their payload.
+        conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
+        unsorted: Messages that come later than their time: chunks do not say the truth about their times, or so many
+            of them overlap that sorting would take too much memory.
     """
 
     unfinished: bool = False
@@ -43,6 +55,8 @@ class Loss:
     chunks: int = 0
     messages: int = 0
     details: int = 0
+    conflicts: int = 0
+    unsorted: int = 0
 
     def __bool__(self) -> bool:
         return self != Loss()
@@ -50,21 +64,55 @@ class Loss:
     def __str__(self) -> str:
         parts = [
             "the file was not closed" if self.unfinished else "",
-            f"{self.bytes} bytes cut off at the end" if self.bytes else "",
+            f"{self.bytes} bytes that are no whole record" if self.bytes else "",
             f"{self.chunks} damaged chunks" if self.chunks else "",
             f"{self.messages} messages of unknown channels" if self.messages else "",
-            f"{self.details} damaged attachments or notes" if self.details else "",
+            f"{self.details} damaged attachments, notes or definitions" if self.details else "",
+            f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
+            f"{self.unsorted} messages out of order" if self.unsorted else "",
         ]
         return ", ".join(part for part in parts if part) or "nothing lost"
 
 
 @dataclass(frozen=True, slots=True)
-class _Source:
+class ChannelSource:
+    """What the messages of a channel are.
+
+    Attributes:
+        key: Their key.
+        topic: What people call it.
+        role: Delivered, or originals.
+        own: Whether riot_bus has written them.
+        constants: What else they have in common.
+        schema: Their type's definition, empty if there is none.
+        encoding: MCAP's message encoding.
+    """
+
     key: str
     topic: str
     role: Role
     own: bool
     constants: Constants
+    schema: Schema
+    encoding: str
+
+    def chosen(self, topics: Sequence[str] | None) -> bool:
+        """Return whether one of these topic names and key expressions includes it; None includes all."""
+        if topics is None:
+            return True
+        exact, patterns = _choice(tuple(topics))
+        name = self.topic.strip("/")
+        return not exact.isdisjoint((self.topic, self.key, name)) or any(
+            key_matches(text, self.key) or key_matches(text.strip("/"), name) for text in patterns
+        )
+
+
+@lru_cache(maxsize=64)
+def _choice(topics: tuple[str, ...]) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Return the names, also without slashes at their ends, and the key expressions among them."""
+    names = [text for text in topics if "*" not in text]
+    exact = frozenset({*topics, *(text.strip("/") for text in names)})
+    return exact, tuple(text for text in topics if "*" in text)
 
 
 class LogReader:
@@ -82,24 +130,20 @@ class LogReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = str(path)
-        try:
-            self._file = os.open(path, os.O_RDONLY)
-        except OSError as error:
-            raise ConfigError(f"cannot read the log: {error.strerror}", where=self.path) from error
+        self._file = open_log(path)
         self.close = weakref.finalize(self, os.close, self._file)
         """Close the file; happens by itself when the reader is no longer used."""
         try:
             self._scan: Scan = scan_file(self._file, self.path)
-        except IsADirectoryError:
-            self.close()
-            raise ConfigError("this is a directory", where=self.path, hint="name the .mcap file in it") from None
         except ConfigError:
             self.close()
             raise
-        self._sources: dict[int, _Source] = {}
+        self._sources: dict[int, ChannelSource] = {}
         self._damaged: dict[int, str] = {}
         self._details: set[int] = set()
         self._unknown: dict[int, int] = {}
+        self._late: dict[int, int] = {}
+        self._loaded_bytes = 0
 
     def __enter__(self) -> Self:
         return self
@@ -118,14 +162,21 @@ class LogReader:
         return self._scan.header.profile if self._scan.header else ""
 
     @property
+    def library(self) -> str:
+        """Who has written the file, by its own account."""
+        return self._scan.header.library if self._scan.header else ""
+
+    @property
     def loss(self) -> Loss:
         """What could not be read so far."""
         return Loss(
             unfinished=not self._scan.finished,
             bytes=self._scan.unread,
-            chunks=len(self._damaged),
+            chunks=len(self._damaged) + self._scan.missing_chunks,
             messages=sum(self._unknown.values()),
-            details=len(self._details),
+            details=len(self._details) + len(self._scan.damaged),
+            conflicts=len(self._scan.conflicts),
+            unsorted=sum(self._late.values()),
         )
 
     @cached_property
@@ -147,11 +198,24 @@ class LogReader:
 
     def channels(self) -> Iterator[tuple[str, str, Schema, str]]:
         """Yield topic, key, schema and message encoding of every channel."""
-        for number, channel in self._channels.items():
-            record = self._scan.schemas.get(channel.schema_id)
-            schema = Schema(record.name, record.encoding, record.data) if record else Schema("", "", b"")
-            source = self._source(number, channel)
-            yield source.topic, source.key, schema, channel.message_encoding
+        for source in self.sources().values():
+            yield source.topic, source.key, source.schema, source.encoding
+
+    def sources(self) -> Mapping[int, ChannelSource]:
+        """Return what the messages of each channel are, by the channel's number in the file."""
+        return {number: self._source(number, channel) for number, channel in self._channels.items()}
+
+    def recorded(self) -> Iterator[RecordedTopic]:
+        """Yield all that the file says of each channel of delivered messages; a topic may have several."""
+        for number, source in self.sources().items():
+            if source.role == "delivered":
+                details = dict(self._channels[number].metadata)
+                yield RecordedTopic(source.topic, source.key, source.own, source.schema, source.encoding, details)
+
+    @property
+    def latest(self) -> int:
+        """Time of the last message as chunks say it, without reading them; 0 of an empty log."""
+        return max((block.end for block in self._scan.blocks), default=0)
 
     def messages(
         self,
@@ -170,11 +234,9 @@ class LogReader:
             end: Latest time (exclusive), nanoseconds.
         """
         wanted = {
-            number: source
-            for number, channel in self._channels.items()
-            if (source := self._source(number, channel)).role == role and _selected(source, topics)
+            number: source for number, source in self.sources().items() if source.role == role and source.chosen(topics)
         }
-        if not wanted:
+        if not wanted and (topics is not None or role != "delivered"):
             return
         low, high = start or 0, 1 << 64 if end is None else end
         for entry in self._entries(low, high):
@@ -214,60 +276,122 @@ class LogReader:
                 else:
                     yield mapping
 
+    @property
+    def file(self) -> int:
+        """Descriptor of the open file; to be read with `os.pread`."""
+        return self._file
+
+    def blocks(self, low: int = 0, high: int = 1 << 64) -> list[Block]:
+        """Return the blocks that may have messages in [low, high), by time; those of equal time as they are written."""
+        return sorted(
+            (block for block in self._scan.blocks if block.end >= low and block.start < high),
+            key=lambda block: (block.start, block.number),
+        )
+
+    def define(self, opcode: int, body: bytes) -> None:
+        """Take in a schema or channel that was found in a block."""
+        define(self._scan, opcode, body)
+
+    def extras_of(self, block: Block, size: int) -> dict[int, dict[str, Any]]:
+        """Return a block's extras by the message's place in the block; damaged ones are counted and left out.
+
+        Args:
+            block: Which.
+            size: Its bytes, uncompressed.
+        """
+        try:
+            return load_extras(self._file, block, size // _LEAST_BYTES)
+        except (ValueError, OSError):
+            self._details.add(block.number)
+            return {}
+
+    def count_damage(self, block: Block, problem: str) -> None:
+        """Take note that a block cannot be read, by whoever has tried."""
+        self._damaged[block.number] = problem
+
+    def count_unknown(self, block: Block, count: int) -> None:
+        """Take note that so many messages of a block are left out: of unknown channels, or of impossible times."""
+        if count:
+            self._unknown[block.number] = count
+
+    def count_unsorted(self, block: Block, count: int) -> None:
+        """Take note that so many messages of a block come later than their time."""
+        if count:
+            self._late[block.number] = count
+
     @cached_property
     def _channels(self) -> dict[int, Channel]:
         scan = self._scan
         expected = scan.statistics.channel_count if scan.statistics else None
         if not scan.finished or expected != len(scan.channels):
             for block in scan.blocks:
-                self._load(block)
+                try:
+                    learn_block(self._file, block, scan)
+                except ValueError as error:
+                    self.count_damage(block, str(error))
         return scan.channels
 
     def _entries(self, low: int, high: int) -> Iterator[Entry]:
-        blocks = sorted(
-            (block for block in self._scan.blocks if block.end >= low and block.start < high),
-            key=lambda block: (block.start, block.number),
-        )
+        blocks = self.blocks(low, high)
         waiting: list[Entry] = []
+        held, bound = 0, 0
         for place, block in enumerate(blocks):
-            waiting += self._load(block)
+            loaded = self._load(block)
+            waiting += loaded
             waiting.sort()
+            if waiting and waiting[0].time < bound:
+                self.count_unsorted(block, bisect_left(waiting, bound, key=_time_of))
             if place + 1 < len(blocks):
-                ready = bisect_left(waiting, blocks[place + 1].start, key=lambda entry: entry.time)
-                yield from waiting[:ready]
-                del waiting[:ready]
+                ready = bisect_left(waiting, blocks[place + 1].start, key=_time_of)
+                held = held + self._loaded_bytes + _ENTRY_BYTES * len(loaded) if ready < len(waiting) else 0
+                if held > _MOST_HELD and (held := sum(map(_weight, waiting[ready:]))) > _MOST_HELD:
+                    ready, held = len(waiting), 0
+                if ready:
+                    bound = max(bound, waiting[ready - 1].time)
+                    yield from waiting[:ready]
+                    del waiting[:ready]
         yield from waiting
 
     def _load(self, block: Block) -> list[Entry]:
         try:
-            extras = load_extras(self._file, block)
-        except ValueError:
-            self._details.add(block.number)
-            extras = {}
-        try:
-            entries = load_block(self._file, block, self._scan, extras)
+            data = read_block(self._file, block)
+            self._loaded_bytes = len(data)
+            entries = load_block(data, block, self._scan, self.extras_of(block, len(data)))
         except ValueError as error:
-            self._damaged[block.number] = str(error)
+            self.count_damage(block, str(error))
             return []
-        unknown = sum(entry.channel not in self._scan.channels for entry in entries)
-        if unknown:
-            self._unknown[block.number] = unknown
+        self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
         return entries
 
-    def _source(self, number: int, channel: Channel) -> _Source:
+    def _source(self, number: int, channel: Channel) -> ChannelSource:
         source = self._sources.get(number)
-        if source is not None:
-            return source
-        metadata, topic = channel.metadata, channel.topic
-        role: Role = "original" if metadata.get(layout.ROLE) == "original" else "delivered"
-        self._sources[number] = created = _Source(
-            metadata.get(layout.KEY, topic),
-            metadata.get(layout.TOPIC, topic),
-            role,
-            layout.KEY in metadata,
-            Constants.from_metadata(metadata),
-        )
-        return created
+        if source is None:
+            source = self._sources[number] = channel_source(channel, self._scan.schemas.get(channel.schema_id))
+        return source
+
+
+def open_log(path: Path | str) -> int:
+    """Return a descriptor of a file for reading; raises ConfigError if there is none."""
+    try:
+        return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except ValueError as error:
+        raise ConfigError(f"cannot read the log: {error}", where=repr(str(path))) from error
+    except OSError as error:
+        raise ConfigError(f"cannot read the log: {error.strerror}", where=str(path)) from error
+
+
+def channel_source(channel: Channel, schema: SchemaRecord | None) -> ChannelSource:
+    """Return what the messages of a channel are, from its records in the file."""
+    metadata, topic = channel.metadata, channel.topic
+    return ChannelSource(
+        metadata.get(layout.KEY, topic),
+        metadata.get(layout.TOPIC, topic),
+        "original" if metadata.get(layout.ROLE) == "original" else "delivered",
+        layout.KEY in metadata,
+        Constants.from_metadata(metadata),
+        Schema(schema.name, schema.encoding, schema.data) if schema else Schema("", "", b""),
+        channel.message_encoding,
+    )
 
 
 def read_log(path: Path | str) -> tuple[Message, ...]:
@@ -276,17 +400,15 @@ def read_log(path: Path | str) -> tuple[Message, ...]:
         return tuple(reader.messages())
 
 
-def _selected(source: _Source, topics: Sequence[str] | None) -> bool:
-    if topics is None:
-        return True
-    name = source.topic.strip("/")
-    return any(
-        text in (source.topic, source.key) or key_matches(text, source.key) or key_matches(text.strip("/"), name)
-        for text in topics
-    )
+def _time_of(entry: Entry) -> int:
+    return entry.time
 
 
-def _message(entry: Entry, source: _Source) -> Message:
+def _weight(entry: Entry) -> int:
+    return len(entry.payload) + _ENTRY_BYTES
+
+
+def _message(entry: Entry, source: ChannelSource) -> Message:
     constants = source.constants
     published = None if source.own and entry.published == entry.time else entry.published
     if entry.extras is None:

@@ -1,57 +1,54 @@
 """Find and load the parts of an MCAP file, whoever wrote it and however it ends.
 
 The file is walked once from record to record, skipping the data of chunks, so damage or a missing summary costs nothing
-but the damaged part, and memory holds one entry per chunk.
+but the damaged part, and memory holds one entry per chunk. Behind a record whose length is damaged the walk goes on at
+the next chunk.
 """
 
 from __future__ import annotations
 
 import os
+import stat
 import struct
 import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple, TypeVar
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema, Statistics
+from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
 
 from riot_bus.errors import ConfigError
 from riot_bus.log import layout
+from riot_bus.log.blocks import (
+    CHUNK,
+    HEAD,
+    MOST_MESSAGES,
+    MOST_OTHERS,
+    SHORTEST_MESSAGE,
+    Block,
+    Span,
+    read_block,
+    records_of,
+)
 
-__all__ = ["Block", "Entry", "Scan", "load_block", "parse", "scan_file"]
+__all__ = ["Block", "Entry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
 
 MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
+FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
+"""What stands at the end of a file that was closed: footer and magic."""
+
 RecordT = TypeVar("RecordT")
 
-_HEAD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _PLAIN_BLOCK = 1 << 20
-
-
-class Span(NamedTuple):
-    """A part of the file."""
-
-    offset: int
-    length: int
-
-
-@dataclass(slots=True)
-class Block:
-    """A chunk, or a run of messages outside any chunk."""
-
-    number: int
-    body: Span
-    start: int
-    end: int
-    chunked: bool
-    cut: bool = False
-    extras: Span | None = None
+_SHORTEST_CHUNK = CHUNK.size + 8
+_MOST_METADATA = 1 << 20
+_MOST_DEFINITIONS = 1 << 26
+_LARGEST_METADATA = 1 << 26
+_MOST_GAPS = 1000
 
 
 class Entry(NamedTuple):
@@ -74,12 +71,26 @@ class Scan:
     header: Header | None = None
     blocks: list[Block] = field(default_factory=list)
     metadata: list[tuple[str, Span]] = field(default_factory=list)
+    attachments: list[Span] = field(default_factory=list)
+    """Those of others: not the extras of a chunk."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     statistics: Statistics | None = None
     finished: bool = False
     unread: int = 0
-    """Bytes at the end of which nothing can be said."""
+    """Bytes of which nothing can be said: at the end, or behind a damaged length."""
+    damaged: set[int] = field(default_factory=set)
+    """Checksums of definitions that were left out; 0 stands for metadata of which there is too much."""
+    conflicts: set[int] = field(default_factory=set)
+    """Channels that are defined twice in different ways; the first one counts."""
+    room: int = _MOST_DEFINITIONS
+    """Bytes of definitions that are still taken in."""
+
+    @property
+    def missing_chunks(self) -> int:
+        """Chunks that the summary counts, but that are not there."""
+        known = self.statistics.chunk_count if self.statistics is not None and self.finished else 0
+        return max(0, known - sum(block.chunked for block in self.blocks))
 
 
 def scan_file(file: int, path: str) -> Scan:
@@ -88,59 +99,126 @@ def scan_file(file: int, path: str) -> Scan:
     Raises:
         ConfigError: It is not an MCAP file.
     """
-    size = os.fstat(file).st_size
-    if os.pread(file, len(MAGIC), 0) != MAGIC:
-        if size == 0:
-            raise ConfigError("the file is empty", where=path, hint="was the recorder stopped before it began?")
-        hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
-        raise ConfigError("not an MCAP file", where=path, hint=hint)
-    scan = Scan(size)
-    position, extras = len(MAGIC), None
+    status = os.fstat(file)
+    size = status.st_size
+    if stat.S_ISDIR(status.st_mode):
+        raise ConfigError("this is a directory", where=path, hint="name the .mcap file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise ConfigError("this is no file", where=path, hint="copy it into a file first")
+    try:
+        if os.pread(file, len(MAGIC), 0) != MAGIC:
+            if size == 0:
+                raise ConfigError("the file is empty", where=path, hint="was the recorder stopped before it began?")
+            hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
+            raise ConfigError("not an MCAP file", where=path, hint=hint)
+        return _walk(file, Scan(size))
+    except OSError as error:
+        raise ConfigError(f"cannot read the log: {error.strerror}", where=path) from error
+
+
+def _walk(file: int, scan: Scan) -> Scan:
+    size, position, gaps = scan.size, len(MAGIC), 0
+    extras: Span | None = None
     while position < size and not scan.finished:
         head = os.pread(file, 128, position)
-        opcode, length = _HEAD.unpack_from(head) if len(head) >= _HEAD.size else (0, 0)
-        body = Span(position + _HEAD.size, length)
-        cut = opcode == 0 or body.offset + length > size
+        opcode, length = HEAD.unpack_from(head) if len(head) >= HEAD.size else (0, 0)
+        body = Span(position + HEAD.size, length)
+        following = body.offset + length
+        cut = opcode == 0 or following > size
         if cut:
-            scan.unread = size - position
-        inside = head[_HEAD.size :]
-        if opcode == Opcode.CHUNK and len(inside) >= _CHUNK.size:
-            start, end = _CHUNK.unpack_from(inside)[:2]
-            span = Span(body.offset, min(length, size - body.offset))
+            gaps += 1
+            following = _after_gap(file, scan, position) if gaps <= _MOST_GAPS else size
+            scan.unread += following - position
+        inside = head[HEAD.size :]
+        if opcode == Opcode.CHUNK and len(inside) >= CHUNK.size and length >= _SHORTEST_CHUNK:
+            start, end = CHUNK.unpack_from(inside)[:2]
+            span = Span(body.offset, max(0, following - body.offset))
             scan.blocks.append(Block(len(scan.blocks), span, start, end, chunked=True, cut=cut, extras=extras))
             extras = None
-        if cut:
-            return scan
-        match opcode:
-            case Opcode.MESSAGE if len(inside) >= 22:
-                (time,) = struct.unpack_from("<Q", inside, 6)
-                _add_plain(scan, position, _HEAD.size + length, time)
-            case Opcode.ATTACHMENT:
-                extras = _extras_span(body, inside) or extras
-            case Opcode.METADATA:
-                scan.metadata.append((_text(inside, 0)[0], body))
-            case Opcode.HEADER:
-                scan.header = parse(Header, os.pread(file, min(length, 1 << 16), body.offset))
-            case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.STATISTICS if length <= layout.MAX_BLOCK:
-                define(scan, opcode, os.pread(file, length, body.offset))
-            case Opcode.FOOTER:
-                scan.finished = True
-        position = body.offset + length
+        if not cut:
+            extras = _take(file, scan, opcode, position, body, inside) or extras
+        position = following
     return scan
 
 
+def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
+    """Take in a record; return where extras are, if it is such."""
+    length = body.length
+    match opcode:
+        case Opcode.MESSAGE if length >= SHORTEST_MESSAGE:
+            (time,) = struct.unpack_from("<Q", inside, 6)
+            _add_plain(scan, position, HEAD.size + length, time)
+        case Opcode.ATTACHMENT:
+            found = _extras_span(body, inside)
+            if found is None and len(scan.attachments) < _MOST_METADATA:
+                scan.attachments.append(body)
+            return found
+        case Opcode.METADATA:
+            if len(scan.metadata) < _MOST_METADATA:
+                scan.metadata.append((_text(inside, 0)[0], body))
+            else:
+                scan.damaged.add(0)
+        case Opcode.HEADER:
+            scan.header = scan.header or parse(Header, os.pread(file, min(length, 1 << 16), body.offset))
+        case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.STATISTICS:
+            if length <= _MOST_DEFINITIONS:
+                define(scan, opcode, os.pread(file, length, body.offset))
+            else:
+                scan.damaged.add(position)
+        case Opcode.FOOTER:
+            scan.finished = True
+    return None
+
+
+def _after_gap(file: int, scan: Scan, position: int) -> int:
+    """Return where to go on behind a record that cannot be: at a chunk, at the summary, or at the end of the file."""
+    from riot_bus.log.resync import next_record
+
+    found = next_record(file, position + 1, scan.size, scan.channels)
+    if found is None:
+        tail = os.pread(file, FOOTER_BYTES, scan.size - FOOTER_BYTES) if scan.size > FOOTER_BYTES else b""
+        footer = parse_footer(tail)
+        found = footer.summary_start if footer is not None and footer.summary_start else scan.size
+        if not position < found <= scan.size - FOOTER_BYTES:
+            found = scan.size
+    return found
+
+
+def parse_footer(tail: bytes) -> Footer | None:
+    """Return the footer from the last bytes of a file, None if it has none."""
+    if len(tail) != FOOTER_BYTES or tail[-len(MAGIC) :] != MAGIC or HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return None
+    return parse(Footer, tail[HEAD.size : -len(MAGIC)])
+
+
 def define(scan: Scan, opcode: int, body: bytes) -> None:
-    """Take in a schema, channel or statistics record; a damaged one is left out."""
+    """Take in a schema, channel or statistics record; a damaged one is left out and counted."""
+    record: Schema | Channel | Statistics | None
     if opcode == Opcode.SCHEMA:
-        schema = parse(Schema, body)
-        if schema is not None:
-            scan.schemas.setdefault(schema.id, schema)
-    elif opcode == Opcode.CHANNEL:
-        channel = parse(Channel, body)
-        if channel is not None:
-            scan.channels.setdefault(channel.id, channel)
+        record = parse(Schema, body)
     else:
-        scan.statistics = parse(Statistics, body)
+        record = parse(Channel, body) if opcode == Opcode.CHANNEL else parse(Statistics, body)
+    if record is None:
+        scan.damaged.add(zlib.crc32(body))
+    elif isinstance(record, Statistics):
+        scan.statistics = record
+    elif isinstance(record, Schema):
+        if record.id not in scan.schemas and _has_room(scan, body):
+            scan.schemas[record.id] = record
+    else:
+        known = scan.channels.get(record.id)
+        if known is not None and known != record:
+            scan.conflicts.add(record.id)
+        elif known is None and _has_room(scan, body):
+            scan.channels[record.id] = record
+
+
+def _has_room(scan: Scan, body: bytes) -> bool:
+    if scan.room < len(body):
+        scan.damaged.add(zlib.crc32(body))
+        return False
+    scan.room -= len(body)
+    return True
 
 
 def parse(kind: type[RecordT], body: bytes) -> RecordT | None:
@@ -154,49 +232,70 @@ def parse(kind: type[RecordT], body: bytes) -> RecordT | None:
 
 def read_metadata(file: int, span: Span) -> dict[str, str] | None:
     """Load a metadata record, None if it is damaged."""
-    record = parse(Metadata, os.pread(file, min(span.length, layout.MAX_BLOCK), span.offset))
+    if span.length > _LARGEST_METADATA:
+        return None
+    record = parse(Metadata, os.pread(file, span.length, span.offset))
     return None if record is None else record.metadata
 
 
-def load_extras(file: int, block: Block) -> dict[int, dict[str, Any]]:
-    """Load a block's extras by place in the block; raises ValueError on damage."""
+def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]:
+    """Load a block's extras by place in the block.
+
+    Args:
+        file: Descriptor of the log.
+        block: Which.
+        most: So many messages it has at most.
+
+    Raises:
+        ValueError: They are damaged.
+    """
     if block.extras is None:
         return {}
-    body = os.pread(file, min(block.extras.length, layout.MAX_BLOCK), block.extras.offset)
+    if block.extras.length > layout.MAX_BLOCK:
+        raise ValueError(f"extras of {block.extras.length} bytes")
+    body = os.pread(file, block.extras.length, block.extras.offset)
     if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
         raise ValueError("checksum of extras")
     _, position = _text(body, 16)
     _, position = _text(body, position)
-    return layout.unpack_extras(body[position + 8 : -4])
+    return layout.unpack_extras(body[position + 8 : -4], most)
 
 
-def load_block(file: int, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[Entry]:
-    """Load a block's messages in file order, and take in its schemas and channels.
+def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[Entry]:
+    """Return a block's messages in file order, and take in its schemas and channels.
+
+    Args:
+        data: Its records.
+        block: Which.
+        scan: Takes in definitions.
+        extras: Its extras.
 
     Raises:
         ValueError: The block is damaged; of a block that was cut off, what is left is returned instead.
     """
-    data = os.pread(file, min(block.body.length, layout.MAX_BLOCK), block.body.offset)
-    if block.chunked:
-        data = _unpack_chunk(data, block)
     entries: list[Entry] = []
-    order, place = block.number << 32, 0
+    order, place, others = block.number << 32, 0, 0
     position, size = 0, len(data)
     unpack, head_size, is_message = _MESSAGE.unpack_from, _MESSAGE.size, int(Opcode.MESSAGE)
-    while position + _HEAD.size <= size:
+    while position + HEAD.size <= size:
         if data[position] == is_message and position + head_size <= size:
             _, length, channel, sequence, time, published = unpack(data, position)
             following = position + 9 + length
-            if following > size or length < 22:
+            if following > size or length < SHORTEST_MESSAGE:
                 break
             payload = data[position + head_size : following]
             entries.append(Entry(time, order + place, channel, sequence, published, payload, extras.get(place)))
             place += 1
+            if place > MOST_MESSAGES:
+                raise ValueError(f"more than {MOST_MESSAGES} messages")
         else:
-            opcode, length = _HEAD.unpack_from(data, position)
+            opcode, length = HEAD.unpack_from(data, position)
             following = position + 9 + length
-            if following > size or opcode == is_message:
+            others += 1
+            if following > size or opcode in (0, is_message):
                 break
+            if others > MOST_OTHERS:
+                raise ValueError(f"more than {MOST_OTHERS} records that are no messages")
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 define(scan, opcode, data[position + 9 : following])
         position = following
@@ -205,43 +304,12 @@ def load_block(file: int, block: Block, scan: Scan, extras: dict[int, dict[str, 
     return entries
 
 
-def _unpack_chunk(body: bytes, block: Block) -> bytes:
-    try:
-        _, _, size, checksum, name_length = _CHUNK.unpack_from(body)
-        compression = body[_CHUNK.size : _CHUNK.size + name_length].decode()
-        (length,) = struct.unpack_from("<Q", body, _CHUNK.size + name_length)
-    except (struct.error, UnicodeDecodeError) as error:
-        if block.cut:
-            return b""
-        raise ValueError("chunk header") from error
-    begin = _CHUNK.size + name_length + 8
-    packed = body[begin : begin + length]
-    if size > layout.MAX_BLOCK:
-        raise ValueError(f"a chunk of {size} bytes")
-    try:
-        data = _decompress(packed, compression, size, cut=block.cut)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        if block.cut:
-            return b""
-        raise ValueError(f"{compression} data: {error}") from error
-    if not block.cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
-        raise ValueError("checksum")
-    return data
-
-
-def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> bytes:
-    if compression == "":
-        return packed
-    if compression == "zstd":
-        if zstandard.frame_content_size(packed) > layout.MAX_BLOCK:
-            raise ValueError("zstd frame size")
-        if cut:
-            return zstandard.ZstdDecompressor().decompressobj().decompress(packed)[:size]
-        return zstandard.decompress(packed, max_output_size=size)
-    if compression == "lz4":
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
-        return unpacked
-    raise ValueError(f"unknown compression {compression!r}")
+def learn_block(file: int, block: Block, scan: Scan) -> None:
+    """Take in a block's schemas and channels alone; raises ValueError if it is damaged."""
+    data = read_block(file, block)
+    for opcode, start, end in records_of(data, cut=block.cut).others:
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            define(scan, opcode, data[start:end])
 
 
 def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:

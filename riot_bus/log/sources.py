@@ -6,6 +6,7 @@ from heapq import merge
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus.log.channels import span_of
 from riot_bus.message import Message
 from riot_bus.pipeline.queue import EmissionQueue
 
@@ -48,12 +49,10 @@ class LogSource:
     """
 
     def __init__(self, reader: LogReader, keys: Mapping[str, str] | None = None, *, shift: int = 0) -> None:
-        from riot_bus.log.channels import span_of
-
         self._reader = reader
         self._keys = keys
         self._shift = shift
-        low, high = span_of(reader)
+        low, high = span_of(reader) or (0, 0)
         self.start, self.end = low + shift, high + shift
 
     def messages(self, start: int | None = None) -> Iterator[Message]:

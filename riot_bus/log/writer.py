@@ -2,37 +2,45 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import threading
 from collections import Counter, deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from time import monotonic
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from mcap.records import Channel, Schema
 
 from riot_bus.clock import SystemClock
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log import layout
-from riot_bus.log.chunk import Chunk, ChunkBuilder
+from riot_bus.log.chunk import ChunkBuilder
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.log.mcap_file import McapFile, record_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
     from types import TracebackType
 
+    from mcap.records import Statistics
+
     from riot_bus.clock import Clock
+    from riot_bus.log.chunk import Chunk, Draft, Row
     from riot_bus.message import Message
     from riot_bus.pipeline.event import Change
-    from riot_bus.types.model import MessageType
+    from riot_bus.types.model import Schema as Definition
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["LogWriter", "LostMessagesError"]
+__all__ = ["LogWriter", "LostMessagesError", "Storage", "Track"]
 
+_LOG = logging.getLogger(__name__)
 _MAX_CHANNELS = 65_000
 _OTHER_TOPICS = "(other topics)"
+_GONE = "the file was removed"
 _MOST_WAITING = 4
 _LOOK_EVERY = 31
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
@@ -57,20 +65,86 @@ _MESSAGE_ENCODINGS = {"application/json": "json", "text/json": "json", "applicat
 
 
 class LostMessagesError(EnvironmentFaultError):
-    """The disk is full or has failed; what comes later may be written again.
+    """The disk is full, slow or has failed; what comes later may be written again.
 
     Attributes:
-        lost: Messages, by key and role, that were written and yet are not in the file.
+        reasons: Messages, by reason (`disk`, `too slow`), key and role, that were written and yet are not in the file.
+        errno: Of the operating system, None if it did not fail.
     """
 
-    def __init__(self, reason: str, *, where: str, lost: Counter[tuple[str, Role]]) -> None:
-        super().__init__(f"the log cannot be written: {reason}", where=where, hint="make room")
-        self.lost = lost
+    def __init__(
+        self,
+        reason: str,
+        *,
+        where: str,
+        lost: Counter[tuple[str, Role]],
+        errno: int | None = None,
+        slow: bool = False,
+    ) -> None:
+        hint = "record less, or to a faster disk" if slow else "make room"
+        super().__init__(f"the log cannot be written: {reason}", where=where, hint=hint)
+        self.reasons = {"too slow" if slow else "disk": lost}
+        self.errno = errno
+
+    @property
+    def lost(self) -> Counter[tuple[str, Role]]:
+        """Messages, by key and role, that are lost for any reason."""
+        return sum(self.reasons.values(), Counter())
+
+    def add(self, other: LostMessagesError) -> None:
+        """Take in what another one says is lost."""
+        for reason, lost in other.reasons.items():
+            self.reasons[reason] = self.reasons.get(reason, Counter()) + lost
+
+
+class Storage(Protocol):
+    """Where chunks go: a file, or the memory (`riot_bus.log.ring`). All of it raises OSError but `close`."""
+
+    @property
+    def size(self) -> int:
+        """Bytes in it."""
+
+    @property
+    def statistics(self) -> Statistics:
+        """What is in it."""
+
+    def is_linked(self) -> bool:
+        """Whether there is still a file of that name."""
+
+    def sync(self) -> None:
+        """Return when what was written survives the machine."""
+
+    def together(self) -> AbstractContextManager[None]:
+        """Append what is appended in this block all together, or nothing of it."""
+
+    def define(self, records: bytes) -> None:
+        """Write definitions before the next chunk."""
+
+    def chunk(self, chunk: Chunk) -> None:
+        """Append a chunk."""
+
+    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Append an attachment."""
+
+    def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
+        """Append a metadata record."""
+
+    def finish(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
+        """Append a summary."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class Track(NamedTuple):
+    """What `append` wants to know of a channel: its number, and what its messages have in common."""
+
+    number: int
+    constants: Constants
 
 
 class _Batch(NamedTuple):
-    chunk: Chunk
-    extras: bytes | None
+    draft: Draft
     provenance: str | None
 
 
@@ -93,11 +167,19 @@ class LogWriter:
         channel_metadata: Asked once per key for more channel metadata, such as `offered_qos_profiles`.
         threaded: Compress and write on a thread of its own; errors are then raised by a later call.
         durable: Make sure once in `chunk_seconds` that what is written is on the disk, whatever happens to the power.
+        queue_bytes: How much may wait for that thread. What does not fit is lost rather than waited for, but for
+            `patience`; None to wait for as long as it takes.
+        patience: Seconds to wait for room, where `append` is told to. Once that was in vain, nobody waits until half of
+            what waits is written, so that many chunks in a row cannot stall the caller together.
+        storage: Where chunks go instead of the file; then the path is only for messages.
 
     Attributes:
         lost: Messages per topic that an MCAP file cannot hold: too many keys, or a time that is not 0 ... 2^64 - 1.
         refused: Their number.
         problem: Why nothing can be written at present; empty as long as all is well.
+        errno: Number of that error, None if the operating system has none.
+        gone: Whether somebody has removed the file; then nothing more is written.
+        profile: The file's MCAP profile.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -117,35 +199,55 @@ class LogWriter:
         channel_metadata: Callable[[str], Mapping[str, str]] | None = None,
         threaded: bool = False,
         durable: bool = False,
+        queue_bytes: int | None = None,
+        patience: float = 1.0,
+        storage: Storage | None = None,
     ) -> None:
         self.path = str(path)
+        self.profile = profile or ""
         self.lost: Counter[str] = Counter()
         self.refused = 0
         self.problem = ""
+        self.errno: int | None = None
+        self.gone = False
         self._registry = registry
         self._more_metadata = channel_metadata
         self._now = (clock or SystemClock()).now
         self._chunk_bytes, self._chunk_ns, self._durable = chunk_bytes, int(chunk_seconds * 1e9), durable
         self._lock = threading.Lock()
-        self._known: dict[Role, dict[str, tuple[int, Constants] | None]] = {"delivered": {}, "original": {}}
+        self._known: dict[Role, dict[str, Track | None]] = {"delivered": {}, "original": {}}
         self._names: dict[int, tuple[str, Role]] = {}
         self._channels: list[Channel] = []
         self._schemas: dict[tuple[str, bytes], Schema] = {}
         self._builder = ChunkBuilder()
-        self._extras: list[tuple[int, dict[str, Any]]] = []
-        self._extra_bytes = 0
         self._provenance: list[Provenance] = []
         self._opened_at = 0
+        self._looks = 0
         self._written: Counter[tuple[str, Role]] = Counter()
-        self._waiting: deque[Future[None]] = deque()
-        self._file = McapFile(path, profile=profile or "", library=layout.LIBRARY, compression=compression)
+        self._waiting: deque[tuple[Future[None], int]] = deque()
+        self._queued = 0
+        self._queue_bytes, self._patience, self._overrun = queue_bytes, patience, False
+        self._file: Storage = storage or McapFile(
+            path, profile=self.profile, library=layout.LIBRARY, compression=compression
+        )
         self._linked = self._file.is_linked()  # not all file systems know
-        self._gone = False
         self._synced = 0
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="riot-write") if threaded else None
+        self._syncer = ThreadPoolExecutor(1, thread_name_prefix="riot-sync") if threaded and durable else None
+        self._syncing: Future[None] | None = None
         self._closed = False
         if metadata:
             self.note(layout.RUN, metadata)
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file, and of what is on its way there."""
+        return self._file.size + self._queued + self._builder.size
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that wait to be written, the chunk in the making not counted."""
+        return self._queued
 
     def write(self, message: Message, *, role: Role = "delivered", changes: Sequence[Change] = ()) -> None:
         """Write one message.
@@ -159,34 +261,76 @@ class LogWriter:
             LostMessagesError: Others are lost, and this one is not written either.
         """
         with self._lock:
-            if self._gone:
-                raise self._failure("the file was removed", Counter())
+            if self.gone:
+                raise self._failure(_GONE, Counter())
             builder = self._builder
-            if builder.size + self._extra_bytes >= self._chunk_bytes or (
-                builder.count & _LOOK_EVERY == _LOOK_EVERY and self._now() - self._opened_at >= self._chunk_ns
+            self._looks += 1
+            if builder.size >= self._chunk_bytes or (
+                self._looks & _LOOK_EVERY == 0 and self._now() - self._opened_at >= self._chunk_ns
             ):
                 self._end_chunk()
             try:
-                known = self._known[role][message.key]
+                track = self._known[role][message.key]
             except KeyError:
-                known = self._open_channel(message, role)
+                track = self._open_channel(message, role)
             time = message.time
-            if known is None or not 0 <= time < 1 << 64:
+            if track is None or not 0 <= time < 1 << 64:
                 self._refuse(message.key)
                 return
-            channel, constants = known
+            number, constants = track
             extras = layout.extras_of(message, constants)
             published = message.publish_time
             if published is None or not 0 <= published < 1 << 64:
                 published = time
             if builder.count == 0:
                 self._opened_at = self._now()
-            if extras is not None:
-                self._extras.append((builder.count, extras))
-                self._extra_bytes += len(message.attachment or b"")
-            builder.add(channel, message.sequence & 0xFFFFFFFF, time, published, message.payload)
+            builder.fill(iter([(number, message.sequence & 0xFFFFFFFF, time, published, message.payload, extras)]), 0)
             if changes:
                 self._provenance.append(Provenance(message.sequence, message.key, time, role, tuple(changes)))
+
+    def track(self, message: Message) -> Track | None:
+        """Return what `append` needs for the messages of a key; None if the file can hold no more keys.
+
+        Args:
+            message: One of them; the channel is opened with what it says.
+        """
+        with self._lock:
+            try:
+                return self._known["delivered"][message.key]
+            except KeyError:
+                return self._open_channel(message, "delivered")
+
+    def refuse(self, key: str, count: int = 1) -> None:
+        """Count messages that the file cannot hold."""
+        with self._lock:
+            self._refuse(key, count)
+
+    def append(self, rows: Sequence[Row], *, patient: bool = True) -> None:
+        """Write many messages at once: what `write` does, for those who have taken their messages apart already.
+
+        Args:
+            rows: Channel as of `track`, sequence (32 bits), time and publish time (64 bits), payload, and what
+                `layout.extras_of` says.
+            patient: Wait a little for room (`patience`).
+
+        Raises:
+            LostMessagesError: Others are lost; of these, those that it names.
+        """
+        failures: list[LostMessagesError] = []
+        with self._lock:
+            if self.gone:
+                lost = Counter(self._names[row[0]] for row in rows)
+                raise self._failure(_GONE, lost)
+            builder, now, feed = self._builder, self._now(), iter(rows)
+            if builder.count and now - self._opened_at >= self._chunk_ns:
+                self._try(partial(self._end_chunk, patient=patient), failures)
+            if not builder.count:
+                self._opened_at = now
+            while builder.fill(feed, self._chunk_bytes):
+                self._try(partial(self._end_chunk, patient=patient), failures)
+                self._opened_at = now
+        if failures:
+            raise _all_of(failures)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write an MCAP metadata record; `LogReader.notes` gives it back.
@@ -200,7 +344,7 @@ class LogWriter:
         """
         with self._lock:
             if not self._closed:
-                self._do(self._note, name, dict(mapping))
+                self._do(0, self._note, name, dict(mapping))
 
     def tick(self) -> None:
         """End a chunk that is old enough; call it now and then when messages are rare.
@@ -217,6 +361,32 @@ class LogWriter:
             if self._builder.count and (full or self._now() - self._opened_at >= self._chunk_ns):
                 self._end_chunk()
 
+    def flush(self) -> None:
+        """Return when all that was written so far is in the file, or known to be lost.
+
+        Raises:
+            LostMessagesError: The disk failed, now or before.
+        """
+        failures: list[LostMessagesError] = []
+        with self._lock:
+            if not self._closed:
+                self._flush(failures)
+        if failures:
+            raise _all_of(failures)
+
+    def counts(self) -> Mapping[int, int]:
+        """Return how many messages of each channel are in the file; call `flush` before, if all shall be counted."""
+        return dict(self._file.statistics.channel_message_counts)
+
+    def span(self) -> tuple[int, int]:
+        """Return the times of the earliest and the latest message in the file, nanoseconds; 0 if there is none."""
+        return self._file.statistics.message_start_time, self._file.statistics.message_end_time
+
+    def definitions(self) -> tuple[list[Schema], list[Channel]]:
+        """Return all schemas and channels so far."""
+        with self._lock:
+            return list(self._schemas.values()), list(self._channels)
+
     def close(self) -> None:
         """Write what is left and the summary; safe to call twice.
 
@@ -229,17 +399,18 @@ class LogWriter:
             self._closed = True
             failures: list[LostMessagesError] = []
             try:
-                for step in (self._look_for_the_file, self._end_chunk, self._finish, partial(self._collect, None)):
-                    try:
-                        step()
-                    except LostMessagesError as error:
-                        failures.append(error)
+                self._flush(failures)
+                for step in (self._finish, partial(self._collect, None)):
+                    self._try(step, failures)
+                self._collect_sync(failures, waiting=True)
+                if self._durable:
+                    self._try(self._synchronise, failures)
                 if failures:
-                    failures[-1].lost = sum((each.lost for each in failures), Counter())
-                    raise failures[-1]
+                    raise _all_of(failures)
             finally:
-                if self._thread is not None:
-                    self._thread.shutdown()
+                for thread in (self._thread, self._syncer):
+                    if thread is not None:
+                        thread.shutdown()
                 self._file.close()
 
     def __enter__(self) -> Self:
@@ -250,24 +421,62 @@ class LogWriter:
     ) -> None:
         self.close()
 
-    def _look_for_the_file(self) -> None:
-        if self._linked and not self._gone and not self._file.is_linked():
-            self._gone = True
-            self._collect(None)
-            lost, self._written = self._written, Counter()
-            lost.update({self._names[channel]: count for channel, count in self._builder.take().counts.items()})
-            raise self._failure("the file was removed", lost)
+    def _flush(self, failures: list[LostMessagesError]) -> None:
+        for step in (self._look_for_the_file, self._end_chunk, partial(self._collect, None)):
+            self._try(step, failures)
 
-    def _end_chunk(self) -> None:
+    @staticmethod
+    def _try(step: Callable[[], None], failures: list[LostMessagesError]) -> None:
+        try:
+            step()
+        except LostMessagesError as error:
+            failures.append(error)
+
+    def _look_for_the_file(self) -> None:
+        if self._linked and not self.gone and not self._file.is_linked():
+            self.gone = True
+            failures: list[LostMessagesError] = []
+            self._try(partial(self._collect, None), failures)
+            lost, self._written = self._written, Counter()
+            lost += self._by_name(self._builder.take().counts())
+            raise _all_of([*failures, self._failure(_GONE, lost)])
+
+    def _end_chunk(self, *, patient: bool = True) -> None:
         if not self._builder.count:
             return
-        extras = layout.pack_extras(self._extras) if self._extras else None
         provenance = layout.pack_provenance(self._provenance) if self._provenance else None
-        batch = _Batch(self._builder.take(), extras, provenance)
-        self._extras, self._provenance, self._extra_bytes = [], [], 0
-        self._do(self._store, batch)
+        self._provenance = []
+        batch = _Batch(self._builder.take(), provenance)
+        if self._queue_bytes is not None and self._thread is not None:
+            failures: list[LostMessagesError] = []
+            if not self._make_room(self._queue_bytes, batch.draft.size, failures, patient=patient):
+                for record in batch.draft.definitions:
+                    self._builder.define(record)
+                lost = self._by_name(batch.draft.counts())
+                failures.append(self._failure("the disk is too slow", lost, slow=True))
+            else:
+                self._try(partial(self._do, batch.draft.size, self._store, batch), failures)
+            if failures:
+                raise _all_of(failures)
+        else:
+            self._do(batch.draft.size, self._store, batch)
 
-    def _do(self, action: Callable[..., None], *arguments: Any) -> None:
+    def _make_room(self, most: int, size: int, failures: list[LostMessagesError], *, patient: bool) -> bool:
+        """Return whether another chunk may wait; wait a little for that, if that makes sense."""
+        deadline = monotonic() + self._patience
+        self._try(partial(self._collect, 0), failures)
+        if 2 * self._queued <= most:
+            self._overrun = False
+        while self._waiting and self._queued + size > most:
+            left = deadline - monotonic()
+            if not patient or self._overrun or left <= 0.0:
+                self._overrun = True
+                return False
+            wait([self._waiting[0][0]], timeout=left)
+            self._try(partial(self._collect, 0), failures)
+        return True
+
+    def _do(self, size: int, action: Callable[..., None], *arguments: Any) -> None:
         """Do something with the file, now or on the other thread."""
         if self._thread is None:
             try:
@@ -275,61 +484,94 @@ class LogWriter:
             except OSError as error:
                 raise self._failure(error, Counter()) from error
         else:
-            self._waiting.append(self._thread.submit(action, *arguments))
-            self._collect(_MOST_WAITING)
+            self._waiting.append((self._thread.submit(action, *arguments), size))
+            self._queued += size
+            self._collect(_MOST_WAITING if self._queue_bytes is None else 0)
 
     def _collect(self, most: int | None) -> None:
         """Take note of what is done; wait until no more than `most` is not (None: nothing; 0: do not wait)."""
-        lost: Counter[tuple[str, Role]] = Counter()
-        failure: LostMessagesError | None = None
-        while self._waiting and (most is None or self._waiting[0].done() or 0 < most < len(self._waiting)):
-            error = self._waiting.popleft().exception()
+        failures: list[LostMessagesError] = []
+        self._collect_sync(failures, waiting=False)
+        while self._waiting and (most is None or self._waiting[0][0].done() or 0 < most < len(self._waiting)):
+            future, size = self._waiting[0]
+            error = future.exception()
+            self._waiting.popleft()
+            self._queued -= size
             if isinstance(error, OSError):
                 error = self._failure(error, Counter())
             if isinstance(error, LostMessagesError):
-                lost += error.lost
-                failure = error
+                failures.append(error)
             elif error is not None:
                 raise error
-        if failure is not None:
-            failure.lost = lost
-            raise failure
+        if failures:
+            raise _all_of(failures)
 
     def _store(self, batch: _Batch) -> None:
-        lost = Counter({self._names[channel]: count for channel, count in batch.chunk.counts.items()})
         try:
+            chunk, extras = batch.draft.chunk(), batch.draft.extras
             with self._file.together():
-                if batch.extras is not None:
-                    self._file.attachment(layout.EXTRAS, layout.EXTRAS_TYPE, batch.extras)
+                if extras:
+                    self._file.attachment(layout.EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
                 if batch.provenance is not None:
                     self._file.metadata(layout.PROVENANCE, {"changes": batch.provenance})
-                self._file.chunk(batch.chunk)
-            if self._durable and (now := self._now()) - self._synced >= self._chunk_ns:
-                self._synced = now
-                self._file.sync()
+                self._file.chunk(chunk)
         except OSError as error:
-            raise self._failure(error, lost) from error
-        self._written.update(lost)
+            raise self._failure(error, self._by_name(batch.draft.counts())) from error
+        except Exception as error:  # such as no memory: what is lost must be counted all the same
+            _LOG.exception("a chunk of %s could not be made", self.path)
+            raise self._failure(repr(error), self._by_name(batch.draft.counts())) from error
+        self._written.update(self._by_name(chunk.counts))
         self.problem = ""
+        if self._durable and (now := self._now()) - self._synced >= self._chunk_ns:
+            self._synced = now
+            self._sync()
+
+    def _sync(self) -> None:
+        """Promise that what is written stays; on a thread of its own, since the next chunks must not wait for it."""
+        if self._syncer is None:
+            self._synchronise()
+        elif self._syncing is None:
+            self._syncing = self._syncer.submit(self._synchronise)
+
+    def _synchronise(self) -> None:
+        try:
+            self._file.sync()
+        except OSError as error:  # what was written may be there all the same
+            raise self._failure(error, Counter()) from error
+
+    def _collect_sync(self, failures: list[LostMessagesError], *, waiting: bool) -> None:
+        if self._syncing is not None and (waiting or self._syncing.done()):
+            error = self._syncing.exception()
+            self._syncing = None
+            if isinstance(error, LostMessagesError):
+                failures.append(error)
+            elif error is not None:
+                raise error
 
     def _finish(self) -> None:
-        self._do(self._file.finish, list(self._schemas.values()), self._channels)
+        self._do(0, self._file.finish, list(self._schemas.values()), self._channels)
 
     def _note(self, name: str, mapping: dict[str, str]) -> None:
         self._file.metadata(name, mapping)
 
-    def _failure(self, error: OSError | str, lost: Counter[tuple[str, Role]]) -> LostMessagesError:
+    def _by_name(self, counts: Mapping[int, int]) -> Counter[tuple[str, Role]]:
+        return Counter({self._names[channel]: count for channel, count in counts.items()})
+
+    def _failure(
+        self, error: OSError | str, lost: Counter[tuple[str, Role]], *, slow: bool = False
+    ) -> LostMessagesError:
         reason = error if isinstance(error, str) else error.strerror or str(error)
-        failure = LostMessagesError(reason, where=self.path, lost=lost)
+        self.errno = None if isinstance(error, str) else error.errno
+        failure = LostMessagesError(reason, where=self.path, lost=lost, errno=self.errno, slow=slow)
         self.problem = failure.message
         return failure
 
-    def _refuse(self, key: str) -> None:
-        self.refused += 1
+    def _refuse(self, key: str, count: int = 1) -> None:
+        self.refused += count
         topic = key if self._registry is None else self._registry.topic(key)
-        self.lost[topic if topic in self.lost or len(self.lost) < _MAX_CHANNELS else _OTHER_TOPICS] += 1
+        self.lost[topic if topic in self.lost or len(self.lost) < _MAX_CHANNELS else _OTHER_TOPICS] += count
 
-    def _open_channel(self, message: Message, role: Role) -> tuple[int, Constants] | None:
+    def _open_channel(self, message: Message, role: Role) -> Track | None:
         key = message.key
         topic, kind = key, None
         if self._registry is not None:
@@ -339,28 +581,30 @@ class LogWriter:
             return None
         constants = Constants.of(message)
         metadata = {layout.KEY: key, layout.TOPIC: topic, layout.ROLE: role, **constants.to_metadata()}
-        if kind is not None and kind.encoding == "cdr":
+        schema = kind.schema if kind else None
+        encoding = kind.encoding if kind else _MESSAGE_ENCODINGS.get(message.encoding, message.encoding)
+        if kind is None and self._registry is not None and (adapter := self._registry.stamping(key)) is not None:
+            schema, encoding = adapter.definition(key) or (None, encoding)
+        if encoding == "cdr":
             found = _TYPE_HASH.search(key)
             metadata |= {"offered_qos_profiles": _DEFAULT_QOS, "topic_type_hash": found.group() if found else ""}
         if self._more_metadata is not None:
             metadata |= self._more_metadata(key)
         name = topic if role == "delivered" else layout.ORIGINAL_PREFIX + topic.lstrip("/")
-        encoding = kind.encoding if kind else _MESSAGE_ENCODINGS.get(message.encoding, message.encoding)
         channel = Channel(
             id=len(self._channels) + 1,
             topic=name,
             message_encoding=encoding,
             metadata=metadata,
-            schema_id=self._schema_id(kind),
+            schema_id=self._schema_id(schema),
         )
         self._channels.append(channel)
         self._builder.define(record_bytes(channel))
         self._names[channel.id] = key, role
-        known = self._known[role][key] = channel.id, constants
-        return known
+        track = self._known[role][key] = Track(channel.id, constants)
+        return track
 
-    def _schema_id(self, kind: MessageType | None) -> int:
-        schema = kind.schema if kind is not None else None
+    def _schema_id(self, schema: Definition | None) -> int:
         if schema is None:
             return 0
         identity = (schema.name, schema.data)
@@ -371,3 +615,11 @@ class LogWriter:
             self._schemas[identity] = found
             self._builder.define(record_bytes(found))
         return found.id
+
+
+def _all_of(failures: Sequence[LostMessagesError]) -> LostMessagesError:
+    """Return the last failure, with what all of them have lost."""
+    *former, found = failures
+    for each in former:
+        found.add(each)
+    return found

@@ -55,21 +55,28 @@ class Offer:
         key: Zenoh key.
         depth: Late joiners get so many of the last messages; None if they get none.
         reliable: Whether what was lost is sent again to those who ask.
-        block: Whether a slow subscriber holds up the publisher; None as it was recorded.
+        block: Whether a slow subscriber holds up the publisher, whatever was recorded.
         identify: Returns who publishes, from the session's id and the publisher's number in it.
     """
 
     key: str
     depth: int | None = None
     reliable: bool = True
-    block: bool | None = None
+    block: bool = False
     identify: Callable[[str, int], Identity] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class SimClock:
-    """How time is told to those who follow a simulated clock: how to publish it, and a payload for nanoseconds."""
+    """How time is told to those who follow a simulated clock.
 
+    Attributes:
+        name: What people call the topic; a recorded one of this name is not played beside it.
+        offer: How to publish it.
+        payload: Returns the payload for a time in nanoseconds.
+    """
+
+    name: str
     offer: Offer
     payload: Callable[[int], bytes]
 
@@ -88,6 +95,11 @@ class Offering(Protocol):
         """
         ...
 
-    def clock(self, domain: int | None) -> SimClock | None:
-        """Return how to tell the time, None if this middleware has no simulated time."""
+    def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock | None:
+        """Return how to tell the time, None if this middleware has no simulated time.
+
+        Args:
+            topics: What is played.
+            domain: Another domain than theirs.
+        """
         ...

@@ -11,6 +11,8 @@ from riot_bus.selector import key_matches
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import TopicName
 from riot_bus.types.msgpack_type import MsgpackType, is_container
+from riot_bus.types.offer import Offering
+from riot_bus.types.stamp import Stamping
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -137,6 +139,21 @@ class TypeRegistry:
             self._types.setdefault(found.name, found)
             self._settled.clear()
         return found
+
+    def offerings(self) -> list[Offering]:
+        """Return the adapters that say how topics are published."""
+        return [each for each in self._adapters if isinstance(each, Offering)]
+
+    def stampings(self) -> list[Stamping]:
+        """Return the adapters that read what messages and publishers say of themselves."""
+        return [each for each in self._adapters if isinstance(each, Stamping)]
+
+    def stamping(self, key: str) -> Stamping | None:
+        """Return the one that does so for a key, None if there is none."""
+        for adapter in self._adapters:
+            if isinstance(adapter, Stamping) and adapter.topic(key) is not None:
+                return adapter
+        return None
 
     def type_named(self, name: str) -> MessageType | None:
         """Return the type of this name, None if no adapter and no log has it."""

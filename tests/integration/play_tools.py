@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from mcap.writer import Writer
-
 from riot_bus.bus.client import Client, open_client
 from riot_bus.bus.playing.options import PlayOptions
 from riot_bus.bus.playing.service import PlayResult, PlayService
@@ -18,10 +16,6 @@ from riot_bus.message import Message
 MS = 10**6
 SECOND = 10**9
 BEGIN = 1_700_000_000 * SECOND
-STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-STRING_KEY = f"std_msgs::msg::dds_::String_/{STRING_HASH}"
-VOLATILE = "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n"
-LATCHED = "- history: 1\n  depth: 2\n  reliability: 1\n  durability: 1\n"
 
 
 def write(path: Path, messages: Iterable[Message]) -> Path:
@@ -38,36 +32,6 @@ def numbered(count: int, *keys: str, period: int = MS, begin: int = BEGIN) -> li
         Message(begin + number // len(keys) * period, keys[number % len(keys)], b'{"v": %d}' % number, sequence=number)
         for number in range(count)
     ]
-
-
-def text(value: str) -> bytes:
-    """A std_msgs/msg/String."""
-    data = value.encode() + b"\0"
-    return b"\0\1\0\0" + len(data).to_bytes(4, "little") + data
-
-
-def write_bag(path: Path, topics: dict[str, tuple[str, str]], messages: Iterable[tuple[int, str, str]]) -> Path:
-    """A ROS 2 bag of strings, as rosbag2 writes it.
-
-    Args:
-        path: The file.
-        topics: Offered QoS and type hash by name.
-        messages: Time, topic and text.
-    """
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2", library="rosbag2")
-        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
-        channels = {
-            name: writer.register_channel(
-                name, "cdr", schema, {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
-            )
-            for name, (qos, type_hash) in topics.items()
-        }
-        for time, name, value in messages:
-            writer.add_message(channels[name], time, text(value), time)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
 
 
 class Listener:

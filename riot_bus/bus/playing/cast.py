@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.playing.options import parse_latched, parse_remaps
+from riot_bus.bus.playing.options import parse_latched
 from riot_bus.bus.runtime import canonical
 from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
-from riot_bus.selector import key_matches
+from riot_bus.log.naming import means, parse_remaps, renamed
 from riot_bus.types.offer import Offer, Offering
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from riot_bus.bus.playing.options import PlayOptions
     from riot_bus.types.model import Adapter
@@ -59,28 +59,25 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
     for where, texts in wanted.items():
         _check_known(texts, topics, where)
     offering = [each for each in adapters if isinstance(each, Offering)]
+    chosen = [[topic for topic in log if _is_wanted(topic, options)] for log in logs]
     found = Cast()
     if options.clock:
-        clocks = (each.clock(options.domain) for each in offering)
+        clocks = (each.clock([topic for log in chosen for topic in log], domain=options.domain) for each in offering)
         found.clock = next((clock for clock in clocks if clock is not None), None)
         if found.clock is None:
             raise MissingExtraError("rosbags", "ros2")
-    for log in logs:
+    for log in chosen:
         keys: dict[str, str] = {}
         for topic in log:
-            if options.topics and not any(_means(text, topic) for text in options.topics):
-                continue
-            if any(_means(text, topic) for text in options.exclude):
-                continue
-            offer = _offer(topic, _renamed(topic, remaps), options.domain, offering)
-            if found.clock is not None and offer.key == found.clock.offer.key:
+            if found.clock is not None and found.clock.name == (renamed(topic, remaps) or topic.name):
                 continue  # ours takes its place
-            depth = next((depth for text, depth in latched.items() if _means(text, topic)), None)
+            offer = _offer(topic, renamed(topic, remaps), options.domain, offering)
+            depth = next((depth for text, depth in latched.items() if means(text, topic)), None)
             offer = offer if depth is None else replace(offer, depth=depth)
             keys[topic.key] = offer.key
             known = found.offers.get(offer.key)
             found.offers[offer.key] = offer if known is None or known.depth is None else known
-            found.names[offer.key] = _renamed(topic, remaps) or topic.name
+            found.names[offer.key] = renamed(topic, remaps) or topic.name
             found.topics[offer.key] = topic
         found.keys.append(keys)
     if topics and not found.offers:
@@ -88,30 +85,17 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
     return found
 
 
-def _means(text: str, topic: RecordedTopic) -> bool:
-    if text in (topic.name, topic.key) or key_matches(text, topic.key):
-        return True
-    return key_matches(text.strip("/"), topic.name.strip("/"))
+def _is_wanted(topic: RecordedTopic, options: PlayOptions) -> bool:
+    if options.topics and not any(means(text, topic) for text in options.topics):
+        return False
+    return not any(means(text, topic) for text in options.exclude)
 
 
 def _check_known(texts: Iterable[str], topics: Sequence[RecordedTopic], where: str) -> None:
     for text in texts:
-        if topics and not any(_means(text, topic) for topic in topics):
+        if topics and not any(means(text, topic) for topic in topics):
             hint = did_you_mean(text, {topic.name for topic in topics})
             raise ConfigError(f"the logs have no topic {text!r}", where=where, hint=hint)
-
-
-def _renamed(topic: RecordedTopic, remaps: Mapping[str, str]) -> str | None:
-    bare = topic.name.strip("/")
-    for old, new in remaps.items():
-        if not old.endswith("/**"):
-            if old in (topic.name, topic.key) or old.strip("/") == bare:
-                return new
-            continue
-        prefix = old.removesuffix("/**").strip("/")
-        if not prefix or f"{bare}/".startswith(f"{prefix}/"):
-            return f"{new.removesuffix('/**')}/{bare.removeprefix(prefix).strip('/')}".rstrip("/")
-    return None
 
 
 def _offer(topic: RecordedTopic, name: str | None, domain: int | None, offering: Sequence[Offering]) -> Offer:
@@ -122,7 +106,11 @@ def _offer(topic: RecordedTopic, name: str | None, domain: int | None, offering:
     if not topic.keyed and topic.encoding == "cdr" and topic.schema.encoding in _ROS_SCHEMAS and not offering:
         raise MissingExtraError("rosbags", "ros2")
     key = (topic.key if name is None else name).strip("/")
-    (text,) = canonical([key])
+    hint = "rename it (--remap) or leave it out (--exclude)"
+    try:
+        (text,) = canonical([key])
+    except ConfigError as error:
+        raise ConfigError(error.message, where=topic.name, hint=hint) from error
     if "*" in text:
-        raise ConfigError(f"{text!r} cannot be published to", where="--remap", hint="give it a name without wildcards")
+        raise ConfigError(f"{text!r} cannot be published to", where=topic.name, hint=hint)
     return Offer(text)

@@ -19,13 +19,14 @@ UNDER = "play/**"
 """The keys of these commands, below the player's own."""
 
 _MOST_STEPS = 1_000_000
+_LARGEST = 1e12
 
 
 def _number(request: Request, name: str, default: float | None = None) -> float:
     found = request.argument(name)
     if found is None and default is not None:
         return default
-    if isinstance(found, bool) or not isinstance(found, int | float):
+    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
         raise ConfigError(f"the argument {name!r} is no number", hint=f'such as {{"{name}": 2.5}}')
     return float(found)
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.errors import ConfigError
+from riot_bus.log.naming import parse_remaps, parse_time
 from riot_bus.log.player import check_rate
 
-__all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "parse_latched", "parse_remaps", "parse_until"]
+__all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "files_of", "parse_latched", "parse_remaps", "parse_until"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_EPOCH_S = 1e8
+_LONGEST_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,7 @@ class PlayOptions:
     """What to play, and how.
 
     Attributes:
-        logs: MCAP files; merged by time.
+        logs: MCAP files, or folders that hold the files of one recording; merged by time.
         endpoint: The router to publish to.
         config: Further Zenoh configuration of the client.
         name: Under which it is controlled.
@@ -94,8 +94,8 @@ class PlayOptions:
         check_rate(self.rate)
         for name in ("delay", "start_offset", "duration", "clock", "wait", "quiet", "settle_timeout"):
             value = getattr(self, name)
-            if value is not None and not 0.0 <= value < math.inf:
-                raise ConfigError(f"{value} is no number of 0 or more", where=f"--{name.replace('_', '-')}")
+            if value is not None and not 0.0 <= value <= _LONGEST_S:
+                raise ConfigError(f"{value} is no number from 0 to 1e9", where=f"--{name.replace('_', '-')}")
         if not 0.0 <= self.clock <= 1000.0:
             raise ConfigError(f"{self.clock:g} Hz are too many", where="--clock", hint="at most 1000")
         if self.duration is not None and self.until is not None:
@@ -107,20 +107,15 @@ class PlayOptions:
             raise ConfigError(f"{self.name!r} is no name", where="--name", hint=hint)
 
 
-def parse_remaps(texts: Sequence[str]) -> dict[str, str]:
-    """Parse `OLD:=NEW`; both may end in `/**`.
+def files_of(log: Path) -> list[Path]:
+    """Return the MCAP files of a folder, those with numbers in the order of the numbers; else the path itself."""
+    found = [each for each in log.glob("*.mcap") if each.is_file()] if log.is_dir() else []
+    return sorted(found, key=_natural) or [log]
 
-    Raises:
-        ConfigError: A text is not of this form.
-    """
-    found = {}
-    for text in texts:
-        old, assigned, new = text.partition(":=")
-        if not assigned or not old.strip("/") or not new.strip("/") or old.endswith("/**") != new.endswith("/**"):
-            hint = "write OLD:=NEW, such as /odom:=/replay/odom or '/robot1/**:=/robot2/**'"
-            raise ConfigError(f"{text!r} does not say what to rename", where="--remap", hint=hint)
-        found[old] = new
-    return found
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r"([0-9]+)", path.name)
+    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
 
 
 def parse_latched(texts: Sequence[str]) -> dict[str, int]:
@@ -136,26 +131,5 @@ def parse_latched(texts: Sequence[str]) -> dict[str, int]:
 
 
 def parse_until(text: str, start: int) -> int:
-    """Return a time of the logs in nanoseconds.
-
-    Args:
-        text: Seconds from the beginning, seconds since the Unix epoch (from 100 million on), or a date and time in
-            ISO 8601; UTC if it does not say.
-        start: The beginning, nanoseconds.
-
-    Raises:
-        ConfigError: It is none of these.
-    """
-    try:
-        seconds = float(text)
-    except ValueError:
-        try:
-            point = datetime.fromisoformat(text)
-        except ValueError:
-            hint = "write seconds from the beginning, seconds since 1970, or 2026-11-21T10:00:00"
-            raise ConfigError(f"{text!r} is no time", where="--until", hint=hint) from None
-        point = point if point.tzinfo is not None else point.replace(tzinfo=UTC)
-        return int(point.timestamp() * 1e9)
-    if not 0.0 <= seconds < 1e11:
-        raise ConfigError(f"{text} is no time", where="--until")
-    return int(seconds * 1e9) + (0 if seconds >= _EPOCH_S else start)
+    """Return a time of the logs in nanoseconds; see `riot_bus.log.naming.parse_time`."""
+    return parse_time(text, start, where="--until")

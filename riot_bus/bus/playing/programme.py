@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING
 from riot_bus.bus.assemble import RouterOptions, interceptors_of, parse_types, plan_of
 from riot_bus.bus.interception import topics_of
 from riot_bus.bus.playing.cast import cast
-from riot_bus.bus.playing.options import parse_until
+from riot_bus.bus.playing.options import files_of, parse_until
 from riot_bus.bus.settings import RouterSettings
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.log.ahead import AheadSource
 from riot_bus.log.channels import recorded_topics, span_of
 from riot_bus.log.reader import LogReader
+from riot_bus.log.recall import RecallingSource
 from riot_bus.log.sources import LogSource, MergedSource, PipedSource
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from riot_bus.bus.playing.cast import Cast
     from riot_bus.bus.playing.options import PlayOptions
     from riot_bus.log.sources import Source
+    from riot_bus.message import Message
 
 __all__ = ["Programme"]
 
@@ -48,7 +52,10 @@ class Programme:
         self.warnings: list[str] = []
         self._stack = ExitStack()
         with ExitStack() as stack:
-            self.readers = [stack.enter_context(LogReader(path)) for path in options.logs]
+            self._recordings = [
+                [stack.enter_context(LogReader(file)) for file in files_of(log)] for log in options.logs
+            ]
+            self.readers = [reader for recording in self._recordings for reader in recording]
             adapters = load_adapters()
             for adapter in adapters if options.definitions else ():
                 adapter.load(options.definitions)
@@ -56,11 +63,15 @@ class Programme:
             self.cast: Cast = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
             self._learn_types()
             merged = self._merged(options)
-            ahead = AheadSource(merged)
-            stack.callback(ahead.close)
+            self._ahead = AheadSource(merged)
+            stack.callback(self._ahead.close)
             self.pipeline = self._pipeline(options)
-            self.source: Source = ahead if self.pipeline is None else PipedSource(ahead, self.pipeline)
+            self.source: Source = self._ahead if self.pipeline is None else PipedSource(self._ahead, self.pipeline)
             self._stack = stack.pop_all()
+
+    def finish(self) -> None:
+        """Read no more; then `losses` is final."""
+        self._ahead.close()
 
     def close(self) -> None:
         """Close the logs; safe to call twice."""
@@ -80,15 +91,30 @@ class Programme:
                 if topic.schema.name or topic.encoding:
                     self.registry.add_schema(name, topic.schema, topic.encoding)
 
-    def _merged(self, options: PlayOptions) -> MergedSource:
-        spans = [span_of(reader) for reader in self.readers]
-        filled = [span for span in spans if span != (0, 0)]
-        self.origin = min((low for low, _ in filled), default=0)
-        sources = [
-            LogSource(reader, keys, shift=self.origin - low if options.align else 0)
-            for reader, keys, (low, high) in zip(self.readers, self.cast.keys, spans, strict=True)
-            if keys and (low, high) != (0, 0)
+    def _merged(self, options: PlayOptions) -> Source:
+        spans = {id(reader): span for reader in self.readers if (span := span_of(reader)) is not None}
+        begins = [
+            min((spans[id(reader)][0] for reader in recording if id(reader) in spans), default=None)
+            for recording in self._recordings
         ]
+        self.origin = min((begin for begin in begins if begin is not None), default=0)
+        shifts = {
+            id(reader): self.origin - begin if options.align and begin is not None else 0
+            for recording, begin in zip(self._recordings, begins, strict=True)
+            for reader in recording
+        }
+        latched = {key: offer.depth for key, offer in self.cast.offers.items() if offer.depth is not None}
+        sources: list[Source] = []
+        keeping: list[Source] = []
+        for reader, keys in zip(self.readers, self.cast.keys, strict=True):
+            if id(reader) not in spans:
+                continue
+            shift = shifts[id(reader)]
+            if keys:
+                sources.append(LogSource(reader, keys, shift=shift))
+            kept = {recorded: key for recorded, key in keys.items() if key in latched}
+            if kept:
+                keeping.append(LogSource(reader, kept, shift=shift))
         start = self.origin + int(options.start_offset * 1e9)
         end: int | None = None
         if options.duration is not None:
@@ -103,7 +129,14 @@ class Programme:
                 f"there is nothing after {options.start_offset:g} s: the logs are {(last - self.origin) / 1e9:g} s long"
             )
             raise ConfigError(text, where="--start-offset")
-        return MergedSource(sources, start=start, end=end)
+        merged = MergedSource(sources, start=start, end=end)
+        if not keeping:
+            return merged
+
+        def before(since: int, until: int) -> Iterator[Message]:
+            return MergedSource(keeping, start=since, end=until).messages()
+
+        return RecallingSource(merged, before, latched, origin=self.origin)
 
     def _pipeline(self, options: PlayOptions) -> Pipeline | None:
         wanted = RouterOptions(interceptors=options.interceptors, inject=options.inject, seed=options.seed)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Publishing"]
 
 _HEARTBEAT_S = 0.5
-_MOST_KEYS = 4096
+_MOST_KEYS = 4096  # that interceptors may invent
 
 
 class Publishing:
@@ -46,6 +46,7 @@ class Publishing:
         self._block = block
         self._zid = str(session.info.zid())
         self._outlets: dict[str, _Outlet] = {}
+        self._most = len(offers) + _MOST_KEYS
         self._tokens: dict[str, Any] = {}
         self._entities = 0
         self._links = _Links(session)
@@ -104,8 +105,8 @@ class Publishing:
         self._outlets.clear()
 
     def _open(self, offer: Offer) -> _Outlet:
-        if len(self._outlets) >= _MOST_KEYS:
-            raise ValueError(f"more than {_MOST_KEYS} keys")
+        if len(self._outlets) >= self._most:
+            raise ValueError(f"interceptors have invented more than {_MOST_KEYS} keys")
         self._entities += 1
         identity = offer.identify(self._zid, self._entities) if offer.identify is not None else Identity()
         outlet = self._outlets[offer.key] = _Outlet(self._session, offer, identity, block=self._block)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import signal
 import sys
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 from riot_bus.bus.playing.keys import HELP, press
 from riot_bus.bus.playing.service import PlayService
 from riot_bus.bus.playing.text import progress_line, result_line, speed
+from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -72,12 +74,12 @@ def run_play(
     def tell(line: str) -> None:
         for each in shown:
             each.progress("")
-        warn(f"warning: {line}")
+        warn(plain(f"warning: {line}"))
 
     service = PlayService(options, warn=tell)
     interrupted = threading.Event()
     try:
-        with _signals(service, interrupted), _quick_switches(), service:
+        with _signals(service, interrupted), _punctual(), service:
             say(_ready(service, as_json=as_json))
             with console or nullcontext() as terminal:
                 if terminal is None:
@@ -110,7 +112,7 @@ def _ready(service: PlayService, *, as_json: bool) -> str:
     status = service.status()
     logs = ", ".join(str(path) for path in options.logs)
     length = status["end"] - status["start"]
-    return (
+    return plain(
         f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, to {options.endpoint}"
     )
 
@@ -133,17 +135,19 @@ def _end(
             topics = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(5))
             parts.append(f"{result.lost.total()} messages were not published: {topics}")
         parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:5]]
-        raise DataLossError("; ".join(parts))
+        raise DataLossError(plain("; ".join(parts)))
 
 
 @contextmanager
-def _quick_switches() -> Iterator[None]:
-    """Let threads take turns more often, else reading ahead makes messages late by Python's usual 5 ms."""
+def _punctual() -> Iterator[None]:
+    """Let threads take turns more often than each 5 ms, and keep what is loaded out of garbage collections."""
     former = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
+    gc.freeze()
     try:
         yield
     finally:
+        gc.unfreeze()
         sys.setswitchinterval(former)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import threading
 import time
@@ -20,11 +21,12 @@ from riot_bus.bus.playing.publishing import Publishing
 from riot_bus.bus.playing.rivals import Rivals
 from riot_bus.bus.playing.simclock import Ticker
 from riot_bus.bus.runtime import open_session, prepare_runtime, release
+from riot_bus.errors import RiotError
 from riot_bus.log.pace import SteadyPace
 from riot_bus.log.player import Player
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     import zenoh
 
@@ -36,10 +38,15 @@ __all__ = ["PlayResult", "PlayService"]
 
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
+_END_S = _FLUSH_S + 5.0
 _ASK_S = 1.0
 _MOST_NAMES = 100
 _LOOK_S = 0.002
 _SHOWN = 5
+_CONFIG = {
+    "timestamping/enabled": True,
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,  # microseconds; 5 s are the usual
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +113,9 @@ class PlayService:
         self._settling: Settling | None = None
         self._ticker: Ticker | None = None
         self._waiting = True
+        self._unmatched: set[str] = set()
         self._stopped = False
+        self._give_up = math.inf
         self._done = threading.Event()
         self._failure = ""
         self._seconds = 0.0
@@ -116,7 +125,9 @@ class PlayService:
         self.start()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is KeyboardInterrupt:
+            self._give_up = 0.0
         self.close()
 
     # -- life ---------------------------------------------------------------------------------------------------------
@@ -131,7 +142,7 @@ class PlayService:
         with ExitStack() as stack:
             stack.callback(self.programme.close)
             prepare_runtime()
-            config = client_config(options.endpoint, extra={"timestamping/enabled": True, **options.config})
+            config = client_config(options.endpoint, extra={**_CONFIG, **options.config})
             session = open_session(config, purpose="player")
             stack.callback(release, session)
             rivals = Rivals(session, set(cast.offers), self._rival)
@@ -152,8 +163,8 @@ class PlayService:
         self._stack.callback(self._end_thread)
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the end; return whether it has ended."""
-        return self._done.wait(timeout)
+        """Wait for the end; return whether it has ended, or hangs although it was told to end long ago."""
+        return self._done.wait(timeout) or time.monotonic() > self._give_up
 
     def close(self) -> None:
         """Stop and disconnect; safe to call twice."""
@@ -184,6 +195,8 @@ class PlayService:
 
     def stop(self) -> None:
         """End as soon as possible; does not wait for it."""
+        if not self._stopped:
+            self._give_up = time.monotonic() + _END_S
         self._stopped = True
         self.player.stop()
 
@@ -218,6 +231,8 @@ class PlayService:
             problems["link"] = f"the link to {self.options.endpoint} broke {publishing.broken} times"
         if self._failure:
             problems["player"] = self._failure
+        elif not self._done.is_set() and time.monotonic() > self._give_up:
+            problems["player"] = f"it did not end within {_END_S:g} s: an interceptor or a file hangs"
         return PlayResult(
             published=status.published,
             seconds=self._seconds,
@@ -239,7 +254,8 @@ class PlayService:
     def _watch(self, session: zenoh.Session, stack: ExitStack) -> None:
         options, clock = self.options, self.programme.cast.clock
         if options.ack is not None:
-            self._settling = Acknowledged(session, options.ack, timeout=options.settle_timeout)
+            key = self.programme.registry.key_expression(options.ack)
+            self._settling = Acknowledged(session, key, timeout=options.settle_timeout)
         elif options.lockstep:
             keys = [self.programme.registry.key_expression(each) for each in options.lockstep]
             self._settling = Quiet(session, keys, window=options.quiet, timeout=options.settle_timeout)
@@ -260,11 +276,14 @@ class PlayService:
             self._seconds = time.monotonic() - began
             if not self._publishing.flush(_FLUSH_S):
                 self._failure = f"the router did not take the last messages within {_FLUSH_S:g} s"
+            self._warn_of_leavers()
         except Exception as error:
-            _LOG.exception("the play failed")
-            self._failure = repr(error)
+            if not isinstance(error, OSError | RiotError):
+                _LOG.exception("the play failed")
+            self._failure = str(error) or repr(error)
             self._seconds = time.monotonic() - began
         finally:
+            self.programme.finish()
             if self.programme.pipeline is not None:
                 self.programme.pipeline.close()
             self._done.set()
@@ -274,10 +293,20 @@ class PlayService:
         while (unmatched := self._publishing.unmatched()) and time.monotonic() < deadline and not self._stopped:
             time.sleep(_LOOK_S)
         self._waiting = False
+        self._unmatched = set(unmatched)
         if unmatched and self.options.wait and not self._stopped:
-            names = sorted(map(self.programme.name, unmatched))
-            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-            self._warn(f"after {self.options.wait:g} s nobody subscribes to {', '.join(names[:_SHOWN])}{more}")
+            self._warn(f"after {self.options.wait:g} s nobody subscribes to {self._names(unmatched)}")
+
+    def _warn_of_leavers(self) -> None:
+        """A router disconnects a subscriber that holds up others for too long; what comes later is lost to it."""
+        gone = set(self._publishing.unmatched()) - self._unmatched
+        if gone and not self._stopped:
+            self._warn(f"at the end nobody subscribes any more to {self._names(gone)}")
+
+    def _names(self, keys: Collection[str]) -> str:
+        names = sorted(map(self.programme.name, keys))
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        return ", ".join(names[:_SHOWN]) + more
 
     def _publish(self, message: Message) -> None:
         if self._ticker is not None:
@@ -299,7 +328,7 @@ class PlayService:
 
     def _end_thread(self) -> None:
         self.stop()
-        self._thread.join()
+        self._thread.join(max(0.0, self._give_up - time.monotonic()))
 
 
 def _free_name(session: zenoh.Session, name: str) -> str:

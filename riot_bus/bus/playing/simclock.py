@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from riot_bus.message import Message
@@ -38,13 +39,15 @@ class Ticker:
 
     def start(self) -> None:
         """Begin."""
-        self._tell(None)
+        with self._lock:
+            self._tell(self._position())
         self._thread.start()
 
     def before(self, time: int) -> None:
         """Tell the time of a message that is about to be published, unless it was told lately."""
-        if not 0 <= time - self._told < self._period:
-            self._tell(time)
+        with self._lock:  # what is being told on the other thread has to be out before the message
+            if not 0 <= time - self._told < self._period:
+                self._tell(time)
 
     def close(self) -> None:
         """End."""
@@ -52,12 +55,15 @@ class Ticker:
         if self._thread.is_alive():
             self._thread.join()
 
-    def _tell(self, time: int | None) -> None:
-        with self._lock:
-            time = self._position() if time is None else time
-            self._told = time
-            self._publish(Message(time, self._clock.offer.key, self._clock.payload(time)))
+    def _tell(self, time: int) -> None:
+        self._told = time
+        self._publish(Message(time, self._clock.offer.key, self._clock.payload(time)))
 
     def _run(self) -> None:
-        while not self._ending.wait(self._period_s):
-            self._tell(None)
+        due = monotonic()
+        while True:
+            due = max(due + self._period_s, monotonic())  # what was missed is not made up for
+            if self._ending.wait(due - monotonic()):
+                return
+            with self._lock:
+                self._tell(self._position())

@@ -23,8 +23,12 @@ def speed(rate: float) -> str:
 
 def progress_line(status: Mapping[str, Any]) -> str:
     """Return one line about what is going on."""
+    return f"{_SIGNS[status['state']]} {_where(status)}"
+
+
+def _where(status: Mapping[str, Any]) -> str:
     parts = [
-        f"{_SIGNS[status['state']]} {status['state']}",
+        status["state"],
         f"{status['position']:.1f} of {status['end']:.1f} s",
         speed(status["rate"]),
         f"{status['published']} messages",
@@ -33,6 +37,8 @@ def progress_line(status: Mapping[str, Any]) -> str:
         parts.append(f"pass {status['pass']}")
     if status["lost"]:
         parts.append(f"{status['lost']} lost")
+    if status["unsettled"]:
+        parts.append(f"{status['unsettled']} times nobody settled in time")
     return ", ".join(parts)
 
 
@@ -40,7 +46,7 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     """Return what a player answers to any command."""
     return [
         plain(f"player {status['name']}, process {status['pid']}: {', '.join(status['logs'])}"),
-        plain(progress_line(status)),
+        plain(_where(status)),
         _late(status["lateness"]),
     ]
 

@@ -25,18 +25,30 @@ LATCHED = ":1:,10:,:,:,,"
 
 def plain(message: Any) -> Any:
     """Return a message's fields as the test writes them."""
+    if isinstance(message, list):
+        return [plain(each) for each in message]
     if not is_dataclass(message):
-        return message
+        return message.tolist() if hasattr(message, "tolist") else message
     return {each.name: plain(getattr(message, each.name)) for each in fields(message) if each.name != "__msgtype__"}
+
+
+def found(values: Any, path: str) -> Any:
+    """Return the field of a message that a path such as `poses.0.x` names."""
+    for part in path.split("."):
+        values = values[int(part) if isinstance(values, list) else part]
+    return values
 
 
 def main(port: int, folder: Path, name: str) -> None:
     import zenoh_ros2_sdk as sdk
 
-    for path, text in DEFINITIONS.items():
-        file = folder / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
+    def define(definitions: dict[str, str]) -> None:
+        for path, text in definitions.items():
+            file = folder / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+
+    define(DEFINITIONS)
     session = sdk.ZenohSession.get_instance("127.0.0.1", port)
     sdk.get_registry().messages_dir = folder
     common: dict[str, Any] = {"node_name": name, "router_ip": "127.0.0.1", "router_port": port}
@@ -75,6 +87,16 @@ def main(port: int, folder: Path, name: str) -> None:
             case "subscribe":
                 qos = LATCHED if order.get("latched") else None
                 subscribers.append(sdk.ROS2Subscriber(callback=collect(topic), qos=qos, **endpoint))
+            case "define":
+                define(order["definitions"])
+            case "values":
+                with arrived:
+                    return [
+                        [found(values, path) for path in order["paths"]] for where, values in received if where == topic
+                    ]
+            case "count":
+                with arrived:
+                    return sum(where == topic for where, _ in received)
             case "wait":
                 with arrived:
                     arrived.wait_for(lambda: sum(each[0] == topic for each in received) >= order["count"], 10)

@@ -11,6 +11,7 @@ from riot_bus.bus.logfiles import claim, safe_path
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.runtime import wait_until
 from riot_bus.errors import ConfigError
+from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.mcap_file import McapFile
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
@@ -20,6 +21,7 @@ from riot_bus.message import Message
 class Memory:
     problem = ""
     refused = 0
+    account: Account | None = None
 
     def __init__(self) -> None:
         self.rows: list[str] = []
@@ -30,9 +32,15 @@ class Memory:
         self.rows.append(message.key)
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
-        self.rows.append(name)
+        if name == LOST:
+            self.account = account_of(mapping)
+        else:
+            self.rows.append(name)
 
     def tick(self) -> None:
+        pass
+
+    def flush(self) -> None:
         pass
 
     def close(self) -> None:
@@ -52,6 +60,8 @@ def test_a_switch_leaves_each_message_in_one_file() -> None:
     recorder.close()
     assert first.rows + second.rows == keys
     assert recorder.totals() == (5000, 0)
+    accounts = [each.account for each in (first, second)]
+    assert [sum(each.recorded.values()) for each in accounts if each is not None] == [len(first.rows), len(second.rows)]
 
 
 def test_notes_are_in_their_place_among_the_messages() -> None:
@@ -65,11 +75,13 @@ def test_notes_are_in_their_place_among_the_messages() -> None:
 
 
 def test_what_does_not_fit_is_counted() -> None:
-    recorder = Recorder(Memory(), capacity=0)
+    memory = Memory()
+    recorder = Recorder(memory, capacity=0)
     recorder.delivered(Message(1, "a", b""))
     assert not recorder.note("n", {})
     recorder.close()
     assert recorder.totals() == (0, 1)
+    assert memory.account == Account(lost={"no room": {"a": 1}})
 
 
 def test_what_a_broken_file_lost_is_counted_and_the_next_file_goes_on(
@@ -95,6 +107,9 @@ def test_what_a_broken_file_lost_is_counted_and_the_next_file_goes_on(
     with LogReader(tmp_path / "b.mcap") as reader:
         assert [message.key for message in reader.messages()] == ["d"]
     assert len(caplog.records) == 1
+    for name, expected in (("a", Account(lost={"disk": {"a": 2, "b": 2}})), ("b", Account({"d": 1}))):
+        with LogReader(tmp_path / f"{name}.mcap") as reader:
+            assert [account_of(each) for each in reader.notes(LOST)] == [expected]
 
 
 @pytest.mark.parametrize(

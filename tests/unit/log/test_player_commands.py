@@ -110,7 +110,7 @@ def test_as_fast_as_possible_from_now_on_and_back():
     assert play.when == [0, 5, 5, 5]
 
 
-@pytest.mark.parametrize("rate", [-1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("rate", [-1.0, 1e-300, 1e300, float("nan"), float("inf")])
 def test_rate_must_be_a_speed(rate):
     play = Play(messages(0, 1))
     for act in (lambda: Play([], rate=rate), lambda: play.player.set_rate(rate)):
@@ -316,3 +316,63 @@ def test_steady_pace_is_never_early():
             while pace.now() < until:
                 pace.wait(bell, until)
         assert pace.now() >= until
+
+
+def test_steps_that_were_not_made_are_forgotten_on_seek():
+    play = Play(messages(0, 10, 20), [(1, "step", 5), (2, "seek", 0), (3, "resume")], hold=True, paused=True)
+    play.pace.script.append((BEGIN + 100 * SECOND, 9, play.player.stop))
+    play.run()
+    assert (play.out, play.when) == ([0, 1, 2, 0, 1, 2], [1, 1, 1, 3, 13, 23])
+
+
+class SlowSource(ListSource):
+    """Reads a message only when it may."""
+
+    def __init__(self, messages):
+        super().__init__(messages)
+        self.reading, self.go_on = threading.Event(), threading.Event()
+
+    def messages(self, start=None):
+        for message in super().messages(start):
+            self.reading.set()
+            assert self.go_on.wait(20)
+            yield message
+
+
+def test_commands_do_not_wait_for_a_slow_disk():
+    source, out = SlowSource(messages(0, 0, 0)), []
+    player = Player(source, out.append, pace=SteadyPace())
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    assert source.reading.wait(20)
+    player.pause()
+    player.set_rate(2.0)
+    assert (player.status().state, player.status().rate) == ("paused", 2.0)
+    player.stop()
+    source.go_on.set()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert out == []
+
+
+def test_what_was_being_read_when_somebody_sought_is_not_played():
+    source, out = SlowSource(messages(0, 1, 1000)), []
+    player = Player(source, lambda message: out.append(message.sequence), pace=SteadyPace())
+    thread = threading.Thread(target=player.run)
+    thread.start()
+    assert source.reading.wait(20)
+    player.seek(1000 * SECOND)
+    source.go_on.set()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert out == [2]
+
+
+@pytest.mark.parametrize("rate", [1e-6, 1e6])
+def test_times_beyond_all_measure_do_no_harm(rate):
+    source = ListSource([Message(0, "a", b""), Message((1 << 64) - 1, "a", b"")])
+    seen = []
+    play = Play(source, [(1, "pause"), (2, "resume"), (3, "stop")], rate=rate)
+    play.pace.script.insert(1, (BEGIN + SECOND, 0, lambda: seen.append(play.player.status().position)))
+    play.run()
+    assert seen == [pytest.approx(rate * SECOND)]

@@ -9,8 +9,9 @@ from mcap.reader import make_reader
 
 from riot_bus.clock import ManualClock
 from riot_bus.errors import ConfigError
+from riot_bus.log import layout
 from riot_bus.log import writer as module
-from riot_bus.log.mcap_file import McapFile
+from riot_bus.log.mcap_file import COMPRESSIONS, McapFile
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter, LostMessagesError
 from riot_bus.message import Message, Qos
@@ -297,3 +298,160 @@ def test_kill_9_loses_the_last_chunk_only(tmp_path):
         assert reader.metadata == {"seed": "7"}
     assert len(messages) >= written - 100
     assert messages == [Message(n, "a", b"%d" % n, attachment=b"at %d" % n, sequence=n) for n in range(len(messages))]
+
+
+def rows_of(writer, messages):
+    found = []
+    for each in messages:
+        number, constants = writer.track(each)
+        extras = layout.extras_of(each, constants)
+        published = each.time if each.publish_time is None else each.publish_time
+        found.append((number, each.sequence, each.time, published, each.payload, extras))
+    return found
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_messages_that_were_taken_apart_already_are_written_as_others_are(tmp_path, threaded):
+    log = [
+        Message(1 + n, f"k{n % 3}", bytes(n % 50), sequence=n, publish_time=n, attachment=b"x" if n % 5 == 0 else None)
+        for n in range(1000)
+    ]
+    with LogWriter(tmp_path / "a.mcap", chunk_bytes=2000, threaded=threaded) as writer:
+        rows = rows_of(writer, log)
+        for start in range(0, len(rows), 70):
+            writer.append(rows[start : start + 70])
+    with LogWriter(tmp_path / "b.mcap", chunk_bytes=2000) as writer:
+        for each in log:
+            writer.write(each)
+    assert list(read_log(tmp_path / "a.mcap")) == list(read_log(tmp_path / "b.mcap")) == log
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == 1000
+        assert len(reader.get_summary().chunk_indexes) > 10
+
+
+class Stuck:
+    """A disk that takes nothing until it is told to."""
+
+    def __init__(self, monkeypatch):
+        self.free = threading.Event()
+        whole = McapFile.chunk
+
+        def chunk(file, data):
+            assert self.free.wait(30)
+            whole(file, data)
+
+        monkeypatch.setattr(McapFile, "chunk", chunk)
+
+
+def offer(writer, key, count, lost, *, patient):
+    """Append messages of a chunk each."""
+    (row,) = rows_of(writer, [Message(1, key, bytes(1000))])
+    for _ in range(count):
+        try:
+            writer.append([row], patient=patient)
+        except LostMessagesError as error:
+            lost.update(error.reasons["too slow"])
+
+
+def test_a_disk_that_is_too_slow_costs_what_is_counted_and_stalls_nobody(tmp_path, monkeypatch):
+    disk, lost = Stuck(monkeypatch), Counter()
+    path = tmp_path / "a.mcap"
+    writer = LogWriter(path, chunk_bytes=1000, threaded=True, queue_bytes=5000, patience=3600.0)
+    offer(writer, "a", 20, lost, patient=False)
+    assert writer.waiting <= 5000
+    assert "too slow" in writer.problem
+    offer(writer, "b", 1, lost, patient=True)  # which would take an hour, but waiting was in vain before
+    assert 10 < lost["a", "delivered"] < 20
+    assert lost["b", "delivered"] == 1
+    disk.free.set()
+    assert eventually(lambda: not (writer.tick() or writer.waiting))
+    offer(writer, "b", 3, lost, patient=False)
+    writer.close()
+    assert writer.problem == ""
+    written = Counter(message.key for message in read_log(path))
+    assert written["a"] + lost["a", "delivered"] == 20
+    assert written["b"] + lost["b", "delivered"] == 4
+    with path.open("rb") as file:
+        assert {channel.topic for _, channel, _ in make_reader(file).iter_messages()} == {"a", "b"}
+
+
+def test_who_is_patient_waits_for_room(tmp_path, monkeypatch):
+    disk, lost = Stuck(monkeypatch), Counter()
+    writer = LogWriter(tmp_path / "a.mcap", chunk_bytes=1000, threaded=True, queue_bytes=3000, patience=30.0)
+    thread = threading.Thread(target=offer, args=(writer, "a", 20, lost), kwargs={"patient": True})
+    thread.start()
+    assert eventually(lambda: writer.waiting > 2000)
+    disk.free.set()
+    thread.join()
+    writer.close()
+    assert not lost
+    assert len(read_log(tmp_path / "a.mcap")) == 20
+
+
+def test_flush_makes_everything_readable_and_counted(tmp_path):
+    path = tmp_path / "a.mcap"
+    with LogWriter(path, threaded=True) as writer:
+        for n in range(5):
+            writer.write(Message(10 + n, f"k{n % 2}", b"x"))
+        assert read_log(path) == ()
+        writer.flush()
+        assert len(read_log(path)) == 5
+        assert writer.counts() == {1: 3, 2: 2}
+        assert writer.span() == (10, 14)
+        assert [each.topic for each in writer.definitions()[1]] == ["k0", "k1"]
+        assert writer.size >= path.stat().st_size > 0
+    with LogWriter(tmp_path / "b.mcap") as writer:
+        writer.flush()
+        assert (writer.counts(), writer.span()) == ({}, (0, 0))
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_a_disk_that_cannot_promise_is_said(tmp_path, monkeypatch, threaded):
+    def failing(file):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(McapFile, "sync", failing)
+    writer = LogWriter(tmp_path / "a.mcap", durable=True, threaded=threaded)
+    writer.write(Message(1, "a", b"x"))
+    with pytest.raises(LostMessagesError, match="Input/output error") as caught:
+        writer.close()
+    assert (caught.value.lost, caught.value.errno) == (Counter(), 5)
+    assert len(read_log(tmp_path / "a.mcap")) == 1
+
+
+def test_chunks_do_not_wait_for_a_disk_that_takes_long_to_promise(tmp_path, monkeypatch):
+    free = threading.Event()
+    monkeypatch.setattr(McapFile, "sync", lambda file: free.wait(30))
+    path = tmp_path / "a.mcap"
+    writer = LogWriter(path, chunk_bytes=100, durable=True, threaded=True, queue_bytes=10_000)
+    for n in range(50):
+        writer.write(Message(n, "a", bytes(200)))
+    assert eventually(lambda: len(read_log(path)) >= 49)
+    free.set()
+    writer.close()
+    assert len(read_log(path)) == 50
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_whatever_goes_wrong_with_a_chunk_what_is_lost_is_named(tmp_path, monkeypatch, threaded):
+    def failing(data):
+        raise MemoryError
+
+    path, lost = tmp_path / "a.mcap", Counter()
+    writer = LogWriter(path, threaded=threaded)
+    for key, broken in (("a", False), ("b", True), ("c", False)):
+        with monkeypatch.context() as patch:
+            if broken:
+                patch.setitem(COMPRESSIONS, "zstd", failing)
+            writer.write(Message(1, key, b"x", attachment=b"y"))
+            try:
+                writer.flush()
+            except LostMessagesError as error:
+                lost.update(error.lost)
+    writer.close()
+    assert lost == {("b", "delivered"): 1}
+    assert [message.key for message in read_log(path)] == ["a", "c"]
+    with LogReader(path) as reader:
+        assert len(list(reader.messages())) == 2
+        assert not reader.loss

@@ -1,0 +1,85 @@
+"""`riot agent`: runs until it is told to end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from riot_bus.bus.agent.service import AgentService
+from riot_bus.bus.config import client_config
+from riot_bus.bus.runtime import open_session, prepare_runtime, release
+from riot_bus.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+
+    from riot_bus.bus.agent.options import AgentOptions
+
+__all__ = ["run_agent"]
+
+_LOOK_S = 0.2
+
+
+def run_agent(
+    options: AgentOptions, *, say: Callable[[str], None], tell: Callable[[str], None], as_json: bool = False
+) -> None:
+    """Run until SIGINT or SIGTERM; what goes on then is stopped.
+
+    Args:
+        options: What the agent is, and may do.
+        say: Prints a line of the result.
+        tell: Prints a line for the journal.
+        as_json: Say it as lines of JSON.
+
+    Raises:
+        ConfigError: An option is wrong, or Zenoh refuses a configuration.
+        EnvironmentFaultError: The link to the fleet failed for good.
+    """
+    service = AgentService(options, say=tell)
+    with _signals(service), service:
+        say(_ready(options, as_json=as_json))
+        _look_at_bus(options, tell)
+        while not service.stopping.wait(_LOOK_S):
+            pass  # a signal that comes just before an endless wait begins does not end it
+    if service.failure is not None:
+        raise service.failure
+
+
+def _ready(options: AgentOptions, *, as_json: bool) -> str:
+    if as_json:
+        return json.dumps({"event": "ready", "robot": options.robot, "logs": str(options.folder)}, sort_keys=True)
+    may = " and ".join(options.allow) or "only list its logs"
+    return f"ready: agent of {options.robot}, logs in {options.folder}; may {may}"
+
+
+def _look_at_bus(options: AgentOptions, tell: Callable[[str], None]) -> None:
+    """Say so if nobody answers on the robot's own bus; it may come later."""
+    prepare_runtime()
+    try:
+        release(open_session(client_config(options.endpoint, extra=options.config), purpose="bus of the robot"))
+    except EnvironmentFaultError as error:
+        tell(f"warning: {error.where}: {error.message}; it is tried again for each operation")
+
+
+@contextmanager
+def _signals(service: AgentService) -> Iterator[None]:
+    """Let SIGINT and SIGTERM end the agent, at once when it is the second; nothing outside of the main thread."""
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        if service.stopping.is_set():
+            raise KeyboardInterrupt
+        service.shutdown()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, action in former.items():
+            signal.signal(number, action)

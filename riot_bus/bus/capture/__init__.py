@@ -1,0 +1,1 @@
+"""Recording a Zenoh network as one of its clients."""

@@ -1,0 +1,62 @@
+"""Messages that never came, by the numbers that their publishers give them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+__all__ = ["Gaps"]
+
+_MOST_PUBLISHERS = 10_000
+_MOST_REMEMBERED = 1000
+
+
+class _Run:
+    __slots__ = ("last", "missing")
+
+    def __init__(self, number: int) -> None:
+        self.last = number
+        self.missing: set[int] | None = None
+
+
+class Gaps:
+    """Follows the numbers of publishers; what comes late is no longer missing.
+
+    Attributes:
+        untold: Whether there are more publishers than can be followed.
+    """
+
+    def __init__(self) -> None:
+        self.untold = False
+        self._runs: dict[Hashable, _Run] = {}
+
+    def see(self, publisher: Hashable, number: int) -> int:
+        """Take a message in; return how many more are missing than before (less than 0 if it came late).
+
+        Args:
+            publisher: Who has numbered it.
+            number: Its number; the first one that is seen begins, and a much smaller one begins anew.
+        """
+        run = self._runs.get(publisher)
+        if run is None:
+            if len(self._runs) >= _MOST_PUBLISHERS:
+                self.untold = True
+                return 0
+            self._runs[publisher] = _Run(number)
+            return 0
+        step = number - run.last
+        if step == 1:
+            run.last = number
+            return 0
+        if step > 1:
+            missing = run.missing = run.missing or set()
+            missing.update(range(max(run.last + 1, number - _MOST_REMEMBERED), number))
+            if len(missing) > _MOST_REMEMBERED:
+                run.missing = set(sorted(missing)[-_MOST_REMEMBERED:])
+            run.last = number
+            return step - 1
+        if run.missing is not None and number in run.missing:
+            run.missing.discard(number)
+            return -1
+        if step < -_MOST_REMEMBERED or number <= 1:  # it has begun anew, or its numbers have run out
+            run.last, run.missing = number, None
+        return 0

@@ -1,0 +1,140 @@
+"""`riot record`: records until it is told to stop, then says what happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING
+
+from riot_bus.bus.capture.keys import HELP, press
+from riot_bus.bus.capture.service import CaptureService
+from riot_bus.bus.capture.text import progress_line, result_lines
+from riot_bus.bus.status_text import plain
+from riot_bus.errors import DataLossError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
+    from types import FrameType
+
+    from riot_bus.bus.capture.options import CaptureOptions
+    from riot_bus.bus.capture.service import CaptureResult
+    from riot_bus.bus.playing.running import Console
+
+__all__ = ["run_capture"]
+
+_LOOK_S = 0.2
+_INTERRUPTED = 130
+
+
+def run_capture(
+    options: CaptureOptions,
+    *,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+    console: AbstractContextManager[Console] | None = None,
+    as_json: bool = False,
+) -> None:
+    """Record until SIGINT, SIGTERM, the end of its duration or a command, then say what became of it.
+
+    SIGUSR1 writes the ring, or begins another file. A second SIGINT or SIGTERM ends the process at once.
+
+    Args:
+        options: What to record.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        console: Shows progress and takes keys while it records; None if there is no terminal.
+        as_json: Say it as lines of JSON.
+
+    Raises:
+        ConfigError: An option is wrong, or the file cannot be written.
+        EnvironmentFaultError: Nobody answers at the endpoint.
+        DataLossError: Messages are lost.
+    """
+    shown: list[Console] = []
+
+    def tell(line: str) -> None:
+        for each in shown:
+            each.progress("")
+        warn(plain(line) if "\n" not in line else line)
+
+    service = CaptureService(options, warn=tell)
+    with _signals(service):
+        try:
+            with service:
+                say(_ready(service, as_json=as_json))
+                with console or nullcontext() as terminal:
+                    if terminal is None:
+                        while not service.wait(_LOOK_S):
+                            pass  # a signal that comes just before an endless wait begins does not end it
+                    else:
+                        warn(HELP)
+                        shown.append(terminal)
+                        _attend(service, terminal)
+        finally:
+            service.close()
+    _end(service.result(), say, as_json=as_json)
+
+
+def _attend(service: CaptureService, terminal: Console) -> None:
+    while not service.wait(0):
+        for key in terminal.keys(_LOOK_S):
+            press(service, key)
+        terminal.progress(progress_line(service.status()))
+    terminal.progress("")
+
+
+def _ready(service: CaptureService, *, as_json: bool) -> str:
+    status = service.status()
+    if as_json:
+        return json.dumps({"event": "started", "recorder": service.name, "status": status}, sort_keys=True)
+    keys = ", ".join(service.options.keys)
+    ring = f"the last {service.options.ring_seconds:g} s" if service.options.ring_seconds else status["file"]
+    state = ", paused" if service.paused else ""
+    return plain(f"{service.name}: {keys} of {service.options.endpoint} to {ring}{state}")
+
+
+def _end(result: CaptureResult, say: Callable[[str], None], *, as_json: bool) -> None:
+    if as_json:
+        say(json.dumps({"event": "ended", **result.document()}, sort_keys=True))
+    else:
+        for line in result_lines(result):
+            say(line)
+    if not result:
+        account = result.account
+        reasons = ", ".join(f"{reason}: {account.total(reason)}" for reason in account.lost if account.total(reason))
+        parts = [f"{account.total()} messages are lost ({reasons})"] if account else []
+        raise DataLossError("; ".join([*parts, *result.problems]))
+
+
+@contextmanager
+def _signals(service: CaptureService) -> Iterator[None]:
+    """Let signals end the recording, at once when it is the second; nothing outside of the main thread."""
+    interrupted = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if interrupted.is_set():
+            # Not by an exception: whatever hangs, such as a disk, would be waited for.
+            sys.stderr.write("riot: ended at once; the file is readable up to its last chunk\n")
+            sys.stderr.flush()
+            os._exit(_INTERRUPTED)
+        interrupted.set()
+        service.stop()
+
+    def cut(number: int, frame: FrameType | None) -> None:
+        service.cut()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    actions = {signal.SIGINT: end, signal.SIGTERM: end, signal.SIGUSR1: cut}
+    former = {number: signal.signal(number, action) for number, action in actions.items()}
+    try:
+        yield
+    finally:
+        for number, action in former.items():
+            signal.signal(number, action)

@@ -1,0 +1,115 @@
+"""Which keys are recorded, and what is known of them."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.capture.intake import KeyRules
+from riot_bus.bus.capture.options import parse_throttles
+from riot_bus.bus.runtime import canonical, includes, release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.bus.capture.options import CaptureOptions
+    from riot_bus.bus.capture.trigger import Trigger
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Selection"]
+
+_ANSWER_S = 2.0
+_MOST_TOKENS = 50_000
+_MOST_WARNINGS = 20
+
+
+class Selection:
+    """Says what is recorded; thread-safe.
+
+    Args:
+        options: `keys`, `exclude`, `bag` and `throttle`.
+        registry: Names topics and knows their types.
+        trigger: Wants to see some messages.
+        warn: Told in a line what is odd.
+
+    Attributes:
+        expressions: Canonical key expressions to subscribe to; none includes another.
+
+    Raises:
+        ConfigError: A key expression is none.
+    """
+
+    def __init__(
+        self, options: CaptureOptions, *, registry: TypeRegistry, trigger: Trigger, warn: Callable[[str], None]
+    ) -> None:
+        wanted = canonical([registry.key_expression(each) for each in options.keys])
+        self.expressions = [
+            each for each in wanted if not any(other != each and includes(other, each) for other in wanted)
+        ]
+        canonical([registry.key_expression(each) for each in options.exclude])
+        self._exclude, self._bag = tuple(options.exclude), options.bag
+        self._registry, self._trigger, self._warn = registry, trigger, warn
+        self._throttles = {topic: round(1e9 / hertz) for topic, hertz in parse_throttles(options.throttle).items()}
+        self._lock = threading.Lock()
+        self._tokens: set[str] = set()
+        self._listeners: list[Any] = []
+        self._strange: set[str] = set()
+
+    def watch(self, session: zenoh.Session) -> None:
+        """Take in who announces publishers, now and later."""
+        liveliness = session.liveliness()
+        for adapter in self._registry.stampings():
+            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S):
+                if reply.ok is not None:
+                    self._take(reply.ok)
+            self._listeners.append(liveliness.declare_subscriber(adapter.tokens, self._take, history=True))
+
+    def close(self) -> None:
+        """Listen no more; safe to call twice."""
+        listeners, self._listeners = self._listeners, []
+        release(*listeners)
+
+    @property
+    def has_tokens(self) -> bool:
+        """Whether somebody announces publishers at present."""
+        return bool(self._tokens)
+
+    def details(self, key: str) -> Mapping[str, str]:
+        """Return metadata for a key's channel."""
+        adapter = self._registry.stamping(key)
+        if adapter is None:
+            return {}
+        with self._lock:
+            tokens = list(self._tokens)
+        return adapter.details(key, tokens)
+
+    def rules(self, key: str) -> KeyRules | None:
+        """Return what holds for a key, None if it is not recorded."""
+        registry = self._registry
+        adapter = registry.stamping(key)
+        if any(registry.matches(each, key) for each in self._exclude) or (self._bag and adapter is None):
+            return None
+        topic = registry.topic(key)
+        strange = adapter is not None and topic not in self._strange and len(self._strange) < _MOST_WARNINGS
+        if adapter is not None and strange and registry.type_of(key) is None:
+            self._strange.add(topic)
+            definition = adapter.definition(key)
+            name = definition[0].name if definition is not None else "its type"
+            self._warn(f"{name} of {topic} is unknown here and recorded without its definition; name it with --msg")
+        least = [period for each, period in self._throttles.items() if registry.matches(each, key)]
+        return KeyRules(
+            topic,
+            stamp=adapter.stamp if adapter is not None else None,
+            least_ns=max(least, default=0),
+            trigger=self._trigger.for_key(key),
+        )
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        kind: Any = sample.kind
+        with self._lock:
+            if int(kind) != 0:
+                self._tokens.discard(str(sample.key_expr))
+            elif len(self._tokens) < _MOST_TOKENS:
+                self._tokens.add(str(sample.key_expr))

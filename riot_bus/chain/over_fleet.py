@@ -1,0 +1,255 @@
+"""`riot fleet run`: does a test case still make the software fail, on each of many logs?"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from riot_bus.chain.logs import learn_types
+from riot_bus.errors import ConfigError, RiotError
+from riot_bus.fleet.stores import copied
+from riot_bus.inject.apply import inject_log
+from riot_bus.log.reader import LogReader
+from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.trial import TestCase, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.testcases import Challenge
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.fleet.entry import LogEntry
+    from riot_bus.message import Message
+    from riot_bus.trial import Outcome
+
+__all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
+
+_LARGEST = 1 << 29
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class LogAnswer:
+    """What a test case did on one log.
+
+    Attributes:
+        place: The log.
+        answer: `fixed`: no trial failed. `failed`: at least one did. `error`: there is no telling.
+        detail: Why.
+        failed: Trials that failed as the test case says, or in any way if it does not say.
+        trials: All trials.
+        injected: Messages that were changed.
+        messages: Messages that were played.
+    """
+
+    place: str
+    answer: Literal["fixed", "failed", "error"]
+    detail: str = ""
+    failed: int = 0
+    trials: int = 0
+    injected: int = 0
+    messages: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOptions:
+    """How each log is tried.
+
+    Attributes:
+        times: Fresh trials of each log.
+        start: Seconds of each log that are left out at its beginning.
+        duration: Seconds of each log; None for all.
+        again: Whether to try again what was tried before.
+    """
+
+    times: int = 1
+    start: float = 0.0
+    duration: float | None = None
+    again: bool = False
+
+
+def run_over(
+    workspace: Workspace, challenge: Challenge, unit: str, logs: Sequence[LogEntry], options: FleetOptions
+) -> list[LogAnswer]:
+    """Replay a test case over logs, several at once.
+
+    Answers are kept in the folder for everything that is written: to run it again is to go on. What could not be told
+    is tried again.
+
+    Args:
+        workspace: Where to work; its jobs are the logs that are tried at once.
+        challenge: The test case.
+        unit: The unit to which the logs are played.
+        logs: As a catalogue knows them.
+        options: How.
+
+    Returns:
+        An answer for each log, in their order.
+    """
+    store = _Answers(workspace.out / "fleet" / "answers.jsonl")
+    scope = [workspace.fingerprint, unit, challenge.digest(), workspace.seed, options.times, options.start]
+    keys = {each.place: store.key([*scope, options.duration, each.place, each.size, each.stamp]) for each in logs}
+    known = {} if options.again else {each.place: found for each in logs if (found := store.get(keys[each.place]))}
+    fresh = [each for each in logs if each.place not in known]
+    work = _Work(workspace, challenge, unit, options)
+    workspace.narrator.begin("fleet run")
+    if fresh:
+        work.prepare()
+    began = time.monotonic()
+    with ThreadPoolExecutor(workspace.jobs, thread_name_prefix="riot-fleet") as pool:
+        waiting = {pool.submit(work.answer, each): each for each in fresh}
+        try:
+            for done, future in enumerate(as_completed(waiting), 1):
+                found = future.result()
+                known[found.place] = found
+                if found.answer != "error":
+                    store.put(keys[found.place], found)
+                workspace.narrator.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
+        except BaseException:
+            work.stop()
+            for each in waiting:
+                each.cancel()
+            raise
+    told = f"{len(logs)} logs, {len(fresh)} of them now, in {time.monotonic() - began:.1f} s"
+    workspace.narrator.end("fleet run", told)
+    return [known[each.place] for each in logs]
+
+
+def exit_code(answers: Sequence[LogAnswer]) -> int:
+    """Return 1 if the test case still fails somewhere, else 4 if there is no telling somewhere, else 0."""
+    kinds = {each.answer for each in answers}
+    return 1 if "failed" in kinds else 4 if "error" in kinds else 0
+
+
+class _Work:
+    """Tries logs; may be asked by several threads."""
+
+    def __init__(self, workspace: Workspace, challenge: Challenge, unit: str, options: FleetOptions) -> None:
+        file = workspace.context.file
+        component = file.components[file.unit[unit].component or unit]
+        self._workspace, self._challenge, self._unit, self._options = workspace, challenge, unit, options
+        self._inputs = component.inputs
+        self._learning = threading.Lock()
+        self._stopping = threading.Event()
+        self._trial: UnitTrial
+
+    def prepare(self) -> None:
+        workspace = self._workspace
+        self._trial = UnitTrial(workspace.context, self._unit, idle_rate=workspace.idle_rate(self._unit))
+        _ = workspace.pool
+
+    def stop(self) -> None:
+        self._stopping.set()
+
+    def answer(self, log: LogEntry) -> LogAnswer:
+        """Try one log; what goes wrong is an answer too."""
+        try:
+            with copied(log.place) as path:
+                messages, damage = self._read(path)
+            return self._try(log.place, messages, damage)
+        except RiotError as error:
+            where = f"{error.where}: " if error.where and error.where != log.place else ""
+            return LogAnswer(log.place, "error", f"{where}{error.message}")
+
+    def _read(self, path: Path) -> tuple[list[Message], str]:
+        registry = self._workspace.context.registry
+        with LogReader(path) as reader:
+            with self._learning:
+                learn_types(reader, registry)
+            low = high = None
+            if self._options.start or self._options.duration is not None:
+                first = next(reader.messages(), None)
+                begin = first.time if first is not None else 0
+                low = begin + int(self._options.start * 1e9)
+                high = None if self._options.duration is None else low + int(self._options.duration * 1e9)
+            found, size = [], 0
+            for message in reader.messages(start=low, end=high):
+                if not any(registry.matches(topic, message.key) for topic in self._inputs):
+                    continue
+                size += len(message.payload)
+                if size > _LARGEST:
+                    text = f"it holds more than {_LARGEST >> 20} MiB for {self._unit!r}"
+                    raise ConfigError(text, hint="try a part of it: --duration SECONDS")
+                found.append(message)
+            return found, str(reader.loss) if reader.loss else ""
+
+    def _try(self, place: str, messages: Sequence[Message], damage: str) -> LogAnswer:
+        if not messages:
+            inputs = ", ".join(self._inputs) or "none declared"
+            return LogAnswer(place, "error", f"it holds nothing on the inputs of {self._unit!r} ({inputs})")
+        seed, injections = self._workspace.seed, self._challenge.injections
+        _, touched = inject_log(messages, injections, registry=self._workspace.context.registry, seed=seed)
+        if not touched:
+            detail = "the test case changes nothing in it: its messages, numbers or times do not occur (--anywhere?)"
+            return LogAnswer(place, "error", detail, messages=len(messages))
+        outcomes = [
+            self._execute(TestCase(tuple(messages), injections, seed + number)) for number in range(self._options.times)
+        ]
+        figures = {"trials": len(outcomes), "injected": len(touched), "messages": len(messages)}
+        for each in outcomes:
+            if each.verdict is Verdict.ERROR:
+                return LogAnswer(place, "error", each.detail, **figures)
+        signature = self._challenge.signature
+        alike = [each for each in outcomes if each.failed_as(signature)]
+        others = [each for each in outcomes if each.verdict is Verdict.FAIL and not each.failed_as(signature)]
+        notes = [f"the log is damaged: {damage}"] if damage else []
+        if others:
+            notes.insert(0, f"fails in another way: {others[0].violations[0].signature}")
+        if alike:
+            notes.insert(0, alike[0].violations[0].detail or alike[0].violations[0].signature)
+        failed = len(alike)
+        return LogAnswer(place, "failed" if alike or others else "fixed", "; ".join(notes), failed, **figures)
+
+    def _execute(self, case: TestCase) -> Outcome:
+        for _ in range(_ATTEMPTS):
+            if self._stopping.is_set():
+                raise KeyboardInterrupt
+            outcome = self._workspace.pool.execute(self._trial, case)
+            if outcome.verdict is not Verdict.ERROR:
+                break
+        return outcome
+
+
+class _Answers:
+    """Answers by what decides them, as JSON lines that are only ever appended to."""
+
+    _ADAPTER = TypeAdapter(LogAnswer)
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, dict[str, Any]] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        data = path.read_bytes() if path.exists() else b""
+        for line in data.splitlines():
+            try:
+                record = json.loads(line)
+                self._known[str(record["key"])] = dict(record["answer"])
+            except (ValueError, KeyError, TypeError):
+                continue  # a kill cut it off
+        if data and not data.endswith(b"\n"):
+            with path.open("ab") as stream:
+                stream.write(b"\n")
+
+    @staticmethod
+    def key(parts: Sequence[object]) -> str:
+        return hashlib.sha256(json.dumps(parts, default=repr).encode()).hexdigest()[:32]
+
+    def get(self, key: str) -> LogAnswer | None:
+        try:
+            return self._ADAPTER.validate_python(self._known[key])
+        except (KeyError, ValidationError):
+            return None
+
+    def put(self, key: str, answer: LogAnswer) -> None:
+        row = asdict(answer)
+        self._known[key] = row
+        with self._path.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"key": key, "answer": row}, separators=(",", ":")) + "\n")

@@ -1,0 +1,150 @@
+"""What can be replayed over other logs: the injections of a plan, of a finding, or of a log that tells of its own."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import re
+from collections import Counter
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.chain.workspace import open_finding
+from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.findings.records import FieldsRecord, FindingRecord
+from riot_bus.inject.plan import read_plan
+from riot_bus.injection import Injection, Signal
+from riot_bus.log.reader import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from riot_bus.log.layout import Role
+    from riot_bus.pipeline.event import Change
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Challenge", "load_challenge"]
+
+_ROLES: tuple[Role, ...] = ("original", "delivered")
+_ELEMENT = re.compile(r"\[\d+\]$")
+
+
+@dataclass(frozen=True, slots=True)
+class Challenge:
+    """A test case without its log.
+
+    Attributes:
+        injections: What is done to a log.
+        signature: The failure that is looked for; None for any.
+        unit: Which unit it failed; None if it does not say.
+        system: Path of the system file; likewise.
+    """
+
+    injections: tuple[Injection, ...]
+    signature: str | None = None
+    unit: str | None = None
+    system: str | None = None
+
+    def digest(self) -> str:
+        """Return a hash of what decides the outcome."""
+        text = json.dumps([[asdict(each) for each in self.injections], self.signature], sort_keys=True, default=repr)
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+    def anywhere(self) -> Challenge:
+        """Return it with injections into all messages of their topics, not only those with certain numbers or times."""
+        wide = (replace(each, start=0.0, end=None, first=0, last=None) for each in self.injections)
+        return replace(self, injections=tuple(dict.fromkeys(wide)))
+
+
+def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> Challenge:
+    """Read a test case.
+
+    Args:
+        path: An injection plan (`.toml`), the folder of a finding, its `fields.json` (the values that its certificates
+            found to fail, for all messages), or a log whose provenance tells what was changed.
+        registry: Names the topics of a log.
+
+    Raises:
+        ConfigError: It is none of these, or injects nothing.
+    """
+    if path.suffix == ".toml":
+        found = Challenge(read_plan(path))
+    elif path.name == FieldsRecord.FILE:
+        found = replace(_of_finding(path.parent), injections=_certificates(FieldsRecord.load(path.parent)))
+    elif path.suffix == ".mcap":
+        near = _of_finding(path.parent) if FindingRecord.exists(path.parent) else Challenge(())
+        found = _of_log(path, near, registry)
+    elif path.is_dir():
+        found = _of_finding(open_finding(path)[0])
+    else:
+        hint = "name a plan (.toml), the folder of a finding, its fields.json, or a log (.mcap)"
+        raise ConfigError(
+            "this is no test case" if path.exists() else "there is no such file", where=str(path), hint=hint
+        )
+    if not found.injections:
+        raise ConfigError("it injects nothing", where=str(path), hint="name an injection plan or a finding")
+    return found
+
+
+def _of_finding(folder: Path) -> Challenge:
+    finding = FindingRecord.load(folder)
+    where = str(folder / FindingRecord.FILE)
+    injections = tuple(_injection(each, where) for each in finding.injections)
+    return Challenge(injections, finding.signature, finding.unit, finding.system_file)
+
+
+def _injection(row: Mapping[str, Any], where: str) -> Injection:
+    """Return an injection that was written as JSON."""
+    known = {each.name for each in fields(Injection)}
+    for name in row.keys() - known:
+        raise ConfigError(f"unknown key {name!r} in an injection", where=where, hint=did_you_mean(name, known))
+    values = dict(row)
+    value = values.get("value")
+    try:
+        if isinstance(value, dict):
+            values["value"] = Signal(**value)
+        elif isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
+            values["value"] = ast.literal_eval(value)
+        return Injection(**values)
+    except (TypeError, ValueError, SyntaxError) as error:
+        raise ConfigError(f"this injection cannot be used: {error}", where=where) from None
+
+
+def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:
+    found = []
+    for each in record.fields:
+        topic, _, path = each.name.rpartition(":")
+        if each.kind == "exceptional":
+            found.append(Injection(_ELEMENT.sub("", topic), path, each.certificate.failing))
+    return tuple(dict.fromkeys(found))
+
+
+def _of_log(path: Path, near: Challenge, registry: TypeRegistry | None) -> Challenge:
+    """Return what the provenance of a log tells, message by message; what is not a set field is left out."""
+    with LogReader(path) as reader:
+        changed: dict[tuple[str, int], tuple[Change, ...]] = {}
+        for entry in reader.provenance():
+            changed.setdefault((entry.key, entry.sequence), entry.changes)
+        numbers: Counter[str] = Counter()
+        found: list[Injection] = []
+        seen: set[tuple[str, int]] = set()
+        messages = sorted(
+            ((each.key, each.sequence) for role in _ROLES for each in reader.messages(role=role)),
+            key=lambda each: each[1],
+        )
+        for key, sequence in messages:
+            if (key, sequence) in seen:
+                continue
+            seen.add((key, sequence))
+            topic = key if registry is None else registry.topic(key)
+            number = numbers[topic]
+            numbers[topic] += 1
+            found += [
+                Injection(topic, change.field, change.after, first=number, last=number)
+                for change in changed.get((key, sequence), ())
+                if change.field is not None and change.after is not None
+            ]
+        signature = near.signature or reader.metadata.get("signature")
+    return replace(near, injections=tuple(found) or near.injections, signature=signature)

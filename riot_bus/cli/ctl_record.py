@@ -1,0 +1,95 @@
+"""`riot ctl record`: the recording of a running router, or a running `riot record`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from riot_bus.bus.remote import Kind
+
+__all__ = ["group"]
+
+RecorderName = Annotated[
+    str | None,
+    typer.Option("--recorder", metavar="NAME", envvar="RIOT_RECORDER", help="A riot record, if also routers answer."),
+]
+LogPath = Annotated[str | None, typer.Argument(metavar="PATH", help="On that machine, in its folder of recordings.")]
+
+
+def group() -> typer.Typer:
+    """Return the commands."""
+    text = "The recording of a router, or of riot record where no router answers or --recorder names it."
+    found = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
+    for each in (start, stop, split, status, pause, resume, dump):
+        found.command()(each)
+    return found
+
+
+def start(
+    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Record all that passes, into a new file only; riot record goes on when it is paused."""
+    _tell(context, recorder, form, "start", path=path)
+
+
+def stop(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
+    """End the recording."""
+    _tell(context, recorder, form, "stop")
+
+
+def split(
+    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Go on recording in another file; nothing is lost in between."""
+    _tell(context, recorder, form, "split", path=path)
+
+
+def status(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
+    """What riot record does, and what it has lost; for a router's recording see riot ctl status."""
+    _tell(context, recorder, form, "status", only=True)
+
+
+def pause(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
+    """Let riot record record nothing."""
+    _tell(context, recorder, form, "pause", only=True)
+
+
+def resume(context: typer.Context, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT) -> None:
+    """Let riot record go on."""
+    _tell(context, recorder, form, "resume", only=True)
+
+
+def dump(
+    context: typer.Context, path: LogPath = None, *, recorder: RecorderName = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Let riot record --ring write what it has kept."""
+    _tell(context, recorder, form, "dump", only=True, path=path)
+
+
+def _tell(
+    context: typer.Context,
+    recorder: str | None,
+    form: OutputFormat,
+    command: str,
+    *,
+    path: str | None = None,
+    only: bool = False,
+) -> None:
+    from riot_bus.bus import status_text
+    from riot_bus.bus.capture import text
+    from riot_bus.bus.component import client_cfg
+    from riot_bus.bus.remote import ask, find_routers
+
+    endpoint, router, cfg = context.obj
+    config = client_cfg(cfg)
+    routed = recorder is None and not only and (router is not None or bool(find_routers(endpoint, config=config)))
+    payload = json.dumps({} if path is None else {"path": path}).encode()
+    kind: Kind = "router" if routed else "recorder"
+    found = ask(endpoint, router if routed else recorder, f"record/{command}", payload, config=config, kind=kind)
+    lines = status_text.answer_lines if routed else text.answer_lines
+    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(lines(found)))

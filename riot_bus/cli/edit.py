@@ -1,0 +1,238 @@
+"""`riot edit`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.log.editing.result import EditResult
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(edit)
+
+
+def edit(
+    inputs: Annotated[
+        list[Path], typer.Argument(metavar="IN...", help="MCAP files or ROS 2 bag folders; several are merged by time.")
+    ],
+    output: Annotated[
+        Path, typer.Argument(metavar="OUT", help="A file that ends in .mcap, or the folder of a ROS 2 bag.")
+    ],
+    *,
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
+    ] = None,
+    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there; likewise.")] = None,
+    duration: Annotated[str | None, typer.Option(metavar="TIME", help="Keep so much, such as 90, 90s or 5min.")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Let all inputs begin at the same time.")] = False,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--keep",
+            "--topics",
+            metavar="'TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]'",
+            help="Keep these messages only; repeatable.",
+        ),
+    ] = None,
+    drop: Annotated[
+        list[str] | None,
+        typer.Option("--drop", "--exclude", metavar="'TOPIC ...'", help="Leave these out: likewise; repeatable."),
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="'TOPIC:FIELD = VALUE ...'",
+            help="Set a field, or change it with += -= *= /=; conditions as for --keep may follow; repeatable.",
+        ),
+    ] = None,
+    interceptor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="'NAME key=value ...'|FILE.py[:NAME]",
+            help="A shipped interceptor, or your own class; repeatable, carried out in this order.",
+        ),
+    ] = None,
+    inject: Annotated[
+        Path | None, typer.Option(metavar="PLAN.toml", help="Injections, after the interceptors.")
+    ] = None,
+    shift: Annotated[
+        list[str] | None, typer.Option(metavar="[TOPIC=]SECONDS", help="Move messages in time; repeatable.")
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic, or all below it: '/a/**:=/b/**'."),
+    ] = None,
+    originals: Annotated[
+        bool, typer.Option("--originals/--no-originals", help="Keep what messages were before interceptors.")
+    ] = True,
+    sort: Annotated[bool, typer.Option("--sort", help="Write by time, even if the input is in another order.")] = False,
+    compression: Annotated[
+        str | None, typer.Option(metavar="zstd|lz4|none", help="Of the output. [default: as the input]")
+    ] = None,
+    chunk_size: Annotated[str, typer.Option(metavar="SIZE", help="Of a chunk before compression.")] = "1MiB",
+    split_size: Annotated[
+        str | None, typer.Option(metavar="SIZE", help="Begin another file then, such as 1GB.")
+    ] = None,
+    split_duration: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin another file after so much of the log's time.")
+    ] = None,
+    split_topics: Annotated[bool, typer.Option("--split-topics", help="A file for each topic.")] = False,
+    type_: Annotated[
+        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
+    ] = None,
+    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE.msg", help="Definition of a message type.")] = None,
+    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
+    force: Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it exists.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Write nothing; say what would be kept.")] = False,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Make a log of logs: cut, drop, change, rename, merge, split, compress, recover.
+
+    Messages that are not touched keep their bytes. In this order: --start and --end, --keep, --drop, --set,
+    --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3: the input is
+    damaged; what can be read is written all the same.
+    """
+    from riot_bus.bus.assemble import RouterOptions, interceptors_of, parse_types, plan_of
+    from riot_bus.bus.capture.options import parse_seconds, parse_size
+    from riot_bus.bus.settings import RouterSettings
+    from riot_bus.log.editing.edit import edit as edit_logs
+    from riot_bus.log.editing.options import EditOptions
+
+    wanted = RouterOptions(interceptors=interceptor or (), inject=inject, seed=seed)
+    interceptors = interceptors_of(RouterSettings(), wanted) if interceptor else []
+    plan = plan_of(wanted)
+    options = EditOptions(
+        inputs=inputs,
+        output=output,
+        start=start,
+        end=end,
+        duration=parse_seconds(duration, "--duration") if duration is not None else None,
+        align=align,
+        keep=keep or (),
+        drop=drop or (),
+        changes=change or (),
+        interceptors=interceptor or (),
+        plan=plan.text if plan is not None else None,
+        seed=seed,
+        shifts=shift or (),
+        remap=remap or (),
+        originals=originals,
+        sort=sort,
+        compression=compression,
+        chunk_bytes=parse_size(chunk_size, "--chunk-size"),
+        split_seconds=parse_seconds(split_duration, "--split-duration") if split_duration is not None else None,
+        split_bytes=parse_size(split_size, "--split-size") if split_size is not None else None,
+        split_topics=split_topics,
+        types=parse_types(type_ or ()),
+        definitions=msg or (),
+        force=force,
+        dry_run=dry_run,
+    )
+    with _Signals(), _Progress() as progress:
+        result = edit_logs(
+            options,
+            interceptors=[*interceptors, *([plan.injector] if plan is not None else [])],
+            progress=progress.show if progress.wanted else None,
+        )
+    _tell(result, form, dry=dry_run)
+
+
+def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
+    """Print the result; raises DataLossError if something is missing."""
+    import json
+
+    from riot_bus.errors import DataLossError
+
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(result.document(), indent=1))
+    else:
+        _table(result)
+        for file in result.files:
+            typer.echo(f"{file.path}: {file.messages} messages, {file.size} bytes")
+        if dry:
+            typer.echo("nothing is written")
+    for warning in result.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    problems = [f"{path}: {loss}" for path, loss in result.losses.items()]
+    if result.unwritable:
+        parts = ", ".join(f"{topic} {count}" for topic, count in list(result.unwritable.items())[:5])
+        problems.append(f"times that do not fit into a log: {parts}")
+    if problems:
+        raise DataLossError("; ".join(problems))
+
+
+def _table(result: EditResult) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("topic", box=None, header_style="bold", pad_edge=False)
+    total = result.total()
+    columns = ["kept", "changed", "dropped", *(["added"] if total.added else [])]
+    columns += ["originals"] if total.originals else []
+    for name in columns:
+        table.add_column(name, justify="right")
+    renamed = any(each.written_as not in ("", each.topic) for each in result.topics)
+    if renamed:
+        table.add_column("written as")
+    for each in result.topics:
+        row = [each.topic, *(str(getattr(each, name)) for name in columns)]
+        table.add_row(*row, *([each.written_as if each.written_as != each.topic else ""] if renamed else []))
+    Console(soft_wrap=True).print(table)
+
+
+class _Signals:
+    """While it lasts, SIGTERM ends the work as Ctrl-C does, so that nothing is left behind."""
+
+    def __enter__(self) -> None:
+        import signal
+        import threading
+
+        self._former = None
+        if threading.current_thread() is threading.main_thread():
+            self._former = signal.signal(signal.SIGTERM, _interrupt)
+
+    def __exit__(self, *error: object) -> None:
+        import signal
+
+        if self._former is not None:
+            signal.signal(signal.SIGTERM, self._former)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+class _Progress:
+    """A line on stderr, if that is a terminal."""
+
+    def __init__(self) -> None:
+        import sys
+
+        self.wanted = sys.stderr.isatty()
+        self._last = -1
+        self.show: Callable[[int, int], None] = self._show
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._last >= 0:
+            typer.echo("\r" + " " * 12 + "\r", err=True, nl=False)
+
+    def _show(self, done: int, total: int) -> None:
+        percent = 100 * done // total if total else 100
+        if percent != self._last:
+            self._last = percent
+            typer.echo(f"\r{percent:3d} %", err=True, nl=False)

@@ -1,0 +1,196 @@
+"""`riot fleet`: the catalogue of a fleet's logs, and test cases over them; robots are in `fleet_robots`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli import fleet_robots
+from riot_bus.cli.options import Format, Jobs, Out, OutputFormat, Seed, UnitName
+
+if TYPE_CHECKING:
+    from riot_bus.fleet.catalogue import Catalogue
+
+__all__ = ["register"]
+
+Place = Annotated[
+    Path | None,
+    typer.Option(
+        "--catalogue",
+        metavar="FILE",
+        envvar="RIOT_CATALOGUE",
+        help="The catalogue. [default: riot/catalogue.sqlite in $XDG_DATA_HOME]",
+    ),
+]
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[QUERY]...",
+        help="Such as robot=r7 topic=/odom type='nav_msgs/*' path='*/night/*' after=2026-11-01 before=7d "
+        "min-duration=5m max-duration=1h min-messages=100 lossless damaged gone; all must hold.",
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    fleet = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="A fleet's logs and robots.")
+    fleet.command()(index)
+    fleet.command("list")(list_logs)
+    fleet.command()(show)
+    fleet.command()(run)
+    fleet_robots.register(fleet)
+    app.add_typer(fleet, name="fleet")
+
+
+def index(
+    places: Annotated[
+        list[str], typer.Argument(metavar="PLACE...", help="Folders, logs, or URLs such as s3://b/logs.")
+    ],
+    *,
+    catalogue: Place = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Whose the logs are that do not say so. [default: as the folder below PLACE is called]"),
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Logs that are read at once.")] = 4,
+    prune: Annotated[bool, typer.Option("--prune", help="Forget logs that are gone.")] = False,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="Read all of each new log, not its summary alone: finds all damage.")
+    ] = False,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Take logs into the catalogue: what is new or has changed is read. Run it again at any time, also after a Ctrl-C.
+
+    Exit code 4: something could not be looked at.
+    """
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.errors import EnvironmentFaultError
+    from riot_bus.fleet.index import index as bring_up_to_date
+    from riot_bus.fleet.text import index_line
+
+    with ConsoleNarrator(Console(stderr=True)) as narrator, _open(catalogue, create=True) as known:
+        narrator.begin("index")
+        report = bring_up_to_date(
+            known,
+            places,
+            robot=robot,
+            jobs=jobs,
+            prune=prune,
+            scan=scan,
+            progress=lambda done, place: narrator.progress(done, None, place[-60:]),
+        )
+    typer.echo(json.dumps(asdict(report)) if form is OutputFormat.JSON else index_line(report))
+    if report.failures:
+        more = f"\n  and {len(report.failures) - 10} more" if len(report.failures) > 10 else ""
+        raise EnvironmentFaultError("\n  ".join(["could not be looked at:", *report.failures[:10]]) + more)
+
+
+def list_logs(
+    query: Words = None,
+    *,
+    catalogue: Place = None,
+    limit: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """List logs, oldest first."""
+    from riot_bus.fleet.query import parse_query
+    from riot_bus.fleet.text import entry_json, list_lines
+
+    with _open(catalogue) as known:
+        found = known.find(parse_query(query or []), limit=limit or None)
+    if form is OutputFormat.JSON:
+        rows = [{name: value for name, value in entry_json(one).items() if name not in _DETAILS} for one in found]
+        typer.echo(json.dumps({"logs": rows}, indent=1))
+    else:
+        typer.echo("\n".join(list_lines(found)) if found else "no log")
+
+
+def show(
+    log: Annotated[str, typer.Argument(help="Its number in the list, its path or URL, or how that ends.")],
+    *,
+    catalogue: Place = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say all that the catalogue knows of one log: topics, types, counts, metadata of the run, what is wrong."""
+    from riot_bus.fleet.text import entry_json, show_lines
+
+    with _open(catalogue) as known:
+        found = known.show(log)
+    typer.echo(json.dumps(entry_json(found), indent=1) if form is OutputFormat.JSON else "\n".join(show_lines(found)))
+
+
+def run(
+    testcase: Annotated[
+        Path, typer.Argument(help="An injection plan, the folder of a finding, its fields.json, or its failing log.")
+    ],
+    *,
+    over: Annotated[str, typer.Option(metavar="QUERY", help="Which logs, as for riot fleet list; '' for all.")],
+    catalogue: Place = None,
+    system: Annotated[
+        Path | None,
+        typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
+    ] = None,
+    unit: UnitName = None,
+    out: Out = Path("riot-out"),
+    times: Annotated[int, typer.Option(min=1, help="Fresh trials of each log.")] = 1,
+    start_offset: Annotated[float, typer.Option(metavar="SECONDS", min=0, help="Leave out so much of each log.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(metavar="SECONDS", min=0, help="Play so much of each log.")] = None,
+    anywhere: Annotated[
+        bool, typer.Option("--anywhere", help="Inject into all messages of a topic, whatever number or time it says.")
+    ] = False,
+    again: Annotated[bool, typer.Option("--again", help="Try again what was tried before.")] = False,
+    seed: Seed = 0,
+    jobs: Jobs = 0,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Replay a test case against the current software, with each matching log as its nominal input.
+
+    Answers are fixed, failed or error, log by log; they are kept in the output folder, so that the same command goes on
+    where it stopped. Exit code 0: all fixed. 1: one still fails. 4: for one there is no telling.
+    """
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from riot_bus.chain.over_fleet import FleetOptions, exit_code, run_over
+    from riot_bus.chain.testcases import load_challenge
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.errors import ConfigError
+    from riot_bus.fleet.query import parse_query
+    from riot_bus.fleet.text import answer_lines
+
+    challenge = load_challenge(testcase)
+    with _open(catalogue) as known:
+        logs = known.find(parse_query(over))
+    if not logs:
+        raise ConfigError("no log matches", where="--over", hint=f"try: riot fleet list {over}")
+    file = system or Path(challenge.system or "riot.toml")
+    with (
+        ConsoleNarrator(Console(stderr=True)) as narrator,
+        Workspace(file, out, jobs=jobs, seed=seed, narrator=narrator) as workspace,
+    ):
+        name, _ = workspace.unit(unit or challenge.unit)
+        options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)
+        answers = run_over(workspace, challenge.anywhere() if anywhere else challenge, name, logs, options)
+    rows = [asdict(each) for each in answers]
+    typer.echo(json.dumps({"logs": rows}, indent=1) if form is OutputFormat.JSON else "\n".join(answer_lines(rows)))
+    if exit_code(answers):
+        raise typer.Exit(exit_code(answers))
+
+
+_DETAILS = ("topics", "metadata")
+
+
+def _open(path: Path | None, *, create: bool = False) -> Catalogue:
+    from riot_bus.fleet.catalogue import Catalogue, default_catalogue
+
+    return Catalogue(path or default_catalogue(), create=create)

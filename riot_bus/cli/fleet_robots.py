@@ -1,0 +1,327 @@
+"""`riot fleet robots|logs|play|record|status|pause|resume|seek|rate|stop`: robots on which `riot agent` runs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg
+from riot_bus.cli.options import Format, OutputFormat
+
+__all__ = ["register"]
+
+INTERRUPTED = 130
+
+Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as riot fleet robots tells it.")]
+FleetEndpoint = Annotated[
+    str,
+    typer.Option("--endpoint", "-e", metavar="ENDPOINT", envvar="RIOT_FLEET", help="The fleet's router."),
+]
+GiveUp = Annotated[
+    float, typer.Option(metavar="SECONDS", min=0.0, help="Leave when the robot was not heard for so long.")
+]
+Grace = Annotated[
+    float, typer.Option(metavar="SECONDS", min=0.0, help="So long this command may be away before it counts as lost.")
+]
+Detach = Annotated[bool, typer.Option("--detach", help="Leave when it has begun; nobody watches then.")]
+
+
+class Lost(StrEnum):
+    """What a robot does when its controller is lost."""
+
+    CONTINUE = "continue"
+    PAUSE = "pause"
+    STOP = "stop"
+
+
+OnLost = Annotated[Lost | None, typer.Option(help="What the robot does when this command is lost.")]
+
+
+def register(fleet: typer.Typer) -> None:
+    """Add this module's commands."""
+    for command in (robots, logs, play, record, status, pause, resume, seek, rate, stop):
+        fleet.command()(command)
+
+
+def robots(*, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT) -> None:
+    """List the robots that are there, and what they do."""
+    from dataclasses import asdict
+
+    from riot_bus.bus.agent.driving import find_robots
+    from riot_bus.bus.agent.text import robot_lines
+    from riot_bus.bus.component import client_cfg
+
+    found = find_robots(endpoint, config=client_cfg(cfg or ()))
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"robots": [asdict(each) for each in found]}, indent=1))
+    else:
+        typer.echo("\n".join(robot_lines(found)) if found else "no robot")
+
+
+def logs(
+    robot: Robot,
+    query: Annotated[list[str] | None, typer.Argument(metavar="[QUERY]...", help="As for riot fleet list.")] = None,
+    *,
+    limit: Annotated[int, typer.Option(min=1, max=500, help="At most so many.")] = 100,
+    offset: Annotated[int, typer.Option(min=0, help="Leave out so many before.")] = 0,
+    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """List the logs that a robot holds, oldest first."""
+    from riot_bus.bus.agent.text import log_lines
+
+    words = " ".join(query or [])
+    answer = _ask(endpoint, cfg, robot, "logs", query=words, limit=limit, offset=offset)
+    typer.echo(json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join(log_lines(answer)))
+
+
+def play(
+    robot: Robot,
+    log: Annotated[list[str], typer.Argument(metavar="LOG...", help="On the robot, in its folder of logs.")],
+    *,
+    inject: Annotated[
+        Path | None, typer.Option(metavar="PLAN.toml", help="Injections; the plan is read here and sent along.")
+    ] = None,
+    rate_: Annotated[float, typer.Option("--rate", "-r", help="Speed; 0 is as fast as possible.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
+    delay: Annotated[float, typer.Option("--delay", "-d", metavar="SECONDS", help="Wait before each pass.")] = 0.0,
+    start_offset: Annotated[float, typer.Option(metavar="SECONDS", help="Leave out so much at the beginning.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(metavar="SECONDS", help="Play so much of the logs' time.")] = None,
+    until: Annotated[str | None, typer.Option(metavar="TIME", help="End there, as for riot play.")] = None,
+    align: Annotated[bool, typer.Option("--align", help="Let all logs begin at the same time.")] = False,
+    topics: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Play these; repeatable.")] = None,
+    exclude: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out; repeatable.")] = None,
+    remap: Annotated[
+        list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Rename a topic; repeatable.")
+    ] = None,
+    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
+    clock: Annotated[float, typer.Option(metavar="HZ", min=0.0, help="Publish /clock so often.")] = 0.0,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="For subscribers, at most so long.")] = 2.0,
+    lockstep: Annotated[list[str] | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
+    ack: Annotated[str | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
+    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
+    domain: Annotated[int | None, typer.Option(help="ROS domain to publish in.")] = None,
+    latched: Annotated[list[str] | None, typer.Option(metavar="TOPIC[=DEPTH]", help="As for riot play.")] = None,
+    type_: Annotated[list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="As for riot play.")] = None,
+    on_lost_controller: OnLost = None,
+    grace: Grace = 10.0,
+    detach: Detach = False,
+    give_up: GiveUp = 60.0,
+    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Let a robot play logs that it holds into its own bus, and follow it; Ctrl-C stops it.
+
+    Without this command (its machine off, the link broken) the robot stops after --grace seconds, unless
+    --on-lost-controller says otherwise. With --detach nobody watches, and it plays to the end. Exit code 3: messages
+    were lost. 4: no answer, busy, or stopped by somebody else.
+    """
+    arguments = {
+        "logs": log,
+        "inject": None if inject is None else _plan(inject),
+        "rate": rate_,
+        "loop": loop,
+        "delay": delay,
+        "start_offset": start_offset,
+        "duration": duration,
+        "until": until,
+        "align": align,
+        "topics": topics or [],
+        "exclude": exclude or [],
+        "remap": remap or [],
+        "paused": start_paused,
+        "clock": clock,
+        "wait": wait,
+        "lockstep": lockstep or [],
+        "ack": ack,
+        "seed": seed,
+        "domain": domain,
+        "latched": latched or [],
+        "types": type_ or [],
+    }
+    policy = _policy(on_lost_controller, Lost.STOP, grace=grace, detach=detach)
+    _drive(endpoint, cfg, robot, "play", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
+
+
+def record(
+    robot: Robot,
+    keys: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEYEXPR]...", help="What to record. [default: everything]")
+    ] = None,
+    *,
+    output: Annotated[
+        str | None,
+        typer.Option("--output", "-o", metavar="FILE.mcap", help="On the robot, in its folder. [default: by date]"),
+    ] = None,
+    exclude: Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out; repeatable.")] = None,
+    duration: Annotated[str | None, typer.Option(metavar="TIME", help="End after so long, such as 10min.")] = None,
+    split_size: Annotated[str | None, typer.Option(metavar="SIZE", help="Begin another file then.")] = None,
+    split_duration: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Begin another file after so long.")
+    ] = None,
+    max_files: Annotated[int, typer.Option(min=0, help="Delete the oldest of this recording; 0: keep all.")] = 0,
+    compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Of chunks.")] = "zstd",
+    throttle: Annotated[list[str] | None, typer.Option(metavar="TOPIC=HZ", help="At most so many per second.")] = None,
+    start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
+    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of the run, for the log.")] = 0,
+    on_lost_controller: OnLost = None,
+    grace: Grace = 10.0,
+    detach: Detach = False,
+    give_up: GiveUp = 60.0,
+    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Let a robot record its own bus into its folder of logs, and follow it; Ctrl-C ends the recording.
+
+    Without this command the robot goes on recording, unless --on-lost-controller says otherwise. Exit code 3: messages
+    were lost. 4: no answer, busy, or ended by somebody else.
+    """
+    from riot_bus.bus.capture.options import parse_seconds, parse_size
+
+    arguments = {
+        "keys": keys or ["**"],
+        "exclude": exclude or [],
+        "output": output,
+        "compression": compression,
+        "split_bytes": parse_size(split_size, "--split-size") if split_size else 0,
+        "split_seconds": parse_seconds(split_duration, "--split-duration") if split_duration else 0.0,
+        "max_files": max_files,
+        "duration": parse_seconds(duration, "--duration") if duration else 0.0,
+        "paused": start_paused,
+        "throttle": throttle or [],
+        "seed": seed,
+    }
+    policy = _policy(on_lost_controller, Lost.CONTINUE, grace=grace, detach=detach)
+    _drive(endpoint, cfg, robot, "record", {**arguments, **policy}, give_up=give_up, detach=detach, form=form)
+
+
+def status(
+    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Say what a robot does, for whom, and how its last operation ended."""
+    _steer(endpoint, cfg, robot, form, "status")
+
+
+def pause(
+    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Pause."""
+    _steer(endpoint, cfg, robot, form, "pause")
+
+
+def resume(
+    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """Go on."""
+    _steer(endpoint, cfg, robot, form, "resume")
+
+
+def seek(
+    robot: Robot,
+    time: Annotated[float, typer.Argument(metavar="SECONDS", help="From the logs' beginning.")],
+    *,
+    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Go on from another time."""
+    _steer(endpoint, cfg, robot, form, "seek", time=time)
+
+
+def rate(
+    robot: Robot,
+    speed: Annotated[float, typer.Argument(metavar="RATE", help="0 is as fast as possible.")],
+    *,
+    endpoint: FleetEndpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Go on at another speed."""
+    _steer(endpoint, cfg, robot, form, "rate", rate=speed)
+
+
+def stop(
+    robot: Robot, *, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form: Format = OutputFormat.TEXT
+) -> None:
+    """End what a robot does, whoever began it."""
+    _steer(endpoint, cfg, robot, form, "stop")
+
+
+def _plan(file: Path) -> str:
+    from riot_bus.bus.remote import plan_payload
+    from riot_bus.errors import ConfigError
+
+    try:
+        return plan_payload(file)[0].decode()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"not a TOML file: {error}", where=str(file)) from None
+
+
+def _policy(wanted: Lost | None, default: Lost, *, grace: float, detach: bool) -> dict[str, Any]:
+    from riot_bus.errors import ConfigError
+
+    if detach and wanted not in (None, Lost.CONTINUE):
+        hint = "leave one of them out: with --detach there is no controller to be lost"
+        raise ConfigError(f"--detach and --on-lost-controller {wanted} exclude each other", hint=hint)
+    return {"on_lost_controller": str(Lost.CONTINUE if detach else wanted or default), "grace": grace}
+
+
+def _drive(
+    endpoint: str,
+    cfg: list[str] | None,
+    robot: str,
+    kind: str,
+    arguments: dict[str, Any],
+    *,
+    give_up: float,
+    detach: bool,
+    form: OutputFormat,
+) -> None:
+    from riot_bus.bus.agent.following import drive
+    from riot_bus.bus.component import client_cfg
+
+    finished = drive(
+        endpoint,
+        robot,
+        kind,
+        arguments,
+        config=client_cfg(cfg or ()),
+        give_up=give_up,
+        detach=detach,
+        say=typer.echo,
+        show=_show if sys.stderr.isatty() else lambda _: None,
+        as_json=form is OutputFormat.JSON,
+    )
+    if not finished:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _show(line: str) -> None:
+    typer.echo(f"\r\x1b[K{line[:100]}", err=True, nl=False)
+
+
+def _steer(
+    endpoint: str, cfg: list[str] | None, robot: str, form: OutputFormat, command: str, **arguments: Any
+) -> None:
+    from riot_bus.bus.agent.driving import who_am_i
+    from riot_bus.bus.agent.text import status_lines
+
+    if command != "status":
+        arguments["who"] = who_am_i()
+    answer = _ask(endpoint, cfg, robot, command, **arguments)
+    typer.echo(json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join(status_lines(answer)))
+
+
+def _ask(endpoint: str, cfg: list[str] | None, robot: str, command: str, **arguments: Any) -> dict[str, Any]:
+    from riot_bus.bus.agent.driving import ask_robot
+    from riot_bus.bus.component import client_cfg
+
+    return ask_robot(endpoint, robot, command, config=client_cfg(cfg or ()), **arguments)

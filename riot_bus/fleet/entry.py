@@ -1,0 +1,73 @@
+"""What the catalogue says of one log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+__all__ = ["LATEST", "LogEntry", "NamedBy", "TopicEntry"]
+
+NamedBy = Literal["log", "option", "folder"]
+"""Who says which robot a log is from."""
+
+LATEST = (1 << 63) - 1
+"""Latest time and largest number that a catalogue holds; what is beyond stands for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEntry:
+    """One topic of a log; `count` messages, and the originals of `originals` that interceptors touched."""
+
+    topic: str
+    key: str
+    type: str
+    encoding: str
+    count: int
+    originals: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogEntry:
+    """One log.
+
+    Attributes:
+        place: Absolute path, or URL.
+        size: Bytes.
+        stamp: Changes when the file does: time of its last change, or the object's etag.
+        robot: Whose it is.
+        named_by: Who says so.
+        readable: Whether it is a log at all; if not, `problem` says why and nothing else is known.
+        problem: What is wrong with it; empty if nothing is missing.
+        profile: MCAP profile.
+        start: Time of the first message, nanoseconds since the Unix epoch; None if there is none.
+        end: Of the last one.
+        messages: Delivered messages.
+        lost: Messages that are known to be missing.
+        topics: By name; empty where the catalogue was not asked for them.
+        metadata: Of the run; likewise.
+        number: In the catalogue; 0 outside of it.
+        gone: Whether it was not there any more when its folder was looked at last.
+    """
+
+    place: str
+    size: int
+    stamp: str
+    robot: str
+    named_by: NamedBy = "folder"
+    readable: bool = True
+    problem: str = ""
+    profile: str = ""
+    start: int | None = None
+    end: int | None = None
+    messages: int = 0
+    lost: int = 0
+    topics: tuple[TopicEntry, ...] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    number: int = 0
+    gone: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first to the last message."""
+        return (self.end - self.start) / 1e9 if self.start is not None and self.end is not None else 0.0

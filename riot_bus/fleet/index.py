@@ -1,0 +1,210 @@
+"""Indexing: what is new or has changed is read, each log is committed alone, what was read is never read again."""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import RiotError
+from riot_bus.fleet.entry import LogEntry, TopicEntry
+from riot_bus.fleet.stores import open_store
+from riot_bus.log.info import log_info
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from riot_bus.fleet.catalogue import Catalogue
+    from riot_bus.fleet.entry import NamedBy
+    from riot_bus.fleet.stores import Found, Store
+    from riot_bus.log.info import LogInfo
+
+__all__ = ["IndexReport", "describe", "index"]
+
+_ROBOT = "robot"
+_AHEAD = 4
+
+
+@dataclass(slots=True)
+class IndexReport:
+    """What indexing has come to.
+
+    Attributes:
+        logs: All that are there.
+        fresh: Of these, new or changed ones, which were read.
+        damaged: Of those, the ones of which something is missing, or that are no logs.
+        gone: Logs that are not there any more.
+        pruned: Logs that were forgotten.
+        failures: What could not be looked at, a line each.
+    """
+
+    logs: int = 0
+    fresh: int = 0
+    damaged: int = 0
+    gone: int = 0
+    pruned: int = 0
+    failures: list[str] = field(default_factory=list)
+
+
+def index(
+    catalogue: Catalogue,
+    roots: Sequence[str],
+    *,
+    robot: str | None = None,
+    jobs: int = 4,
+    prune: bool = False,
+    scan: bool = False,
+    progress: Callable[[int, str], None] = lambda _, __: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> IndexReport:
+    """Bring a catalogue up to date.
+
+    Args:
+        catalogue: What is known so far.
+        roots: Folders, logs and URLs of object stores.
+        robot: Whose the logs are that do not say so; by default as the folder below the root is called.
+        jobs: Logs that are read at once.
+        prune: Forget logs that are gone, instead of marking them.
+        scan: Read all of each new log, so that damage is found that its summary does not know of.
+        progress: Called with the number of logs so far and the present one.
+        stop: Asked before each log; what is known by then stays known.
+
+    Raises:
+        ConfigError: A root does not exist, or cannot be opened.
+    """
+    work = _Indexing(catalogue, robot, jobs, scan, progress, stop)
+    stores = [open_store(root) for root in roots]
+    with ThreadPoolExecutor(max(1, jobs), thread_name_prefix="riot-index") as pool:
+        for store in stores:
+            work.index(store, pool)
+    if prune:
+        work.report.pruned = catalogue.prune()
+    return work.report
+
+
+@dataclass(slots=True)
+class _Indexing:
+    catalogue: Catalogue
+    robot: str | None
+    jobs: int
+    scan: bool
+    progress: Callable[[int, str], None]
+    stop: Callable[[], bool]
+    report: IndexReport = field(default_factory=IndexReport)
+    waiting: deque[Future[LogEntry]] = field(default_factory=deque)
+
+    def index(self, store: Store, pool: ThreadPoolExecutor) -> None:
+        look = self.catalogue.look(store.root)
+        failures: list[str] = []
+        try:
+            for log in _until(store.logs(failures.append), self.stop):
+                self.report.logs += 1
+                self.progress(self.report.logs, log.place)
+                look.saw(log.place)
+                known = self.catalogue.known(log.place)
+                if known is None or (known.size, known.stamp) != (log.size, log.stamp):
+                    self.waiting.append(pool.submit(describe, store, log, self.robot, scan=self.scan))
+                    self._take(self.jobs + _AHEAD, failures)
+                else:
+                    self._keep(known)
+            self._take(0, failures)
+        finally:
+            for each in self.waiting:
+                each.cancel()
+            self.waiting.clear()
+        self.report.failures += failures
+        if not failures and not self.stop():  # else it may be there all the same
+            self.report.gone += look.end()
+
+    def _take(self, left: int, failures: list[str]) -> None:
+        """Commit what was read, until only so many are being read."""
+        while len(self.waiting) > left:
+            try:
+                entry = self.waiting.popleft().result()
+            except RiotError as error:
+                failures.append(str(error))
+                continue
+            self.catalogue.put(entry)
+            self.report.fresh += 1
+            self.report.damaged += bool(entry.problem or entry.lost)
+
+    def _keep(self, known: LogEntry) -> None:
+        if known.gone:
+            self.catalogue.back(known.place)
+        if self.robot is not None and known.named_by != "log" and known.robot != self.robot:
+            self.catalogue.name(known.place, self.robot)
+
+
+def _until(logs: Iterator[Found], stop: Callable[[], bool]) -> Iterator[Found]:
+    for log in logs:
+        if stop():
+            return
+        yield log
+
+
+def describe(store: Store, log: Found, robot: str | None = None, *, scan: bool = False) -> LogEntry:
+    """Read what a log holds: from its summary if that is sound, else from all of it.
+
+    Args:
+        store: Where it is.
+        log: Which.
+        robot: Whose it is, unless it says so itself.
+        scan: Read all of it in any case, so that damage is found that the summary does not know of.
+
+    Raises:
+        EnvironmentFaultError: The store does not give it.
+    """
+    named: NamedBy = "folder" if robot is None else "option"
+    name = robot if robot is not None else log.folder
+    try:
+        info = None
+        if not scan:
+            with store.excerpt(log) as path:
+                info = _told(path)
+        if info is None or (info.scanned and store.partial):
+            with store.whole(log) as path:
+                info = log_info(path, scan=scan)
+    except RiotError as error:
+        if error.exit_code != 2:
+            raise
+        return LogEntry(
+            place=log.place,
+            size=log.size,
+            stamp=log.stamp,
+            robot=name,
+            named_by=named,
+            readable=False,
+            problem=error.message,
+        )
+    told = info.metadata.get(_ROBOT, "")
+    lost = 0 if info.account is None else info.account.total()
+    problems = [str(info.loss)] if info.loss else []
+    problems += [f"{lost} messages were lost while it was recorded"] if lost else []
+    return LogEntry(
+        place=log.place,
+        size=log.size,
+        stamp=log.stamp,
+        robot=told or name,
+        named_by="log" if told else named,
+        problem=", ".join(problems),
+        profile=info.profile,
+        start=info.start,
+        end=info.end,
+        messages=info.count,
+        lost=info.loss.messages + lost,
+        topics=tuple(
+            TopicEntry(each.topic, each.key, each.type, each.encoding, each.count, each.originals)
+            for each in info.topics
+        ),
+        metadata=dict(info.metadata),
+    )
+
+
+def _told(path: Path) -> LogInfo | None:
+    """Return what a log says of itself; None if the whole of it is needed for that."""
+    try:
+        return log_info(path, scan=False)
+    except RiotError:
+        return None

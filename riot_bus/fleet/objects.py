@@ -1,0 +1,172 @@
+"""Logs in object stores and other places that fsspec knows: S3, GCS, Azure, SFTP, HTTP ...
+
+Nothing is ever loaded whole into memory. For the catalogue only the head and the summary of a log are fetched, into a
+file with a hole in between; a log without a summary is copied to disk, block by block.
+"""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mcap.opcode import Opcode
+from mcap.records import MetadataIndex
+
+from riot_bus.errors import ConfigError, EnvironmentFaultError, MissingExtraError
+from riot_bus.fleet.stores import ENDING, Found
+from riot_bus.log.account import LOST
+from riot_bus.log.layout import RUN
+from riot_bus.log.scan import MAGIC, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+__all__ = ["ObjectStore"]
+
+_STAMPS = ("ETag", "etag", "md5Hash", "content_md5", "mtime", "LastModified", "last_modified", "updated", "created")
+_BLOCK = 1 << 22
+_HEAD = 1 << 16
+_LARGEST_SUMMARY = 1 << 26
+_FOOTER = struct.Struct("<BQQQI")
+_RECORD = struct.Struct("<BQ")
+_BEFORE = 13  # the record that ends the data: it stands right before the summary
+_MOST_RUNS = 16
+_LONGEST_RUN = 1 << 20
+
+
+class ObjectStore:
+    """A folder behind a URL, or a single log there.
+
+    Args:
+        url: Such as `s3://bucket/logs`.
+
+    Raises:
+        ConfigError: The URL is wrong, or a package is missing.
+    """
+
+    partial = True
+
+    def __init__(self, url: str) -> None:
+        try:
+            from fsspec.core import url_to_fs
+        except ImportError:
+            raise MissingExtraError("fsspec", "fleet") from None
+        try:
+            self._fs, self._path = url_to_fs(url)
+        except ImportError as error:
+            raise ConfigError(str(error), where=url, hint="install the package that fsspec names") from error
+        except Exception as error:
+            raise ConfigError(f"this place cannot be opened: {error}", where=url) from error
+        self.root: str = self._fs.unstrip_protocol(self._path).rstrip("/")
+
+    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+        """Yield all logs, folder by folder; say in a line what could not be looked at."""
+        try:
+            self._fs.invalidate_cache()
+            if self._fs.isfile(self._path):
+                yield from self._found(self._path, self._fs.info(self._path), self._path.rsplit("/", 2)[-2:][0], failed)
+                return
+            if not self._fs.exists(self._path):
+                failed(f"{self.root}: there is nothing")
+                return
+            for folder, _, files in self._fs.walk(self._path, detail=True, on_error="raise"):
+                below = str(folder)[len(self._path) :].strip("/").partition("/")[0]
+                name = below or self._path.rstrip("/").rpartition("/")[2]
+                for file, info in files.items():
+                    if file.endswith(ENDING):
+                        yield from self._found(info.get("name") or f"{folder}/{file}", info, name, failed)
+        except Exception as error:  # whatever a store raises; they have nothing in common
+            failed(f"{self.root}: {_reason(error)}")
+
+    @contextmanager
+    def excerpt(self, log: Found) -> Iterator[Path]:
+        """Give a file with head and summary of a log, and its run's metadata; what lies between is a hole."""
+        with self._temporary(log) as path:
+            parts = self._parts(log)
+            if parts is None:
+                self._copy(log, path)
+            else:
+                with path.open("r+b") as file:
+                    for start, end in parts:
+                        for begin in range(start, end, _BLOCK):
+                            file.seek(begin)
+                            file.write(self._range(log, begin, min(end, begin + _BLOCK)))
+                    file.truncate(log.size)
+            yield path
+
+    @contextmanager
+    def whole(self, log: Found) -> Iterator[Path]:
+        """Give a copy of a log on this machine's disk."""
+        with self._temporary(log) as path:
+            self._copy(log, path)
+            yield path
+
+    def _found(self, path: str, info: Mapping[str, Any], folder: str, failed: Callable[[str], None]) -> Iterator[Found]:
+        size = info.get("size")
+        place = str(self._fs.unstrip_protocol(path))
+        if not isinstance(size, int):
+            failed(f"{place}: the store does not say how large it is")
+            return
+        stamp = next((str(info[name]) for name in _STAMPS if info.get(name)), "")
+        yield Found(place, size, stamp, folder)
+
+    def _parts(self, log: Found) -> list[tuple[int, int]] | None:
+        """Return which parts of a log tell what is in it; None if all of it has to be read."""
+        size, foot = log.size, _FOOTER.size + len(MAGIC)
+        if size <= _BLOCK:
+            return None
+        tail = self._range(log, size - foot, size)
+        opcode, length, start, _, _ = _FOOTER.unpack_from(tail)
+        if tail[_FOOTER.size :] != MAGIC or opcode != Opcode.FOOTER or length != _FOOTER.size - _RECORD.size:
+            return None
+        if not _HEAD < start <= size - foot or size - start > _LARGEST_SUMMARY:
+            return None
+        summary = b"".join(self._range(log, begin, min(size, begin + _BLOCK)) for begin in range(start, size, _BLOCK))
+        return [(0, _HEAD), *_runs(summary, size), (start - _BEFORE, size)]
+
+    def _range(self, log: Found, start: int, end: int) -> bytes:
+        try:
+            found = bytes(self._fs.cat_file(self._fs._strip_protocol(log.place), start=start, end=end))
+        except Exception as error:
+            raise EnvironmentFaultError(f"cannot be read: {_reason(error)}", where=log.place) from error
+        if len(found) != end - start:
+            raise EnvironmentFaultError(
+                f"{len(found)} bytes came instead of {end - start}", where=log.place, hint="did it change meanwhile?"
+            )
+        return found
+
+    def _copy(self, log: Found, path: Path) -> None:
+        try:
+            self._fs.get_file(self._fs._strip_protocol(log.place), str(path))
+        except Exception as error:
+            raise EnvironmentFaultError(f"cannot be copied: {_reason(error)}", where=log.place) from error
+
+    @contextmanager
+    def _temporary(self, log: Found) -> Iterator[Path]:
+        with tempfile.TemporaryDirectory(prefix="riot-fleet-") as folder:
+            path = Path(folder) / "log.mcap"
+            path.touch()
+            yield path
+
+
+def _runs(summary: bytes, size: int) -> list[tuple[int, int]]:
+    """Return where the metadata of the run and of its losses stand, as the summary says."""
+    found: list[tuple[int, int]] = []
+    position = 0
+    while position + _RECORD.size <= len(summary) and len(found) < _MOST_RUNS:
+        opcode, length = _RECORD.unpack_from(summary, position)
+        position += _RECORD.size
+        if opcode == Opcode.METADATA_INDEX and length <= _HEAD:
+            index = parse(MetadataIndex, summary[position : position + length])
+            if index is not None and index.name in (RUN, LOST) and 0 < index.length <= _LONGEST_RUN:
+                end = index.offset + index.length
+                found += [(index.offset, end)] if index.offset >= 0 and end <= size else []
+        position += length
+    return found
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error)[:200]}"

@@ -1,0 +1,151 @@
+"""Where logs are: folders of this machine; object stores are in `objects`."""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
+
+__all__ = ["ENDING", "FolderStore", "Found", "Store", "copied", "is_remote", "open_store"]
+
+ENDING = ".mcap"
+"""How the names of logs end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A log that is somewhere.
+
+    Attributes:
+        place: Absolute path, or URL.
+        size: Bytes.
+        stamp: Changes when the file does.
+        folder: Name of the folder directly below the root that holds it; of the root itself if it is not in any.
+    """
+
+    place: str
+    size: int
+    stamp: str
+    folder: str
+
+
+class Store(Protocol):
+    """A place that holds logs.
+
+    Attributes:
+        root: As a place.
+        partial: Whether an excerpt may lack what its summary does not need.
+    """
+
+    root: str
+    partial: bool
+
+    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+        """Yield all logs; say in a line what could not be looked at."""
+        ...
+
+    def excerpt(self, log: Found) -> AbstractContextManager[Path]:
+        """Give a local file with at least the summary of a log, and of the same size."""
+        ...
+
+    def whole(self, log: Found) -> AbstractContextManager[Path]:
+        """Give a local file with all of a log."""
+        ...
+
+
+class FolderStore:
+    """A folder of this machine, or a single log. Links to folders are not followed.
+
+    Args:
+        root: Its path.
+
+    Raises:
+        ConfigError: There is no such thing.
+    """
+
+    partial = False
+
+    def __init__(self, root: Path) -> None:
+        if not root.exists():
+            raise ConfigError("there is no such folder or log", where=str(root))
+        self.root = str(root.resolve())
+
+    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+        """Yield all logs, folder by folder; say in a line what could not be looked at."""
+        root = Path(self.root)
+        if root.is_file():
+            details = root.stat()
+            yield Found(self.root, details.st_size, str(details.st_mtime_ns), root.parent.name)
+            return
+        waiting = [(self.root, "")]
+        while waiting:
+            path, below = waiting.pop()
+            try:
+                with os.scandir(path) as entries:
+                    for entry in entries:
+                        try:
+                            if entry.is_dir(follow_symlinks=False):
+                                waiting.append((entry.path, below or entry.name))
+                            elif entry.name.endswith(ENDING) and stat.S_ISREG((details := entry.stat()).st_mode):
+                                entry.path.encode()
+                                stamp = str(details.st_mtime_ns)
+                                yield Found(entry.path, details.st_size, stamp, below or root.name)
+                        except UnicodeEncodeError:
+                            failed(f"{os.fsencode(entry.path)!r}: the name is not UTF-8")
+                        except OSError as error:
+                            failed(f"{entry.path}: {error.strerror}")
+            except OSError as error:
+                failed(f"{path}: {error.strerror}")
+
+    @contextmanager
+    def excerpt(self, log: Found) -> Iterator[Path]:
+        """Give the log itself."""
+        yield Path(log.place)
+
+    @contextmanager
+    def whole(self, log: Found) -> Iterator[Path]:
+        """Give the log itself."""
+        yield Path(log.place)
+
+
+def is_remote(place: str) -> bool:
+    """Return whether a place is a URL that fsspec has to open."""
+    return "://" in place and not place.startswith("file://")
+
+
+def open_store(root: str) -> Store:
+    """Open a folder, a log, or the URL of an object store.
+
+    Raises:
+        ConfigError: There is no such thing, or a package is missing to open it.
+    """
+    if is_remote(root):
+        from riot_bus.fleet.objects import ObjectStore
+
+        return ObjectStore(root)
+    return FolderStore(Path(root.removeprefix("file://")).expanduser())
+
+
+@contextmanager
+def copied(place: str) -> Iterator[Path]:
+    """Give a local file with all of a log, wherever that is; a copy on disk is deleted afterwards.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    store = open_store(place)
+    problems: list[str] = []
+    log = next(store.logs(problems.append), None)
+    if log is None:
+        raise ConfigError(problems[0] if problems else "there is no such log", where=place)
+    with store.whole(log) as path:
+        yield path

@@ -1,0 +1,127 @@
+"""The catalogue as lines for people; pure. What a log says is shown without obeying it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.fleet.entry import LogEntry
+    from riot_bus.fleet.index import IndexReport
+
+__all__ = ["answer_lines", "entry_json", "index_line", "list_lines", "show_lines"]
+
+_LONGEST = 60
+_UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
+
+
+def index_line(report: IndexReport) -> str:
+    """Return what indexing has come to."""
+    parts = [f"{report.logs} logs: {report.fresh} read, {report.logs - report.fresh} known already"]
+    if report.damaged:
+        parts.append(f"{report.damaged} of those read are damaged (riot fleet list damaged)")
+    if report.gone:
+        parts.append(f"{report.gone} gone")
+    if report.pruned:
+        parts.append(f"{report.pruned} forgotten")
+    return ", ".join(parts)
+
+
+def list_lines(entries: Sequence[LogEntry]) -> list[str]:
+    """Return a table of logs."""
+    rows = [("", "robot", "begin (UTC)", "length", "messages", "size", "", "log")]
+    for each in entries:
+        state = "gone" if each.gone else "not a log" if not each.readable else "damaged" if _lossy(each) else ""
+        rows.append(
+            (
+                str(each.number),
+                _short(each.robot, 20),
+                _moment(each.start),
+                f"{each.seconds:.1f} s",
+                str(each.messages),
+                _size(each.size),
+                state,
+                _plain(each.place),
+            )
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    right = {0, 3, 4, 5}
+    return [
+        "  ".join(
+            cell.rjust(widths[place]) if place in right else cell.ljust(widths[place])
+            for place, cell in enumerate(row[:-1])
+        )
+        + f"  {row[-1]}"
+        for row in rows
+    ]
+
+
+def show_lines(entry: LogEntry) -> list[str]:
+    """Return all that is known of a log."""
+    lines = [
+        f"log {entry.number}: {_plain(entry.place)}",
+        f"robot {entry.robot} (as the {entry.named_by} says), {_size(entry.size)}, profile {entry.profile or '-'}",
+        f"{_moment(entry.start)} to {_moment(entry.end)} UTC, {entry.seconds:.3f} s, {entry.messages} messages",
+    ]
+    if entry.gone:
+        lines.append("gone: it was not there when its folder was indexed last")
+    if entry.problem or entry.lost:
+        lines.append(f"damaged: {entry.problem or f'{entry.lost} messages are missing'}")
+    lines += [f"{name}: {_short(value, 200)}" for name, value in sorted(entry.metadata.items())]
+    width = max((len(_short(each.topic)) for each in entry.topics), default=0)
+    for each in entry.topics:
+        touched = f", {each.originals} originals" if each.originals else ""
+        kind = each.type or each.encoding or "-"
+        lines.append(f"  {_short(each.topic).ljust(width)}  {each.count:>9}  {_short(kind)}{touched}")
+    return [_plain(line) for line in lines]
+
+
+def entry_json(entry: LogEntry) -> dict[str, Any]:
+    """Return a log as JSON values."""
+    from dataclasses import asdict
+
+    return {**asdict(entry), "seconds": entry.seconds}
+
+
+def answer_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what a test case did on each log, and how often each answer came."""
+    lines = []
+    for row in rows:
+        share = f" {row['failed']} of {row['trials']}" if row["answer"] == "failed" else ""
+        detail = f": {_short(row['detail'].splitlines()[0], 200)}" if row["detail"] else ""
+        lines.append(_plain(f"{row['answer'] + share:<14} {row['place']}{detail}"))
+    counts = {kind: sum(row["answer"] == kind for row in rows) for kind in ("fixed", "failed", "error")}
+    return [*lines, f"{len(rows)} logs: " + ", ".join(f"{number} {kind}" for kind, number in counts.items())]
+
+
+def _lossy(entry: LogEntry) -> bool:
+    return bool(entry.problem or entry.lost)
+
+
+def _plain(text: str) -> str:
+    """Replace what a terminal would obey."""
+    return "".join(each if each.isprintable() else "\ufffd" for each in text)
+
+
+def _short(text: str, longest: int = _LONGEST) -> str:
+    text = _plain(text)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def _moment(time: int | None) -> str:
+    if time is None:
+        return "-"
+    try:
+        return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    except (OverflowError, ValueError, OSError):
+        return f"{time} ns"
+
+
+def _size(size: float) -> str:
+    for unit in _UNITS[:-1]:
+        if size < 1024:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1024
+    return f"{size:.1f} {_UNITS[-1]}"

@@ -1,0 +1,105 @@
+"""What a recording has and what it lacks, as a record in the log itself: the metadata record `riot_bus.lost`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["LOST", "Account", "account_of"]
+
+LOST = "riot_bus.lost"
+_VERSION = 1
+_MOST_TOPICS = 10_000
+_OTHER = "(other topics)"
+
+Numbers = Mapping[str, int]
+"""Messages by topic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """Messages by topic and, where they are not in the log, by reason; false if none is lost.
+
+    Attributes:
+        recorded: What was written.
+        lost: What should have been, by reason: `disk` (full or broken), `too slow` (the disk), `no room` (the queue
+            before it), `refused` (more keys or other times than a log can hold), `missed` (gaps in the numbers that
+            publishers give, so the messages never arrived).
+        left_out: What nobody wanted, by reason: `paused`, `throttled`.
+    """
+
+    recorded: Numbers = field(default_factory=dict)
+    lost: Mapping[str, Numbers] = field(default_factory=dict)
+    left_out: Mapping[str, Numbers] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return any(number > 0 for topics in self.lost.values() for number in topics.values())
+
+    def total(self, reason: str | None = None) -> int:
+        """Return how many messages are lost for a reason, or for any."""
+        return sum(number for name, topics in self.lost.items() if reason in (None, name) for number in topics.values())
+
+    def since(self, former: Account) -> Account:
+        """Return what was added to another account."""
+        return Account(
+            _less(self.recorded, former.recorded),
+            {reason: _less(topics, former.lost.get(reason, {})) for reason, topics in self.lost.items()},
+            {reason: _less(topics, former.left_out.get(reason, {})) for reason, topics in self.left_out.items()},
+        )
+
+    def record(self) -> dict[str, str]:
+        """Return it as the mapping of a metadata record."""
+        return {
+            "version": str(_VERSION),
+            "recorded": _text(self.recorded),
+            "lost": json.dumps({reason: _few(topics) for reason, topics in self.lost.items() if any(topics.values())}),
+            "left_out": json.dumps(
+                {reason: _few(topics) for reason, topics in self.left_out.items() if any(topics.values())}
+            ),
+        }
+
+
+def account_of(record: Mapping[str, str]) -> Account | None:
+    """Read a metadata record; None if it is damaged or of another version.
+
+    Args:
+        record: As `LogReader.notes(LOST)` yields it; the last one of a log counts.
+    """
+    try:
+        if record["version"] != str(_VERSION):
+            return None
+        recorded, lost, left_out = (json.loads(record[name]) for name in ("recorded", "lost", "left_out"))
+        return Account(
+            _numbers(recorded),
+            {str(reason): _numbers(topics) for reason, topics in lost.items()},
+            {str(reason): _numbers(topics) for reason, topics in left_out.items()},
+        )
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _numbers(document: Any) -> dict[str, int]:
+    found = {str(topic): number for topic, number in document.items()}
+    if not all(isinstance(number, int) for number in found.values()):
+        raise ValueError("no numbers")
+    return found
+
+
+def _less(numbers: Numbers, former: Numbers) -> dict[str, int]:
+    found = {topic: number - former.get(topic, 0) for topic, number in numbers.items()}
+    return {topic: number for topic, number in found.items() if number}
+
+
+def _few(numbers: Numbers) -> dict[str, int]:
+    found = {topic: number for topic, number in numbers.items() if number}
+    if len(found) > _MOST_TOPICS:
+        ordered = sorted(found.items(), key=lambda each: each[1], reverse=True)
+        found = dict(ordered[:_MOST_TOPICS])
+        found[_OTHER] = found.get(_OTHER, 0) + sum(number for _, number in ordered[_MOST_TOPICS:])
+    return dict(sorted(found.items()))
+
+
+def _text(numbers: Numbers) -> str:
+    return json.dumps(_few(numbers))

@@ -1,0 +1,184 @@
+"""How fields are changed: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number; conditions may follow.
+
+Integers wrap to the bits of their type and floats become infinite when they overflow, as `MessageType.patch` says.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.log.editing.selection import Selection, parse_clauses
+from riot_bus.types.model import parse_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.trial import Scalar
+    from riot_bus.types.model import MessageType
+
+__all__ = ["Assignment", "parse_assignment"]
+
+Operator = Literal["=", "+=", "-=", "*=", "/="]
+
+_TEXT = re.compile(
+    r"\s*(?P<topic>\S(?:.*?\S)?)\s*:(?P<field>(?:len\()?[A-Za-z_\[][^:=/\s]*?)\s*(?P<op>[-+*/]?=)(?!=)\s*(?P<rest>\S.*)",
+    re.DOTALL,
+)
+_VALUE = re.compile(
+    r"""(?P<value>"(?:[^"\\]|\\.)*"|'[^']*'|.*?)\s*(?P<clauses>(?<=\s)(?:during|index|every|where)\s.*)?""", re.DOTALL
+)
+_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"}
+_HINT = "write TOPIC:FIELD=VALUE, such as '/odom:twist.twist.linear.x = nan where pose.pose.position.x > 3'"
+_ALL_ELEMENTS = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What happens to a field.
+
+    Attributes:
+        text: As it was written.
+        selection: In which messages.
+        field: Its path; `[*]` stands for all elements.
+        operator: `=`, or what is done with its value and `value`.
+        value: A scalar, a number for other operators than `=`.
+    """
+
+    text: str
+    selection: Selection
+    field: str
+    operator: Operator
+    value: Scalar
+
+    def applied(self, kind: MessageType, payload: bytes) -> bytes:
+        """Return the payload with the field changed; raises PayloadError if it has none or the value does not fit."""
+        if "[*]" not in self.field:
+            return kind.patch(payload, {self.field: self._changed(kind.read(payload, self.field))})
+        pattern = _elements(self.field)
+        leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
+        if not leaves:
+            kind.read(payload, f"len({self.field.partition('[*]')[0]})")  # raises if there is no such array
+            return payload
+        return kind.patch(payload, {leaf.path: self._changed(leaf.value) for leaf in leaves})
+
+    def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
+        """Return what does the same faster if all messages get one value at one place, else None.
+
+        Args:
+            kind: Their type.
+            payload: One of them.
+        """
+        patcher = getattr(kind, "patcher", None)
+        if patcher is None or self.operator != "=" or "[*]" in self.field:
+            return None
+        patch: Callable[[bytes], bytes] | None = patcher(self.field, self._changed(kind.read(payload, self.field)))
+        return patch
+
+    def _changed(self, before: Scalar) -> Scalar:
+        if self.operator == "=":
+            return _fitted(self.value, before)
+        if isinstance(before, bool | str | bytes) or not isinstance(self.value, int | float):
+            raise PayloadError(f"{before!r} is no number", where=self.field)
+        if isinstance(before, int) and isinstance(self.value, int) and self.operator != "/=":
+            return _integer(self.operator, before, self.value)
+        try:
+            after = _float(self.operator, float(before), float(self.value))
+            return round(after) if isinstance(before, int) else after
+        except OverflowError:
+            if isinstance(before, int):
+                raise PayloadError(f"{before} {self.operator} {self.value} is no integer", where=self.field) from None
+            return math.inf
+        except ValueError:
+            raise PayloadError(f"{self.value} does not fit into an integer", where=self.field) from None
+
+
+def parse_assignment(text: str, option: str) -> Assignment:
+    """Parse `TOPIC:FIELD OPERATOR VALUE [conditions]`.
+
+    Args:
+        text: What the user wrote.
+        option: Such as `--set`, for errors.
+
+    Raises:
+        ConfigError: It is not of this form.
+    """
+    match = _TEXT.fullmatch(text)
+    parts = _VALUE.fullmatch(match["rest"]) if match else None
+    if match is None or parts is None or not parts["value"]:
+        raise ConfigError(f"{text!r} does not say what to set", where=option, hint=_HINT)
+    field, operator, value = match["field"], match["op"], _value(parts["value"], option)
+    try:
+        parsed = parse_path(field.replace("[*]", "[0]"))
+    except PayloadError as error:
+        raise ConfigError(error.message, where=option, hint=error.hint) from None
+    if parsed.length:
+        raise ConfigError(f"{field}: a length cannot be changed", where=option)
+    if operator != "=":
+        if isinstance(value, str | bool | bytes) or not math.isfinite(value):
+            raise ConfigError(f"{parts['value']} in {text!r} is no number to calculate with", where=option)
+        if operator == "/=" and not value:
+            raise ConfigError(f"{text!r} divides by zero", where=option)
+    selection = parse_clauses(match["topic"], parts["clauses"] or "", text, option)
+    return Assignment(text, selection, field, operator, value)  # type: ignore[arg-type]
+
+
+def _value(text: str, option: str) -> Scalar:
+    if text[0] == '"' and len(text) > 1:
+        try:
+            return str(json.loads(text, strict=False))
+        except ValueError:
+            raise ConfigError(f"{text} is not a quoted text", where=option) from None
+    if text[0] == "'" and len(text) > 1:
+        return text[1:-1]
+    if text in ("true", "false"):
+        return text == "true"
+    for convert in (int, float, lambda digits: int(digits, 16)):
+        try:
+            return convert(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _fitted(value: Scalar, before: Scalar) -> Scalar:
+    """Bring a value into the field's kind: `nan` is a number where the field is one, 2.0 an integer."""
+    if isinstance(before, str):
+        return value if isinstance(value, str) else _spelt(value)
+    if isinstance(before, float):
+        if isinstance(value, str) and value.strip().lower() in _NUMBERS:
+            return float(value)
+        return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
+    if isinstance(before, bool):
+        return bool(value) if isinstance(value, int) else value
+    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def _spelt(value: Scalar) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _integer(operator: str, before: int, value: int) -> int:
+    return before + value if operator == "+=" else before - value if operator == "-=" else before * value
+
+
+def _float(operator: str, before: float, value: float) -> float:
+    match operator:
+        case "+=":
+            return before + value
+        case "-=":
+            return before - value
+        case "*=":
+            return before * value
+        case _:
+            return before / value
+
+
+def _elements(field: str) -> re.Pattern[str]:
+    return re.compile(re.escape(field).replace(r"\[\*\]", r"\[\d+\]"))

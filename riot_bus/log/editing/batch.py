@@ -1,0 +1,200 @@
+"""Many messages at once, as records in a buffer: what is not touched is moved, never taken apart."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from riot_bus.log.editing.inputs import InputLog
+    from riot_bus.log.scan import Block
+
+__all__ = ["MESSAGE_HEAD", "Batch", "gathered", "heads_of", "pack_message", "shifted"]
+
+MESSAGE_HEAD = HEAD.size + SHORTEST_MESSAGE
+"""Bytes before the payload of a message's record."""
+
+_HEAD_TYPE = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("time", "<u8"),
+        ("published", "<u8"),
+    ]
+)
+_MESSAGE = struct.Struct("<BQHIQQ")
+_CHANNEL_AT, _TIME_AT, _PUBLISHED_AT = 9, 15, 23
+_WRAP = 1 << 64
+
+
+@dataclass(slots=True, eq=False)
+class Batch:
+    """Messages, n of them.
+
+    Attributes:
+        buffer: Holds their records.
+        start: Where each record begins, shape (n,).
+        end: Where it ends, shape (n,).
+        course: Number of the `Course` of each, shape (n,).
+        time: Of each, nanoseconds, shape (n,).
+        extras: What `layout.extras_of` says of each, shape (n,); None if none has any.
+        notes: What interceptors did to each, tuples, shape (n,); None if there is nothing.
+        changed: Number of the course for which each counts as changed, -1 if it does not, shape (n,); None if none.
+        whole: The log and the block that they are all of and that holds nothing else; None if something is different.
+    """
+
+    buffer: bytes | bytearray
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    course: NDArray[np.int32]
+    time: NDArray[np.uint64]
+    extras: NDArray[Any] | None = None
+    notes: NDArray[Any] | None = None
+    changed: NDArray[np.int32] | None = None
+    whole: tuple[InputLog, Block] | None = None
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def weight(self) -> int:
+        """Bytes of the records."""
+        return int((self.end - self.start).sum())
+
+    def take(self, rows: NDArray[Any] | slice) -> Batch:
+        """Return some of them, by mask, by number or by range."""
+        return Batch(
+            self.buffer,
+            self.start[rows],
+            self.end[rows],
+            self.course[rows],
+            self.time[rows],
+            None if self.extras is None else self.extras[rows],
+            None if self.notes is None else self.notes[rows],
+            None if self.changed is None else self.changed[rows],
+        )
+
+    def where(self, mask: NDArray[np.bool_]) -> Batch:
+        """Return those for which a mask is true; the same batch if that is all of them."""
+        return self if mask.all() else self.take(mask)
+
+    def by_time(self) -> Batch:
+        """Return them in the order of time, those of equal time as they are; the same batch if that is its order."""
+        if len(self) < 2 or bool((self.time[1:] >= self.time[:-1]).all()):
+            return self
+        return self.take(np.argsort(self.time, kind="stable"))
+
+    def writable(self) -> bytearray:
+        """Return the buffer, which may then be changed."""
+        if not isinstance(self.buffer, bytearray):
+            self.buffer = bytearray(self.buffer)
+        self.whole = None
+        return self.buffer
+
+
+def heads_of(buffer: bytes | bytearray, start: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the heads of messages as an array with fields channel, sequence, time and published."""
+    raw = np.frombuffer(buffer, np.uint8)
+    found = raw[start[:, None] + np.arange(MESSAGE_HEAD)] if len(start) else np.zeros((0, MESSAGE_HEAD), np.uint8)
+    return np.ascontiguousarray(found).reshape(-1).view(_HEAD_TYPE)
+
+
+def pack_message(channel: int, sequence: int, time: int, published: int, payload: bytes) -> bytes:
+    """Return the record of a message; numbers have to fit 16, 32, 64 and 64 bits."""
+    return _MESSAGE.pack(5, SHORTEST_MESSAGE + len(payload), channel, sequence, time, published) + payload
+
+
+def gathered(batches: Sequence[Batch]) -> Batch:
+    """Return the messages of all batches, one after the other."""
+    filled = [batch for batch in batches if len(batch)]
+    if len(filled) == 1:
+        return filled[0]
+    if not filled:
+        return Batch(b"", *(np.zeros(0, kind) for kind in (np.int64, np.int64, np.int32, np.uint64)))  # type: ignore[arg-type]
+    pieces: list[memoryview] = []
+    for batch in filled:
+        view = memoryview(batch.buffer)
+        pieces += [view[begin:end] for begin, end in runs_of(batch)]
+    lengths = np.concatenate([batch.end - batch.start for batch in filled])
+    ends = np.cumsum(lengths)
+    return Batch(
+        b"".join(pieces),
+        ends - lengths,
+        ends,
+        np.concatenate([batch.course for batch in filled]),
+        np.concatenate([batch.time for batch in filled]),
+        _joined([(len(batch), batch.extras) for batch in filled], None, object),
+        _joined([(len(batch), batch.notes) for batch in filled], None, object),
+        _joined([(len(batch), batch.changed) for batch in filled], -1, np.int32),
+    )
+
+
+def runs_of(batch: Batch) -> list[tuple[int, int]]:
+    """Return where records stand that follow each other without a gap, from where to where."""
+    if not len(batch):
+        return []
+    breaks = np.flatnonzero(batch.start[1:] != batch.end[:-1])
+    begins = batch.start[np.concatenate(([0], breaks + 1))]
+    ends = batch.end[np.concatenate((breaks, [len(batch) - 1]))]
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+
+def shifted(batch: Batch, delta: NDArray[np.int64]) -> tuple[Batch, NDArray[np.bool_]]:
+    """Move times; the batch is changed, and returned with a mask of those that still have a time.
+
+    Args:
+        batch: Messages.
+        delta: Nanoseconds to add to both times of each, shape (n,).
+    """
+    if not delta.any():
+        return batch, np.ones(len(batch), np.bool_)
+    buffer = batch.writable()
+    heads = heads_of(buffer, batch.start)
+    step = delta.astype(np.uint64)  # wraps, as the addition does
+    time, published = batch.time + step, heads["published"] + step
+    fits = np.where(delta < 0, time <= batch.time, time >= batch.time)
+    known = np.where(delta < 0, published <= heads["published"], published >= heads["published"])
+    _write(buffer, batch.start + _TIME_AT, time, 8)
+    _write(buffer, batch.start + _PUBLISHED_AT, np.where(known, published, time), 8)
+    batch.time = time
+    if batch.extras is not None:
+        for row in np.flatnonzero([extras is not None and "p" in extras for extras in batch.extras]).tolist():
+            _shift_extras(batch.extras, row, int(delta[row]))
+    return batch, fits
+
+
+def renumbered(batch: Batch, rows: NDArray[Any], channels: NDArray[np.uint16]) -> None:
+    """Write other channel numbers into the records of some rows."""
+    if len(rows):
+        _write(batch.writable(), batch.start[rows] + _CHANNEL_AT, channels, 2)
+
+
+def _write(buffer: bytearray, places: NDArray[np.int64], values: NDArray[Any], size: int) -> None:
+    raw = np.frombuffer(buffer, np.uint8)
+    data = np.ascontiguousarray(values.astype(f"<u{size}")).view(np.uint8).reshape(-1, size)
+    raw[places[:, None] + np.arange(size)] = data
+
+
+def _shift_extras(extras: NDArray[Any], row: int, delta: int) -> None:
+    try:
+        published = int(extras[row]["p"])
+    except (TypeError, ValueError):
+        return
+    extras[row] = {**extras[row], "p": str(published + delta)}
+
+
+def _joined(parts: Sequence[tuple[int, NDArray[Any] | None]], nothing: Any, kind: Any) -> NDArray[Any] | None:
+    if all(part is None for _, part in parts):
+        return None
+    return np.concatenate([np.full(count, nothing, kind) if part is None else part for count, part in parts])

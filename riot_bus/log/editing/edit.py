@@ -1,0 +1,327 @@
+"""Edit logs: read blocks, choose and change messages, put them in order, write them."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.errors import ConfigError
+from riot_bus.log.editing.bags import files_of
+from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
+from riot_bus.log.editing.inputs import InputLog
+from riot_bus.log.editing.part import Ready
+from riot_bus.log.editing.piping import Piping
+from riot_bus.log.editing.product import Product
+from riot_bus.log.editing.result import EditResult
+from riot_bus.log.editing.roster import Roster
+from riot_bus.log.editing.sorting import Sorter
+from riot_bus.log.naming import parse_time
+from riot_bus.pipeline.runner import Pipeline
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from riot_bus.log.editing.options import EditOptions
+    from riot_bus.log.scan import Block
+
+__all__ = ["edit"]
+
+_END = 1 << 64
+
+
+def edit(
+    options: EditOptions,
+    *,
+    interceptors: Sequence[object] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> EditResult:
+    """Edit logs.
+
+    When this raises, nothing is written or left behind.
+
+    Args:
+        options: What to do.
+        interceptors: See each message after it was changed.
+        progress: Called now and then with bytes that were read and that there are.
+
+    Returns:
+        What became of the messages; damaged inputs are no error.
+
+    Raises:
+        ConfigError: An option, or an input or output file, is not usable.
+        EnvironmentFaultError: The disk is full or broken.
+    """
+    with ExitStack() as stack:
+        return _Editor(options, interceptors, stack).run(progress or _silent)
+
+
+class _Editor:
+    def __init__(self, options: EditOptions, interceptors: Sequence[object], stack: ExitStack) -> None:
+        self._options = options
+        design = options.design()
+        paths = [path for each in options.inputs for path in files_of(each)]
+        self._inputs = [InputLog(number, path) for number, path in enumerate(paths)]
+        for log in self._inputs:
+            stack.callback(log.close)
+        self._product = Product(options, paths)
+        stack.callback(self._product.discard)
+        if options.align:
+            self._align()
+        self._low, self._high = self._window()
+        self._roster = Roster(options, design, self._inputs, lambda: self._origin)
+        self._piping = self._pipe(interceptors, stack)
+        one_shift = len({course.shift for course in self._roster.courses if course.target is not None}) <= 1
+        self._by_time = options.sort or len(self._inputs) > 1 or self._piping is not None or not one_shift
+        self._reorder = Sorter() if not one_shift else None
+        self._sliced = self._low > -_END or self._high < _END
+
+    def run(self, progress: Callable[[int, int], None]) -> EditResult:
+        """Do it."""
+        self._product.open(self._inputs, self._roster)
+        total, done = sum(log.size for log in self._inputs), 0
+        rank = 0
+        for block, bound, batch in self._batches():
+            if batch is not None or self._piping is not None:
+                self._emit(self._processed(gathered([]) if batch is None else batch, bound), bound, rank)
+                rank += 1
+            done += block.body.length
+            progress(done, total)
+        self._emit_rest(rank)
+        self._count_unread()
+        warnings = self._warnings()
+        files = self._product.commit(self._inputs, self._roster)
+        progress(total, total)
+        return EditResult(
+            self._roster.counts(),
+            files,
+            {str(log.path): str(log.loss) for log in self._inputs if log.loss},
+            dict(self._product.unwritable),
+            warnings,
+        )
+
+    @cached_property
+    def _origin(self) -> int:
+        return min((first for log in self._inputs if (first := log.first()) is not None), default=0)
+
+    def _align(self) -> None:
+        firsts = [log.first() for log in self._inputs]
+        for log, first in zip(self._inputs, firsts, strict=True):
+            log.shift = 0 if first is None else self._origin - first
+
+    def _window(self) -> tuple[int, int]:
+        options = self._options
+        low, high = -_END, _END
+        if options.start is not None:
+            low = parse_time(options.start, self._origin, where="--start")
+        if options.end is not None:
+            high = parse_time(options.end, self._origin, where="--end")
+        elif options.duration is not None:
+            high = (self._origin if options.start is None else low) + round(options.duration * 1e9)
+        if high <= low:
+            raise ConfigError(f"{options.end} is not after {options.start}", where="--end")
+        return low, high
+
+    def _pipe(self, interceptors: Sequence[object], stack: ExitStack) -> Piping | None:
+        if not interceptors:
+            return None
+        pipeline = Pipeline(interceptors, registry=self._roster.registry, start=self._origin)
+        stack.callback(pipeline.close)
+        pipeline.start()
+        self._roster.pipe(lambda key: bool(pipeline.route(key).stages))
+        self._pipeline = pipeline
+        return Piping(pipeline, self._roster, self._product.refuse)
+
+    def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
+        """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
+        if not self._by_time:
+            (log,) = self._inputs
+            for block in log.blocks:
+                if self._is_wanted(log, block):
+                    yield block, None, self._in_window(log, log.load(block, self._roster.course_of))
+            return
+        blocks = [(log, block) for log in self._inputs for block in log.blocks if self._is_wanted(log, block)]
+        blocks.sort(key=lambda each: (each[1].start + each[0].shift, each[0].number, each[1].number))
+        sorter = Sorter()
+        for place, (log, block) in enumerate(blocks):
+            batch = self._in_window(log, log.load(block, self._roster.course_of))
+            if batch is not None:
+                sorter.add((log.number, block.number), batch)
+            following = blocks[place + 1] if place + 1 < len(blocks) else None
+            bound = None if following is None else following[1].start + following[0].shift
+            yield block, bound, sorter.ready(bound)
+
+    def _is_wanted(self, log: InputLog, block: Block) -> bool:
+        if not self._sliced or log.counts is None:
+            return True  # all is read where the summary does not tell how much is left out
+        return block.end + log.shift >= self._low and block.start + log.shift < self._high
+
+    def _is_told(self, log: InputLog) -> bool:
+        """Whether messages are counted by what the summary says, since not all are read."""
+        return self._sliced and log.counts is not None
+
+    def _in_window(self, log: InputLog, batch: Batch | None) -> Batch | None:
+        if batch is None:
+            return None
+        if not self._is_told(log):
+            self._count(batch, "read")
+        if self._sliced:
+            low, high = max(self._low, 0), min(self._high, _END - 1)
+            mask = (batch.time >= np.uint64(low)) & (batch.time < np.uint64(high))
+            if self._high >= _END:
+                mask = batch.time >= np.uint64(low)
+            batch = batch.where(mask)
+        return batch
+
+    def _processed(self, batch: Batch, bound: int | None) -> Batch:
+        """Choose and change; counts what stays as kept."""
+        courses = self._roster.courses
+        batch = batch.where(np.array([each.target is not None for each in courses], np.bool_)[batch.course])
+        looked_at = np.array([each.choosy for each in courses], np.bool_)[batch.course]
+        if looked_at.any():
+            batch = self._looked_at(batch, np.flatnonzero(looked_at).tolist())
+        self._count(batch, "kept")
+        return batch if self._piping is None else self._piping.run(batch, bound)
+
+    def _looked_at(self, batch: Batch, rows: list[int]) -> Batch:
+        """Choose and change messages one by one: in place where they keep their length, else behind the others."""
+        courses = self._roster.courses
+        changes = any(courses[number].changes for number in np.unique(batch.course[rows]).tolist())
+        buffer = batch.writable() if changes else batch.buffer
+        kept = np.ones(len(batch), np.bool_)
+        changed: list[int] = []
+        longer: dict[int, bytes] = {}
+        numbers, times = batch.course.tolist(), batch.time.tolist()
+        starts, ends = (batch.start + MESSAGE_HEAD).tolist(), batch.end.tolist()
+        for row in rows:
+            course = courses[numbers[row]]
+            count = course.numbers[0]
+            course.numbers[0] = count + 1
+            start, end = starts[row], ends[row]
+            before = bytes(buffer[start:end])
+            if course.chooses and not course.chosen(times[row], count, before):
+                kept[row] = False
+                continue
+            after = course.changed(times[row], count, before)
+            if after is before or after == before:
+                continue
+            changed.append(row)
+            if len(after) == len(before):
+                assert isinstance(buffer, bytearray)
+                buffer[start:end] = after
+            else:
+                longer[row] = after
+        if changed:
+            batch.changed = np.full(len(batch), -1, np.int32)
+            batch.changed[changed] = batch.course[changed]
+        return _with_payloads(batch, longer).where(kept)
+
+    def _emit(self, batch: Batch, bound: int | None, rank: int) -> None:
+        batch = self._addressed(batch)
+        if self._reorder is None:
+            self._write(batch)
+            return
+        self._reorder.add((rank, 0), batch)
+        if bound is not None:
+            least = min(course.shift for course in self._roster.courses if course.target is not None)
+            self._write(self._reorder.ready(bound + least))
+
+    def _emit_rest(self, rank: int) -> None:
+        if self._piping is not None:
+            rest = self._addressed(self._piping.rest())
+            if self._reorder is None:
+                self._write(rest)
+            else:
+                self._reorder.add((rank, 0), rest)
+        if self._reorder is not None:
+            self._write(self._reorder.ready(None))
+
+    def _addressed(self, batch: Batch) -> Batch:
+        """Give records the times and channels of the output."""
+        courses = self._roster.courses
+        shift = np.array([course.shift for course in courses], np.int64)
+        if shift.any():
+            batch, fits = shifted(batch, shift[batch.course])
+            if not fits.all():
+                for number in batch.course[~fits].tolist():
+                    courses[number].counts.kept -= 1
+                    self._product.refuse(courses[number].topic.name)
+                batch = batch.take(fits)
+        new = np.array([-1 if each.target is None else each.target.channel.id for each in courses], np.int64)
+        old = np.array([course.channel for course in courses], np.int64)
+        rows = np.flatnonzero((new != old)[batch.course])
+        renumbered(batch, rows, new[batch.course[rows]].astype(np.uint16))
+        return batch
+
+    def _write(self, batch: Batch | None) -> None:
+        if batch is None or not len(batch):
+            return
+        self._count_written(batch)
+        ready = partial(self._ready, *batch.whole) if batch.whole is not None else None
+        self._product.write(batch, self._roster.target_list(), ready)
+
+    def _ready(self, log: InputLog, block: Block) -> Ready | None:
+        """Return a chunk, if it can be copied: nothing in it needs to be different."""
+        if not log.agrees(block, self._roster.targets()):
+            return None
+        found = log.packed(block)
+        return None if found is None else Ready(*found)
+
+    def _count(self, batch: Batch, name: str) -> None:
+        courses = self._roster.courses
+        for number, count in enumerate(np.bincount(batch.course, minlength=len(courses)).tolist()):
+            course = courses[number]
+            if count and not course.original:
+                setattr(course.counts, name, getattr(course.counts, name) + count)
+
+    def _count_written(self, batch: Batch) -> None:
+        courses = self._roster.courses
+        if batch.changed is not None:
+            for number in batch.changed[batch.changed >= 0].tolist():
+                courses[number].counts.changed += 1
+        for number, count in enumerate(np.bincount(batch.course, minlength=len(courses)).tolist()):
+            if courses[number].original:
+                courses[number].counts.originals += count
+
+    def _count_unread(self) -> None:
+        """Count what was skipped because of its time, and what was read but not kept."""
+        for log in self._inputs:
+            for number, count in (log.counts or {}).items() if self._is_told(log) else ():
+                if number in log.channels:
+                    course = self._roster.courses[self._roster.course_of(log, number)]
+                    course.counts.read += 0 if course.original else count
+        for counts in self._roster.counts():
+            counts.dropped = counts.read - counts.kept
+
+    def _warnings(self) -> list[str]:
+        found = [warning for step in self._roster.steps for warning in step.warnings()]
+        found += self._product.warnings(self._roster)
+        if self._piping is not None:
+            for name, errors in self._pipeline.errors.items():
+                text = f"interceptor {name} raised {errors.count} times; the messages went on without it. First:"
+                found.append(f"{text}\n{errors.first}")
+            if not any(counts.seen for counts in self._pipeline.counts.values()):
+                found.append("no interceptor saw a message")
+        return found
+
+
+def _with_payloads(batch: Batch, payloads: dict[int, bytes]) -> Batch:
+    """Put payloads of other lengths into records, behind all others in the buffer."""
+    if not payloads:
+        return batch
+    start, end = batch.start.copy(), batch.end.copy()
+    size, pieces = len(batch.buffer), [bytes(batch.buffer)]
+    for row, payload in payloads.items():
+        begin = int(start[row])
+        head = bytearray(batch.buffer[begin : begin + MESSAGE_HEAD])
+        head[1:9] = (len(payload) + MESSAGE_HEAD - 9).to_bytes(8, "little")
+        pieces += [bytes(head), payload]
+        start[row], end[row] = size, size + MESSAGE_HEAD + len(payload)
+        size = int(end[row])
+    return Batch(b"".join(pieces), start, end, batch.course, batch.time, batch.extras, batch.notes, batch.changed)
+
+
+def _silent(done: int, total: int) -> None:
+    pass

@@ -1,0 +1,176 @@
+"""What an edit shall do, as plain values; `EditOptions.design` says what they mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import ConfigError
+from riot_bus.log.editing.assignment import Assignment, parse_assignment
+from riot_bus.log.editing.selection import Selection, parse_selection
+from riot_bus.log.mcap_file import check_compression
+from riot_bus.log.naming import parse_remaps
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["Design", "EditOptions", "Shift"]
+
+_LONGEST_S = 1e10
+_LARGEST_CHUNK = 1 << 28
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Messages that get other times.
+
+    Attributes:
+        topic: Name or key expression; None for all.
+        delta: Nanoseconds that are added.
+    """
+
+    topic: str | None
+    delta: int
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What is done, step by step, in the order of the attributes."""
+
+    keep: Sequence[Selection]
+    drop: Sequence[Selection]
+    changes: Sequence[Assignment]
+    shifts: Sequence[Shift]
+    remaps: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EditOptions:
+    """What to make of which logs.
+
+    Attributes:
+        inputs: MCAP files, or folders of ROS 2 bags; merged by time.
+        output: An MCAP file, or, if its name does not end in `.mcap`, the folder of a ROS 2 bag.
+        start: Where to begin, as `naming.parse_time` takes it; None at the beginning.
+        end: Where to end, exclusive.
+        duration: Seconds from there on, in place of `end`.
+        align: Let all logs begin at the same time, whenever they were recorded.
+        keep: Selections, of which a message must meet one; empty for all.
+        drop: Selections, of which it must meet none.
+        changes: `TOPIC:FIELD = VALUE` and its like.
+        interceptors: How the interceptors are called, for the record that the output holds.
+        plan: Text of the injection plan, likewise.
+        seed: Of everything that is random, likewise.
+        shifts: `SECONDS` or `TOPIC=SECONDS`.
+        remap: `OLD:=NEW`.
+        originals: Whether originals and provenance stay; never in the folder of a ROS 2 bag.
+        sort: Write by time even if the only input is not in this order.
+        compression: `zstd`, `lz4` or `none`; None as the first input has it.
+        chunk_bytes: Size of a chunk before compression.
+        split_seconds: Begin another file after so much of the log's time.
+        split_bytes: Begin another file when one is so large.
+        split_topics: A file for each topic.
+        types: Type names by topic or key expression.
+        definitions: Files that define message types.
+        force: Replace what is there.
+        dry_run: Write nothing.
+    """
+
+    inputs: Sequence[Path]
+    output: Path
+    start: str | None = None
+    end: str | None = None
+    duration: float | None = None
+    align: bool = False
+    keep: Sequence[str] = ()
+    drop: Sequence[str] = ()
+    changes: Sequence[str] = ()
+    interceptors: Sequence[str] = ()
+    plan: str | None = None
+    seed: int = 0
+    shifts: Sequence[str] = ()
+    remap: Sequence[str] = ()
+    originals: bool = True
+    sort: bool = False
+    compression: str | None = None
+    chunk_bytes: int = 1 << 20
+    split_seconds: float | None = None
+    split_bytes: int | None = None
+    split_topics: bool = False
+    types: Mapping[str, str] = field(default_factory=dict)
+    definitions: Sequence[Path] = ()
+    force: bool = False
+    dry_run: bool = False
+
+    @property
+    def folder(self) -> bool:
+        """Whether the output is the folder of a ROS 2 bag."""
+        return self.output.suffix != ".mcap"
+
+    @property
+    def splits(self) -> bool:
+        """Whether there may be several files."""
+        return self.split_topics or self.split_seconds is not None or self.split_bytes is not None
+
+    def design(self) -> Design:
+        """Return what is meant; raises ConfigError if an option is wrong."""
+        if not self.inputs:
+            raise ConfigError("no log is named", hint="riot edit IN.mcap OUT.mcap")
+        if self.compression is not None:
+            check_compression(self.compression, "--compression")
+        if self.duration is not None and self.end is not None:
+            raise ConfigError("--duration and --end both say where to end", hint="choose one")
+        for option, value in (("--duration", self.duration), ("--split-duration", self.split_seconds)):
+            if value is not None and not 0.0 < value <= _LONGEST_S:
+                raise ConfigError(f"{value} is no number of seconds above 0", where=option)
+        if not 0 < self.chunk_bytes <= _LARGEST_CHUNK:
+            raise ConfigError(f"{self.chunk_bytes} bytes are no size of a chunk", where="--chunk-size")
+        if self.split_bytes is not None and self.split_bytes <= 0:
+            raise ConfigError(f"{self.split_bytes} is no size", where="--split-size")
+        return Design(
+            [parse_selection(text, "--keep") for text in self.keep],
+            [parse_selection(text, "--drop") for text in self.drop],
+            [parse_assignment(text, "--set") for text in self.changes],
+            [_shift(text) for text in self.shifts],
+            parse_remaps(self.remap),
+        )
+
+    def told(self) -> dict[str, Any]:
+        """Return what is done, as JSON values, for the record that the output holds."""
+        found: dict[str, Any] = {
+            "start": self.start,
+            "end": self.end,
+            "duration": self.duration,
+            "align": self.align,
+            "keep": list(self.keep),
+            "drop": list(self.drop),
+            "set": list(self.changes),
+            "interceptors": list(self.interceptors),
+            "plan": self.plan,
+            "seed": self.seed,
+            "shift": list(self.shifts),
+            "remap": list(self.remap),
+            "without_originals": not self.originals or self.folder,
+            "sort": self.sort,
+            "compression": self.compression,
+            "split_seconds": self.split_seconds,
+            "split_bytes": self.split_bytes,
+            "split_topics": self.split_topics,
+            "types": dict(self.types),
+        }
+        return {name: value for name, value in found.items() if value}
+
+
+def _shift(text: str) -> Shift:
+    topic, equals, seconds = text.rpartition("=")
+    try:
+        delta = float(seconds)
+    except ValueError:
+        delta = math.nan
+    if not -_LONGEST_S <= delta <= _LONGEST_S or (equals and not topic.strip()):
+        hint = "write --shift -0.5, or --shift /odom=0.1"
+        raise ConfigError(f"{text!r} does not say how far in seconds", where="--shift", hint=hint)
+    return Shift(topic.strip() or None, round(delta * 1e9))

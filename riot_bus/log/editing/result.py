@@ -1,0 +1,76 @@
+"""What became of an edit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+__all__ = ["EditResult", "TopicCounts", "WrittenFile"]
+
+
+@dataclass(slots=True)
+class TopicCounts:
+    """The messages of one topic: `read == kept + dropped`, and the output holds `kept + added`.
+
+    Attributes:
+        topic: Its name in the input; for topics that an interceptor has made, in the output.
+        written_as: Its name in the output, empty if nothing of it is kept.
+        read: Messages in the inputs.
+        kept: Of these, in the output; changed ones included.
+        changed: Of these, those of which more was changed than their topic, or their time by `--shift`.
+        dropped: Not in the output.
+        added: Only in the output: copies, and what interceptors have added.
+        originals: Kept originals, which are not counted otherwise.
+    """
+
+    topic: str
+    written_as: str = ""
+    read: int = 0
+    kept: int = 0
+    changed: int = 0
+    dropped: int = 0
+    added: int = 0
+    originals: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenFile:
+    """A file of the output."""
+
+    path: str
+    size: int
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class EditResult:
+    """What became of an edit.
+
+    Attributes:
+        topics: By name.
+        files: What was written; empty for a dry run.
+        losses: By input, what could not be read.
+        unwritable: Messages, by topic, whose time would not fit into a log.
+        warnings: What is odd.
+    """
+
+    topics: Sequence[TopicCounts]
+    files: Sequence[WrittenFile] = ()
+    losses: Mapping[str, str] = field(default_factory=dict)
+    unwritable: Mapping[str, int] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+    def total(self) -> TopicCounts:
+        """Return the sums over all topics."""
+        found = TopicCounts("")
+        for each in self.topics:
+            for name in ("read", "kept", "changed", "dropped", "added", "originals"):
+                setattr(found, name, getattr(found, name) + getattr(each, name))
+        return found
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        total = asdict(self.total())
+        del total["topic"], total["written_as"]
+        return {**asdict(self), "total": total}

@@ -1,0 +1,204 @@
+"""Which messages are meant: `TOPIC [during A..B] [index I..J] [every N] [where PREDICATE]`.
+
+`A..B` are times as `riot_bus.log.naming.parse_time` takes them, `I..J` numbers of a topic's messages from 0 on; either
+end may be left out, and the last one is not included. `every 5` means the numbers 0, 5, 10 ...
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.log.naming import parse_time
+from riot_bus.predicate import Predicate, parse_predicate
+from riot_bus.selector import parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.trial import Scalar
+
+__all__ = ["Condition", "Selection", "parse_clauses", "parse_selection"]
+
+_CLAUSE = re.compile(r"(.*?)\s*(?<!\S)(during|index|every)\s+(\S+)", re.DOTALL)
+_ALL_TIME = 1 << 64
+_HINT = "write TOPIC [during A..B] [index I..J] [every N] [where PREDICATE], such as '/odom during 5..9 where x > 3'"
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What a message has to meet; all of it.
+
+    Attributes:
+        low: Earliest time, nanoseconds.
+        high: Latest time, exclusive.
+        first: First number within the topic.
+        last: Last number, exclusive; None for ever.
+        every: Only numbers that this divides.
+        where: What its fields have to be.
+    """
+
+    low: int = -_ALL_TIME
+    high: int = _ALL_TIME
+    first: int = 0
+    last: int | None = None
+    every: int = 1
+    where: Predicate | None = None
+
+    @property
+    def always(self) -> bool:
+        """Whether it holds whatever comes."""
+        return self == _ALWAYS
+
+    def holds(self, time: int, number: int, read: Callable[[str], Scalar]) -> bool:
+        """Return whether a message is meant; raises PayloadError if its fields cannot be read or compared."""
+        if not self.low <= time < self.high or number % self.every:
+            return False
+        if number < self.first or (self.last is not None and number >= self.last):
+            return False
+        if self.where is None:
+            return True
+        try:
+            return self.where(read)
+        except TypeError as error:  # such as bytes, that have no order with text
+            raise PayloadError(str(error)) from error
+
+
+_ALWAYS = Condition()
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """A topic, and which of its messages.
+
+    Attributes:
+        text: As it was written.
+        topic: Name or key expression.
+        during: Texts of two times, empty for an open end; None for all the time.
+        first: First number within the topic.
+        last: Last number, exclusive.
+        every: Only numbers that this divides.
+        where: Predicate on fields.
+        option: Where it was written, for errors.
+    """
+
+    text: str
+    topic: str
+    during: tuple[str, str] | None = None
+    first: int = 0
+    last: int | None = None
+    every: int = 1
+    where: Predicate | None = None
+    option: str = ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether all messages of the topic are meant."""
+        return (self.during, self.first, self.last, self.every, self.where) == (None, 0, None, 1, None)
+
+    @property
+    def follows_time(self) -> bool:
+        """Whether it depends on topic and time alone."""
+        return (self.first, self.last, self.every, self.where) == (0, None, 1, None)
+
+    def condition(self, origin: Callable[[], int]) -> Condition:
+        """Return it with times in nanoseconds.
+
+        Args:
+            origin: Returns when the logs begin, nanoseconds.
+
+        Raises:
+            ConfigError: A time cannot be read, or the last one is not after the first.
+        """
+        low, high = -_ALL_TIME, _ALL_TIME
+        if self.during is not None:
+            begin, end = self.during
+            low = parse_time(begin, origin(), where=self.option) if begin else low
+            high = parse_time(end, origin(), where=self.option) if end else high
+            if high <= low:
+                raise ConfigError(f"{end} is not after {begin}", where=f"{self.option} {self.text!r}")
+        return Condition(low, high, self.first, self.last, self.every, self.where)
+
+
+def parse_selection(text: str, option: str) -> Selection:
+    """Parse a selection.
+
+    Args:
+        text: What the user wrote.
+        option: Such as `--drop`, for errors.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    head, _, where = text.partition(" where ")
+    match = _CLAUSE.match(head)
+    name = (match[1] if match else head).strip()
+    if not name:
+        raise ConfigError(f"{text!r} names no topic", where=option, hint=_HINT)
+    try:
+        selector = parse_selector(name)
+    except ConfigError as error:
+        raise ConfigError(error.message, where=option, hint=_HINT) from None
+    if selector.field is not None:
+        hint = f"write '{selector.topic} where {selector.field} > 0', say, or only {selector.topic!r}"
+        raise ConfigError(f"{name!r} names a field, not messages", where=option, hint=hint)
+    rest = head[len(match[1]) :] if match else ""
+    return parse_clauses(selector.topic, rest + (f" where {where}" if where else ""), text, option)
+
+
+def parse_clauses(topic: str, clauses: str, text: str, option: str) -> Selection:
+    """Parse what follows the topic.
+
+    Args:
+        topic: Name or key expression.
+        clauses: Such as ` during 5..9 where x > 3`.
+        text: All that the user wrote.
+        option: Where.
+
+    Raises:
+        ConfigError: It is not of this form.
+    """
+    head, has_predicate, predicate = f" {clauses}".partition(" where ")
+    found: dict[str, str] = {}
+    position = 0
+    while head[position:].strip():
+        match = _CLAUSE.match(head, position)
+        if match is None or match[1].strip() or match[2] in found:
+            raise ConfigError(f"cannot read {head[position:].strip()!r} in {text!r}", where=option, hint=_HINT)
+        found[match[2]] = match[3]
+        position = match.end()
+    first, last = _numbers(found.get("index"), text, option)
+    every = found.get("every", "1")
+    if not every.isdecimal() or not 0 < int(every) < 1 << 32:
+        raise ConfigError(f"every {every} in {text!r} is no number above 0", where=option)
+    during: tuple[str, str] | None = None
+    if "during" in found:
+        begin, dots, end = found["during"].partition("..")
+        if not dots or not (begin or end):
+            raise ConfigError(f"{found['during']!r} in {text!r} is no span of time", where=option, hint="write 5..9")
+        during = begin, end
+    where: Predicate | None = None
+    if has_predicate:
+        try:
+            where = parse_predicate(predicate.strip())
+        except ConfigError as error:
+            raise ConfigError(error.message, where=f"{option}, {error.where}", hint=error.hint) from None
+    return Selection(text, topic, during, first, last, int(every), where, option)
+
+
+def _numbers(text: str | None, whole: str, option: str) -> tuple[int, int | None]:
+    if text is None:
+        return 0, None
+    begin, dots, end = text.partition("..")
+    if not all(part.isdecimal() and len(part) < 16 for part in (begin, end) if part) or not (begin or end):
+        hint = "write index 10..20, index 10.., index ..20 or index 7"
+        raise ConfigError(f"{text!r} in {whole!r} are no numbers of messages", where=option, hint=hint)
+    first = int(begin) if begin else 0
+    if not dots:
+        return first, first + 1
+    last = int(end) if end else None
+    if last is not None and last <= first:
+        raise ConfigError(f"{text!r} in {whole!r} holds no number", where=option, hint="the last one is not included")
+    return first, last

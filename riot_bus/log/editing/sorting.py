@@ -1,0 +1,82 @@
+"""Put messages of blocks that overlap in time into the order of time, in bounded memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.log.editing.batch import Batch, gathered
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Sorter"]
+
+_MOST_BYTES = 1 << 28
+_ROW_BYTES = 64
+_LAST = (1 << 64) - 1
+
+
+class Sorter:
+    """Keeps messages until no earlier ones can come; a stable order.
+
+    When too many have to be kept, the earliest of them leave all the same: a reader sorts by time in any case.
+
+    Args:
+        most: Bytes to keep.
+    """
+
+    def __init__(self, most: int = _MOST_BYTES) -> None:
+        self._waiting: list[tuple[tuple[int, int], Batch]] = []
+        self._most = most
+        self._held = 0
+
+    def add(self, rank: tuple[int, int], batch: Batch) -> None:
+        """Take in messages.
+
+        Args:
+            rank: Of messages of equal time, those of lower rank come first.
+            batch: In any order.
+        """
+        if len(batch):
+            self._waiting.append((rank, batch.by_time()))
+            self._held += _weight(batch)
+
+    def ready(self, bound: int | None) -> Batch | None:
+        """Return what can leave, by time; None if there is nothing.
+
+        Args:
+            bound: What comes later has this time or a later one; None if nothing comes.
+        """
+        limit = _LAST + 1 if bound is None else bound
+        if self._held > self._most:
+            limit = max(limit, self._median())
+        parts: list[tuple[tuple[int, int], Batch]] = []
+        kept: list[tuple[tuple[int, int], Batch]] = []
+        for rank, batch in self._waiting:
+            count = len(batch) if limit > _LAST else int(np.searchsorted(batch.time, _stamp(limit), side="left"))
+            if count == len(batch):
+                parts.append((rank, batch))
+            else:
+                if count:
+                    parts.append((rank, batch.take(slice(0, count))))
+                kept.append((rank, batch.take(slice(count, None)) if count else batch))
+        self._waiting = kept
+        self._held = sum(_weight(batch) for _, batch in kept)
+        if not parts:
+            return None
+        parts.sort(key=lambda part: part[0])
+        return gathered([batch for _, batch in parts]).by_time()
+
+    def _median(self) -> int:
+        times: NDArray[np.uint64] = np.concatenate([batch.time for _, batch in self._waiting])
+        return int(np.partition(times, len(times) // 2)[len(times) // 2]) + 1
+
+
+def _weight(batch: Batch) -> int:
+    return batch.weight + _ROW_BYTES * len(batch)
+
+
+def _stamp(time: int) -> np.uint64:
+    return np.uint64(max(0, time))

@@ -1,0 +1,88 @@
+"""How people name what is in a log: its topics, new names for them, and points of its time."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError
+from riot_bus.selector import key_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.types.offer import RecordedTopic
+
+__all__ = ["means", "parse_remaps", "parse_time", "renamed"]
+
+_EPOCH_S = 10**8
+_LAST_S = 10**11
+_HINT = "write seconds from the beginning, seconds since 1970, or 2026-11-21T10:00:00"
+
+
+def means(text: str, topic: RecordedTopic) -> bool:
+    """Return whether a name or key expression, as a user wrote it, includes a recorded topic."""
+    if text in (topic.name, topic.key) or key_matches(text, topic.key):
+        return True
+    return key_matches(text.strip("/"), topic.name.strip("/"))
+
+
+def parse_remaps(texts: Sequence[str]) -> dict[str, str]:
+    """Parse `OLD:=NEW`; both may end in `/**`.
+
+    Raises:
+        ConfigError: A text is not of this form.
+    """
+    found = {}
+    for text in texts:
+        old, assigned, new = text.partition(":=")
+        if not assigned or not old.strip("/") or not new.strip("/") or old.endswith("/**") != new.endswith("/**"):
+            hint = "write OLD:=NEW, such as /odom:=/replay/odom or '/robot1/**:=/robot2/**'"
+            raise ConfigError(f"{text!r} does not say what to rename", where="--remap", hint=hint)
+        found[old] = new
+    return found
+
+
+def renamed(topic: RecordedTopic, remaps: Mapping[str, str]) -> str | None:
+    """Return the new name of a topic by what `parse_remaps` returned, None if it keeps its own."""
+    bare = topic.name.strip("/")
+    for old, new in remaps.items():
+        if not old.endswith("/**"):
+            if old in (topic.name, topic.key) or old.strip("/") == bare:
+                return new
+            continue
+        prefix = old.removesuffix("/**").strip("/")
+        if not prefix or f"{bare}/".startswith(f"{prefix}/"):
+            return f"{new.removesuffix('/**')}/{bare.removeprefix(prefix).strip('/')}".rstrip("/")
+    return None
+
+
+def parse_time(text: str, start: int, *, where: str) -> int:
+    """Return a time of the logs in nanoseconds.
+
+    Args:
+        text: Seconds from the beginning, seconds since the Unix epoch (from 100 million on), or a date and time in
+            ISO 8601; UTC if it does not say.
+        start: The beginning, nanoseconds.
+        where: The option, for errors.
+
+    Raises:
+        ConfigError: It is none of these.
+    """
+    try:
+        seconds = Decimal(text.strip())
+    except InvalidOperation:
+        return _moment(text, where)
+    if not (seconds.is_finite() and 0 <= seconds < _LAST_S):
+        raise ConfigError(f"{text} is no time", where=where, hint=_HINT)
+    return int(seconds * 10**9) + (0 if seconds >= _EPOCH_S else start)
+
+
+def _moment(text: str, where: str) -> int:
+    try:
+        point = datetime.fromisoformat(text)
+    except ValueError:
+        raise ConfigError(f"{text!r} is no time", where=where, hint=_HINT) from None
+    point = point if point.tzinfo is not None else point.replace(tzinfo=UTC)
+    return (point - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000

@@ -1,0 +1,169 @@
+"""What rosbag2 wants to know of a bag: `metadata.yaml` beside its files, and the same text in each file.
+
+Written in version 8 of the format, with QoS as numbers in a text, which every ROS 2 release since Humble reads.
+Source: rosbag2_storage's metadata_io and its MCAP plug-in.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from mcap.records import Channel, Schema
+
+    from riot_bus.log.writer import LogWriter
+
+__all__ = ["RECORD", "BagFile", "BagTopic", "bag_file", "bag_of", "bag_record", "bag_text", "write_metadata"]
+
+RECORD = "rosbag2"
+_FIELD = "serialized_metadata"
+_VERSION = 8
+
+
+@dataclass(frozen=True, slots=True)
+class BagTopic:
+    """A topic of a bag."""
+
+    name: str
+    type_name: str
+    encoding: str
+    qos: str = ""
+    type_hash: str = ""
+    messages: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class BagFile:
+    """A file of a bag; times in nanoseconds, 0 if it is empty."""
+
+    name: str
+    topics: Sequence[BagTopic] = ()
+    start: int = 0
+    end: int = 0
+
+    @property
+    def messages(self) -> int:
+        """Their number."""
+        return sum(each.messages for each in self.topics)
+
+
+def bag_file(name: str, writer: LogWriter) -> BagFile:
+    """Return what is in a log so far; call `LogWriter.flush` before."""
+    schemas, channels = writer.definitions()
+    return bag_of(name, channels, schemas, writer.counts(), *writer.span())
+
+
+def bag_of(
+    name: str, channels: Sequence[Channel], schemas: Sequence[Schema], counts: Mapping[int, int], start: int, end: int
+) -> BagFile:
+    """Return what is in a file.
+
+    Args:
+        name: The file's, without folder.
+        channels: All of them; those without messages may be left out.
+        schemas: Their types.
+        counts: Messages by channel.
+        start: Time of the earliest message, nanoseconds.
+        end: Time of the latest one.
+    """
+    types = {each.id: each.name for each in schemas}
+    topics = [
+        BagTopic(
+            each.topic,
+            types.get(each.schema_id, ""),
+            each.message_encoding,
+            each.metadata.get("offered_qos_profiles", ""),
+            each.metadata.get("topic_type_hash", ""),
+            counts.get(each.id, 0),
+        )
+        for each in channels
+    ]
+    return BagFile(name, topics, start, end)
+
+
+def bag_text(files: Sequence[BagFile]) -> str:
+    """Return the text of `metadata.yaml`."""
+    filled = [each for each in files if each.messages]
+    start = min((each.start for each in filled), default=0)
+    end = max((each.end for each in filled), default=start)
+    lines = [
+        "rosbag2_bagfile_information:",
+        f"  version: {_VERSION}",
+        "  storage_identifier: mcap",
+        "  duration:",
+        f"    nanoseconds: {end - start}",
+        "  starting_time:",
+        f"    nanoseconds_since_epoch: {start}",
+        f"  message_count: {sum(each.messages for each in files)}",
+        *_list("  topics_with_message_count:", [line for each in _merged(files) for line in _topic(each)]),
+        '  compression_format: ""',
+        '  compression_mode: ""',
+        *_list("  relative_file_paths:", [f"    - {_quoted(each.name)}" for each in files]),
+        *_list("  files:", [line for each in files for line in _file(each)]),
+        "  custom_data: ~",
+        '  ros_distro: ""',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def bag_record(file: BagFile) -> dict[str, str]:
+    """Return the mapping of the metadata record `rosbag2` of one file; there the outermost key is missing."""
+    return {_FIELD: textwrap.dedent(bag_text([file]).partition("\n")[2])}
+
+
+def write_metadata(folder: Path, files: Sequence[BagFile]) -> None:
+    """Write `metadata.yaml`, all or nothing of it; raises OSError."""
+    part = folder / ".metadata.yaml.part"
+    part.write_text(bag_text(files), encoding="utf-8")
+    os.replace(part, folder / "metadata.yaml")
+
+
+def _merged(files: Iterable[BagFile]) -> list[BagTopic]:
+    found: dict[tuple[str, str], BagTopic] = {}
+    for file in files:
+        for each in file.topics:
+            former = found.get((each.name, each.type_name))
+            messages = each.messages + (former.messages if former is not None else 0)
+            found[each.name, each.type_name] = BagTopic(
+                each.name, each.type_name, each.encoding, each.qos, each.type_hash, messages
+            )
+    return list(found.values())
+
+
+def _topic(topic: BagTopic) -> list[str]:
+    return [
+        "    - topic_metadata:",
+        f"        name: {_quoted(topic.name)}",
+        f"        type: {_quoted(topic.type_name)}",
+        f"        serialization_format: {_quoted(topic.encoding)}",
+        f"        offered_qos_profiles: {_quoted(topic.qos)}",
+        f"        type_description_hash: {_quoted(topic.type_hash)}",
+        f"      message_count: {topic.messages}",
+    ]
+
+
+def _file(file: BagFile) -> list[str]:
+    return [
+        f"    - path: {_quoted(file.name)}",
+        "      starting_time:",
+        f"        nanoseconds_since_epoch: {file.start}",
+        "      duration:",
+        f"        nanoseconds: {file.end - file.start}",
+        f"      message_count: {file.messages}",
+    ]
+
+
+def _list(head: str, lines: Sequence[str]) -> list[str]:
+    return [head, *lines] if lines else [f"{head} []"]
+
+
+def _quoted(text: str) -> str:
+    """Return a text as YAML takes it in double quotes, which is as in JSON."""
+    return json.dumps(text, ensure_ascii=True)

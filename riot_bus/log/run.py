@@ -1,0 +1,24 @@
+"""What every recording says of the run that it is from."""
+
+from __future__ import annotations
+
+import platform
+import time
+from importlib.metadata import version
+
+from riot_bus import __version__
+
+__all__ = ["run_facts"]
+
+
+def run_facts() -> dict[str, str]:
+    """Return versions, host and time, for the metadata of a log."""
+    return {
+        "riot_bus": __version__,
+        "zenoh": version("eclipse-zenoh"),
+        "mcap": version("mcap"),
+        "python": platform.python_version(),
+        "host": platform.node(),
+        "system": platform.platform(),
+        "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }

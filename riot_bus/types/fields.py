@@ -1,0 +1,61 @@
+"""The fields that all messages of a type have: what a type can say about itself without a payload."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from riot_bus.types.bulk import Payloads
+
+__all__ = ["MOST_FIELDS", "Described", "FieldType", "of_numbers"]
+
+MOST_FIELDS = 10_000
+"""So many are listed of one type."""
+
+_OBJECTS = frozenset({"string", "bytes"})
+
+
+@dataclass(frozen=True, slots=True)
+class FieldType:
+    """A scalar field, or the elements of an array.
+
+    Attributes:
+        path: Such as `pose.position.x`, `len(ranges)` or, for the elements of an array, `ranges[*]`.
+        type: As in `riot_bus.types.model.Leaf`.
+        length: Of an array whose length is fixed, 0 otherwise; of nested arrays, of the innermost.
+    """
+
+    path: str
+    type: str
+    length: int = 0
+
+
+@runtime_checkable
+class Described(Protocol):
+    """What a `MessageType` can offer besides its protocol, if its payloads have the same fields always."""
+
+    def fields(self) -> Sequence[FieldType]:
+        """List the fields in payload order, `MOST_FIELDS` at most.
+
+        Raises:
+            PayloadError: The type has parts that are not known.
+        """
+        ...
+
+    def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
+        """Yield the elements of an array of numbers (`ranges`) of many payloads, some payloads at a time.
+
+        Raises:
+            PayloadError: There is no such array.
+        """
+        ...
+
+
+def of_numbers(field: FieldType) -> bool:
+    """Return whether this stands for the elements of one array of numbers."""
+    return field.path.endswith("[*]") and field.path.count("[*]") == 1 and field.type not in _OBJECTS

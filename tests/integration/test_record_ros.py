@@ -1,0 +1,69 @@
+"""Nodes of a third-party ROS 2 client are recorded as a bag that ROS 2 tools read."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from riot_bus.bus.runtime import wait_until
+from riot_bus.log.reader import read_log
+from tests.integration.router_process import ENVIRONMENT, RIOT
+from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.zenoh_process import ZenohProcess
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def python() -> Path:
+    """An interpreter that has zenoh-ros2-sdk."""
+    interpreter, problem = install()
+    if interpreter is None:
+        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
+    return interpreter
+
+
+def test_a_node_is_recorded_as_a_bag(python: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    with ZenohProcess("router") as router:
+        endpoint = router.locators[0]
+        override = {"ZENOH_CONFIG_OVERRIDE": f'mode="client";connect/endpoints=["{endpoint}"]'}
+        with RosNode(python, endpoint, environment=override, folder=tmp_path, name="talker") as talker:
+            talker.do("advertise", "/chatter")
+            words = [*RIOT, "record", "/chatter", "-e", endpoint, "--bag", str(folder), "--format=json"]
+            process = subprocess.Popen(
+                words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+            )
+            try:
+                assert process.stdout is not None
+                assert json.loads(process.stdout.readline())["event"] == "started"
+                talker.do("publish", "/chatter", messages=[{"data": f"message {number} ä"} for number in range(20)])
+                assert wait_until(lambda: len(read_log(folder / "bag_0.mcap")) == 20, 20, interval=0.05)
+                process.send_signal(signal.SIGINT)
+                out, err = process.communicate(timeout=30)
+            finally:
+                process.kill()
+                process.communicate()
+    assert (process.returncode, err) == (0, "")
+    assert json.loads(out)["recorded"] == {"/chatter": 20}
+    expected = [f"message {number} ä" for number in range(20)]
+    with AnyReader([folder]) as bag:
+        assert [bag.deserialize(raw, each.msgtype).data for each, _, raw in bag.messages()] == expected
+    with (folder / "bag_0.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        rows = [(message.sequence, decoded.data) for _, _, message, decoded in reader.iter_decoded_messages()]
+        summary = reader.get_summary()
+    assert [text for _, text in rows] == expected
+    assert [number - rows[0][0] for number, _ in rows] == list(range(20))
+    assert summary is not None
+    (channel,) = summary.channels.values()
+    assert channel.topic == "/chatter"
+    assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+    assert channel.metadata["offered_qos_profiles"].startswith("- history: 1\n  depth: ")

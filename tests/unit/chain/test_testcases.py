@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from riot_bus.chain.testcases import load_challenge
+from riot_bus.errors import ConfigError
+from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
+from riot_bus.inject.apply import inject_log
+from riot_bus.injection import Injection, Signal
+from riot_bus.log.writer import LogWriter
+from riot_bus.message import Message
+from riot_bus.types.registry import TypeRegistry
+
+INJECTIONS = (
+    Injection("a", "v", math.inf, first=2, last=4, seed=7),
+    Injection("a", "w", Signal(1.0, 2.0, 5, 3)),
+    Injection("b", "data", b"\x00\xff"),
+    Injection("b", fault="drop"),
+)
+
+
+def finding(folder: Path, *injections: Injection) -> Path:
+    record = FindingRecord(
+        id="crash-unit-1", system="s", system_file="/s/riot.toml", unit="unit", component="unit", monitor="crash",
+        signature="crash:unit:main.py:3", injections=tuple(asdict(each) for each in injections),
+    )  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    record.save(folder)
+    return folder
+
+
+def test_a_plan(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text('[[inject]]\ntopic = "a"\nfield = "v"\nvalue = 1\nfirst = 3\nlast = 5\n')
+    found = load_challenge(path)
+    assert found.injections == (Injection("a", "v", 1, first=3, last=5),)
+    assert (found.signature, found.unit, found.system) == (None, None, None)
+    assert found.anywhere().injections == (Injection("a", "v", 1),)
+    assert found.digest() != found.anywhere().digest()
+
+
+def test_a_finding(tmp_path: Path) -> None:
+    folder = finding(tmp_path / "findings" / "crash-unit-1", *INJECTIONS)
+    found = load_challenge(folder)
+    assert found.injections == INJECTIONS
+    assert (found.signature, found.unit, found.system) == ("crash:unit:main.py:3", "unit", "/s/riot.toml")
+    assert load_challenge(tmp_path) == found  # the only one of an output folder
+
+
+def test_certificates(tmp_path: Path) -> None:
+    folder = finding(tmp_path / "f", INJECTIONS[0])
+    logs = {"failing_log": "", "passing_log": ""}
+    sides: dict[str, Any] = {"passing": 1.0, **logs, "confirmed_failing": 3, "confirmed_passing": 3, "repeats": 3}
+    certificate = CertificateRecord(failing=5.0, **sides)
+    fields = tuple(
+        FieldRecord(name=name, kind=kind, type="float", failing=5.0, certificate=certificate)  # type: ignore[arg-type]
+        for name, kind in (("a[0]:v.x[2]", "exceptional"), ("a[1]:v.x[2]", "exceptional"), ("a[0]:mode", "nominal"))
+    )
+    FieldsRecord(fields=fields, considered=(), bound=0.1, straight=1).save(folder)
+    found = load_challenge(folder / "fields.json")
+    assert found.injections == (Injection("a", "v.x[2]", 5.0),)
+    assert found.signature == "crash:unit:main.py:3"
+
+
+def test_a_log_that_tells_what_was_changed(tmp_path: Path) -> None:
+    registry = TypeRegistry()
+    log = [Message(10**18 + number, "ab"[number % 2], b'{"v": %d}' % number, sequence=number) for number in range(8)]
+    injections = (Injection("a", "v", -1, first=1, last=2), Injection("b", "v", -2, first=3))
+    delivered, touched = inject_log(log, injections, registry=registry)
+    changes = {original.sequence: (original, made) for _, original, made in touched}
+    with LogWriter(tmp_path / "failure.mcap", metadata={"signature": "crash:x"}) as writer:
+        for message in delivered:
+            if message.sequence in changes:
+                original, made = changes[message.sequence]
+                writer.write(original, role="original", changes=made)
+            writer.write(message)
+    found = load_challenge(tmp_path / "failure.mcap", registry=registry)
+    assert found.signature == "crash:x"
+    again, _ = inject_log(log, found.injections, registry=registry)
+    assert [each.payload for each in again] == [each.payload for each in delivered]
+    folder = finding(tmp_path, INJECTIONS[0])
+    near = load_challenge(folder / "failure.mcap", registry=registry)
+    assert (near.unit, near.injections) == ("unit", found.injections)
+
+
+def test_what_is_no_test_case(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no such file"):
+        load_challenge(tmp_path / "none")
+    (tmp_path / "x.txt").touch()
+    with pytest.raises(ConfigError, match="this is no test case"):
+        load_challenge(tmp_path / "x.txt")
+    (tmp_path / "empty.toml").write_text("")
+    with pytest.raises(ConfigError, match="it injects nothing"):
+        load_challenge(tmp_path / "empty.toml")
+    with LogWriter(tmp_path / "plain.mcap") as writer:
+        writer.write(Message(1, "a", b"{}"))
+    with pytest.raises(ConfigError, match="it injects nothing"):
+        load_challenge(tmp_path / "plain.mcap")
+    with pytest.raises(ConfigError, match="no finding"):
+        load_challenge(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ({"topc": "a"}, "unknown key 'topc'"),
+        ({"field": "v"}, "this injection cannot be used"),
+        ({"topic": "a", "value": {"x": 1}}, "this injection cannot be used"),
+        ({"topic": "a", "value": "b'\\x"}, "this injection cannot be used"),
+    ],
+)
+def test_damaged_findings(tmp_path: Path, row: dict[str, Any], message: str) -> None:
+    folder = finding(tmp_path / "f", INJECTIONS[0])
+    path = folder / "finding.json"
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, "injections": [row]}))
+    with pytest.raises(ConfigError, match=message):
+        load_challenge(folder)

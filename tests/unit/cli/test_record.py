@@ -1,0 +1,19 @@
+from __future__ import annotations
+
+import pytest
+
+from riot_bus.cli.record import _command, _notes
+from riot_bus.errors import ConfigError
+
+
+def test_passwords_do_not_get_into_the_log() -> None:
+    words = ["/usr/bin/riot", "record", "--cfg", "transport/auth/usrpwd/password=secret", "--cfg=a/b=secret", "a b/**"]
+    assert _command(words) == "riot record --cfg transport/auth/usrpwd/password=... --cfg=a/b=... 'a b/**'"
+    assert _command(["x", "--cfg"]) == "riot --cfg"
+
+
+def test_notes_are_pairs() -> None:
+    assert _notes(["a=b=c", "d="]) == {"a": "b=c", "d": ""}
+    for text in ("a", "=b"):
+        with pytest.raises(ConfigError, match="no note"):
+            _notes([text])

@@ -1,0 +1,165 @@
+from __future__ import annotations
+
+import sqlite3
+import threading
+from pathlib import Path
+
+import pytest
+
+from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.fleet.catalogue import Catalogue, default_catalogue
+from riot_bus.fleet.entry import LATEST, LogEntry, TopicEntry
+from riot_bus.fleet.query import Query, parse_query
+
+EVERYTHING = Query(condition="1")
+
+
+def entry(place: str, **more: object) -> LogEntry:
+    return LogEntry(**{"place": place, "size": 1, "stamp": "1", "robot": "r1", **more})  # type: ignore[arg-type]
+
+
+def test_what_was_put_is_shown(tmp_path: Path) -> None:
+    topics = (TopicEntry("/odom", "0/odom", "nav_msgs/msg/Odometry", "cdr", 7, 2), TopicEntry("x", "x", "", "json", 1))
+    wanted = entry(
+        "/logs/a.mcap", robot="r7", named_by="log", start=5, end=10**18, messages=8, lost=1, problem="cut",
+        profile="ros2", topics=topics, metadata={"seed": "3"},
+    )  # fmt: skip
+    with Catalogue(tmp_path / "new" / "c.sqlite") as catalogue:
+        catalogue.put(wanted)
+    with Catalogue(tmp_path / "new" / "c.sqlite", create=False) as catalogue:
+        found = catalogue.show("/logs/a.mcap")
+        assert found == LogEntry(**{**{name: getattr(wanted, name) for name in wanted.__slots__}, "number": 1})
+        (known,) = catalogue.find(Query())
+        assert (known.topics, known.metadata, known.robot) == ((), {}, "r7")
+        assert catalogue.known("/logs/b.mcap") is None
+
+
+def test_a_log_that_has_changed_replaces_itself(tmp_path: Path) -> None:
+    with Catalogue(tmp_path / "c.sqlite") as catalogue:
+        catalogue.put(entry("/a.mcap", topics=(TopicEntry("t", "t", "", "", 1),), metadata={"a": "1"}))
+        catalogue.put(entry("/a.mcap", size=2, topics=(TopicEntry("u", "u", "", "", 1),)))
+        found = catalogue.show("1")
+    assert [each.topic for each in found.topics] == ["u"]
+    assert (found.size, found.metadata) == (2, {})
+
+
+def test_logs_are_named_in_several_ways() -> None:
+    with Catalogue(None) as catalogue:
+        for place in ("/a/x.mcap", "/b/x.mcap", "s3://bucket/r7/y.mcap"):
+            catalogue.put(entry(place))
+        assert catalogue.show("s3://bucket/r7/y.mcap").number == 3
+        assert catalogue.show("2").place == "/b/x.mcap"
+        assert catalogue.show("y.mcap").place == catalogue.show("r7/y.mcap").place == "s3://bucket/r7/y.mcap"
+        assert catalogue.show("b/x.mcap").number == 2
+        with pytest.raises(ConfigError, match="could be several logs") as caught:
+            catalogue.show("x.mcap")
+        assert "/a/x.mcap" in (caught.value.hint or "")
+        with pytest.raises(ConfigError, match="no log 'yy") as caught:
+            catalogue.show("yy.mcap")
+        assert "'y.mcap'" in (caught.value.hint or "")
+
+
+def test_what_is_not_seen_is_gone_and_comes_back() -> None:
+    with Catalogue(None) as catalogue:
+        for place in ("/a/1.mcap", "/a/2.mcap", "/ab/3.mcap"):
+            catalogue.put(entry(place))
+        look = catalogue.look("/a")
+        look.saw("/a/1.mcap")
+        assert look.end() == 1
+        assert [each.place for each in catalogue.find(parse_query("gone"))] == ["/a/2.mcap"]
+        assert [each.place for each in catalogue.find(Query())] == ["/a/1.mcap", "/ab/3.mcap"]
+        catalogue.back("/a/2.mcap")
+        assert catalogue.count(Query()) == 3
+        assert catalogue.look("/ab").end() == 1
+        assert catalogue.prune() == 1
+        assert catalogue.count(EVERYTHING) == 2
+
+
+def test_a_name_given_from_outside_does_not_replace_what_the_log_says() -> None:
+    with Catalogue(None) as catalogue:
+        catalogue.put(entry("/1.mcap", named_by="log"))
+        catalogue.put(entry("/2.mcap"))
+        for place in ("/1.mcap", "/2.mcap"):
+            catalogue.name(place, "other")
+        assert [each.robot for each in catalogue.find(Query())] == ["r1", "other"]
+
+
+def test_hostile_values_are_kept_within_bounds() -> None:
+    with Catalogue(None) as catalogue:
+        catalogue.put(
+            entry("/1.mcap", robot="r" * 10**6, start=2**64 - 1, end=2**70, messages=2**80, problem="\ud800\0'; DROP")
+        )
+        (found,) = catalogue.find(EVERYTHING)
+    assert (len(found.robot), found.start, found.end, found.messages) == (4096, LATEST, LATEST, LATEST)
+    assert found.problem == "?\0'; DROP"
+
+
+def test_pages() -> None:
+    with Catalogue(None) as catalogue:
+        for number in range(5):
+            catalogue.put(entry(f"/{number}.mcap", start=10 - number))
+        assert [each.place for each in catalogue.find(Query(), limit=2, offset=1)] == ["/3.mcap", "/2.mcap"]
+
+
+def test_what_is_no_catalogue_is_left_alone(tmp_path: Path) -> None:
+    other = tmp_path / "other.sqlite"
+    with sqlite3.connect(other) as db:
+        db.execute("CREATE TABLE precious(x)")
+    db.close()
+    text = tmp_path / "text.sqlite"
+    text.write_text("something else" * 1000)
+    for path in (other, text):
+        before = path.read_bytes()
+        with pytest.raises(ConfigError, match="this is no catalogue"):
+            Catalogue(path)
+        assert path.read_bytes() == before
+    with pytest.raises(ConfigError, match="there is no catalogue yet"):
+        Catalogue(tmp_path / "none.sqlite", create=False)
+    with pytest.raises(ConfigError, match="cannot open the catalogue"):
+        Catalogue(tmp_path)
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    Catalogue(tmp_path / "c.sqlite").close()
+    with sqlite3.connect(tmp_path / "c.sqlite") as db:
+        db.execute("PRAGMA user_version = 99")
+    db.close()
+    with pytest.raises(ConfigError, match="version 99"):
+        Catalogue(tmp_path / "c.sqlite")
+
+
+def test_two_processes_and_several_threads_may_write(tmp_path: Path) -> None:
+    path = tmp_path / "c.sqlite"
+    with Catalogue(path) as one, Catalogue(path) as other:
+        threads = [
+            threading.Thread(target=lambda known=known, n=n: known.put(entry(f"/{n}.mcap")))  # type: ignore[misc]
+            for n, known in enumerate([one, other] * 10)
+        ]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
+        assert one.count(Query()) == other.count(Query()) == 20
+
+
+def test_a_catalogue_that_others_hold_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "c.sqlite"
+    Catalogue(path).close()
+    monkeypatch.setattr("riot_bus.fleet.catalogue._BUSY_S", 0.01)
+    with Catalogue(path) as known:
+        holder = sqlite3.connect(path, isolation_level=None)
+        holder.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(EnvironmentFaultError, match="locked"):
+            known.put(entry("/1.mcap"))
+        holder.execute("ROLLBACK")
+        holder.close()
+        known.put(entry("/1.mcap"))
+        assert known.count(Query()) == 1
+
+
+def test_the_default_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert default_catalogue() == tmp_path / "riot" / "catalogue.sqlite"
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_catalogue() == tmp_path / ".local/share/riot/catalogue.sqlite"
