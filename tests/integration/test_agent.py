@@ -368,6 +368,20 @@ def test_an_agent_that_ends_stops_what_it_plays(bus: str, hub: str, logs: Path) 
         assert controller.end() == 4
 
 
+@pytest.mark.parametrize("hanging", ["fleet", "bus"])
+def test_an_agent_ends_in_time_though_a_link_hangs(bus: str, hub: str, logs: Path, hanging: str) -> None:
+    with Cable(hub if hanging == "fleet" else bus) as cable, Listener(bus, "a/*") as listener:
+        ends = {"fleet": hub, "bus": bus, hanging: cable.endpoint}
+        with (
+            agent(logs, ends["bus"], ends["fleet"]) as robot,
+            playing(hub, "log.mcap", "--rate=0.2", "--give-up=5"),
+        ):
+            listener.wait(2)
+            cable.freeze()
+            robot.process.send_signal(signal.SIGTERM)
+            assert robot.end() == 0, robot.err
+
+
 def test_two_agents_of_one_name_do_nothing(bus: str, hub: str, logs: Path) -> None:
     with agent(logs, bus, hub), agent(logs, bus, hub) as second:
         assert any("another agent is called 'r7' too" in line for line in second.err)

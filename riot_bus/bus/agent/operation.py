@@ -8,6 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.runtime import reason
 from riot_bus.errors import ConfigError, EnvironmentFaultError, RiotError
 
 if TYPE_CHECKING:
@@ -130,10 +131,15 @@ class Operation(ABC):
         return "stopping" if self._stopping.is_set() or state in FINAL else state  # the result is still to come
 
     def _run(self) -> None:
+        import zenoh
+
         try:
             self._last = self._work()
         except RiotError as error:
             self._fail(error.message, error.where, error.hint, error.exit_code)
+        except zenoh.ZError as error:
+            hint = "does the router of the robot's bus still answer?"
+            self._fail(f"Zenoh failed: {reason(error)}", None, hint, EnvironmentFaultError.exit_code)
         except Exception as error:
             _LOG.exception("the operation failed")
             self._fail(f"failure of ours: {error!r}", None, None, 1)

@@ -56,5 +56,3 @@ def test_the_command_works(folder, command):
     outputs = [file for word in words for file in files_of(Path(word)) if word in OUTPUTS and file.exists()]
     assert outputs
     assert all(read_log(path) for path in outputs)
-
-
