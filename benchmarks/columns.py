@@ -1,8 +1,8 @@
 """Messages per second of `columns` beside the mcap reader with a decoder: `python benchmarks/columns.py [--json]`.
 
 One float field of nav_msgs/Odometry, from a log of 1,000,000 messages. The peers decode each message with
-mcap-ros2-support, and with rosbags, and read the first 100,000 of the same file, since they take so long. Each runs in a
-process of its own, so that its memory is its own too.
+mcap-ros2-support, and with rosbags, and read the first 100,000 of the same file, since they take so long. Each runs in
+a process of its own, so that its memory is its own too.
 """
 
 from __future__ import annotations

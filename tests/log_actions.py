@@ -123,6 +123,20 @@ def export(path: Path) -> None:
     export_table(path, ["/twist:x", "/twist:y"], path.with_suffix(".csv"), force=True)
 
 
+def edit(path: Path) -> dict[str, Any]:
+    """Write what can be read into another log, as it is and changed."""
+    from riot_bus.log.editing.edit import edit
+    from riot_bus.log.editing.options import EditOptions
+
+    out = path.with_name(f"edited-{path.name}")
+    edit(EditOptions(inputs=[path], output=out, force=True))
+    kept = read(out)
+    with contextlib.suppress(RiotError):  # there may be no such field
+        edit(EditOptions(inputs=[path], output=out, force=True, changes=["/twist:x = 5"], drop=["/string"], sort=True))
+        read(out)
+    return kept
+
+
 def commands(path: Path) -> None:
     """Run the commands as they are typed."""
     command = _command()
@@ -146,7 +160,7 @@ def _command() -> Any:
     return get_command(app)
 
 
-ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, commands]
+ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, edit, commands]
 """Each takes the path of a log and may raise RiotError alone; what it returns is compared by the test."""
 
 

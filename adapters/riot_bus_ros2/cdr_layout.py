@@ -165,10 +165,14 @@ class Array:
 
 
 class Record:
-    """A message: fields in order; `parts` are the same with runs of fixed size joined."""
+    """A message: fields in order; `parts` are the same with runs of fixed size joined.
+
+    `before` is for whoever looks for ways to fields.
+    """
 
     def __init__(self, fields: dict[str, Node]) -> None:
         self.fields = fields
+        self.before: dict[str, tuple[Any, ...]] = {}
         self.parts: list[Table | Node] = []
         for node in fields.values():
             if node.jump is None:

@@ -22,10 +22,15 @@ from riot_bus_ros2.cdr_layout import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from riot_bus.types.model import FieldPath
     from riot_bus_ros2.cdr_layout import Data, Step, Unpack
 
 __all__ = ["Element", "Move", "Plan", "Way", "find_way", "make_plan"]
+
+
+_FEW_PARTS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +77,7 @@ def find_way(root: Record, field: FieldPath, path: str) -> Way:
         if isinstance(node, Record) and isinstance(step, str):
             if step not in node.fields:
                 raise PayloadError(f"no field {step!r}", hint=did_you_mean(step, node.fields))
-            for name, each in node.fields.items():
-                if name == step:
-                    break
-                moves.append(each if each.jump is None else each.jump.first)
+            moves += _before(node, step)
             node = node.fields[step]
         elif isinstance(node, Array) and isinstance(step, int):
             moves.append(_element(node, step))
@@ -100,6 +102,22 @@ def make_plan(way: Way) -> Plan:
         start += moves[0][ORIGIN]
         del moves[0]
     return Plan(start, tuple(map(_step, moves)), way.target)
+
+
+def _before(record: Record, name: str) -> Sequence[Move]:
+    """Return how to pass the fields before one; remembered, since some types have thousands of fields."""
+    if len(record.parts) > _FEW_PARTS:
+        found: list[Move] = []
+        for other, node in record.fields.items():
+            if other == name:
+                return found
+            found.append(node if node.jump is None else node.jump.first)
+    if not record.before:
+        moves: tuple[Move, ...] = ()
+        for other, node in record.fields.items():
+            record.before[other] = moves
+            moves = _joined([*moves, node if node.jump is None else node.jump.first])
+    return record.before[name]
 
 
 def _element(array: Array, index: int) -> Move:

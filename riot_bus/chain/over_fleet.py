@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 
+_LOG = logging.getLogger(__name__)
 _LARGEST = 1 << 29
 _ATTEMPTS = 3
 
@@ -155,7 +157,10 @@ class _Work:
             with copied(log.place) as path:
                 messages, damage = self._read(path)
             return self._try(log.place, messages, damage)
-        except RiotError as error:
+        except Exception as error:
+            if not isinstance(error, RiotError):
+                _LOG.exception("a log could not be tried")
+                return LogAnswer(log.place, "error", f"failure of ours: {error!r}")
             where = f"{error.where}: " if error.where and error.where != log.place else ""
             return LogAnswer(log.place, "error", f"{where}{error.message}")
 
@@ -172,6 +177,9 @@ class _Work:
                 high = None if self._options.duration is None else low + int(self._options.duration * 1e9)
             found, size = [], 0
             for message in reader.messages(start=low, end=high):
+                if message.key.startswith("/"):
+                    text = "its topics have no Zenoh keys, as in a ROS bag; a recording of riot record has them"
+                    raise ConfigError(text)
                 if not any(registry.matches(topic, message.key) for topic in self._inputs):
                     continue
                 size += len(message.payload)

@@ -35,6 +35,9 @@ def edit(
     ] = None,
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there; likewise.")] = None,
     duration: Annotated[str | None, typer.Option(metavar="TIME", help="Keep so much, such as 90, 90s or 5min.")] = None,
+    latched: Annotated[
+        bool, typer.Option("--latched", help="Begin with what latched topics have sent before --start.")
+    ] = False,
     align: Annotated[bool, typer.Option("--align", help="Let all inputs begin at the same time.")] = False,
     keep: Annotated[
         list[str] | None,
@@ -119,6 +122,7 @@ def edit(
         start=start,
         end=end,
         duration=parse_seconds(duration, "--duration") if duration is not None else None,
+        latched=latched,
         align=align,
         keep=keep or (),
         drop=drop or (),

@@ -284,6 +284,8 @@ def _print_ranges(ranges: list[TopicFields]) -> None:
             cells = (each.path, each.type, f"{each.count}{mark}", str(each.nan or ""), low, high)
             table.add_row(*(escape(_printable(cell)) for cell in cells))
         _console().print(table)
+        if topic.omitted:
+            typer.echo(f"and {topic.omitted} further fields, not looked at")
         if partial:
             typer.echo("+: of the first elements alone")
 

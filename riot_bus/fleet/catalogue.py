@@ -6,7 +6,7 @@ import os
 import sqlite3
 import threading
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -240,7 +240,8 @@ class Catalogue:
     def _prepare(self) -> None:
         try:
             if not self._tables():
-                self._db.execute("PRAGMA journal_mode = WAL")  # a commit then waits for no disk
+                with suppress(sqlite3.OperationalError):  # another process is making it just now
+                    self._db.execute("PRAGMA journal_mode = WAL")  # a commit then waits for no disk
                 with self._transaction() as db:
                     if not self._tables():  # else another process was faster
                         self._create(db)
@@ -248,6 +249,8 @@ class Catalogue:
             self._db.execute("PRAGMA foreign_keys = ON")
             (application,) = self._db.execute("PRAGMA application_id").fetchone()
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        except sqlite3.OperationalError as error:
+            raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
         except sqlite3.DatabaseError as error:
             raise ConfigError(f"this is no catalogue: {error}", where=str(self.path)) from error
         if application != _APPLICATION:

@@ -32,6 +32,7 @@ _HEAD = 1 << 16
 _LARGEST_SUMMARY = 1 << 26
 _FOOTER = struct.Struct("<BQQQI")
 _RECORD = struct.Struct("<BQ")
+_CHUNK_INDEX = struct.Struct("<QQQ")
 _BEFORE = 13  # the record that ends the data: it stands right before the summary
 _MOST_RUNS = 16
 _LONGEST_RUN = 1 << 20
@@ -125,7 +126,7 @@ class ObjectStore:
         if not _HEAD < start <= size - foot or size - start > _LARGEST_SUMMARY:
             return None
         summary = b"".join(self._range(log, begin, min(size, begin + _BLOCK)) for begin in range(start, size, _BLOCK))
-        return [(0, _HEAD), *_runs(summary, size), (start - _BEFORE, size)]
+        return [(0, _HEAD), *_needed(summary, size), (start - _BEFORE, size)]
 
     def _range(self, log: Found, start: int, end: int) -> bytes:
         try:
@@ -152,20 +153,24 @@ class ObjectStore:
             yield path
 
 
-def _runs(summary: bytes, size: int) -> list[tuple[int, int]]:
-    """Return where the metadata of the run and of its losses stand, as the summary says."""
-    found: list[tuple[int, int]] = []
+def _needed(summary: bytes, size: int) -> list[tuple[int, int]]:
+    """Return which parts before the summary tell of the run and of its losses, and whether the summary is sound."""
+    runs: list[tuple[int, int]] = []
+    chunks: list[tuple[int, int]] = []
     position = 0
-    while position + _RECORD.size <= len(summary) and len(found) < _MOST_RUNS:
+    while position + _RECORD.size <= len(summary):
         opcode, length = _RECORD.unpack_from(summary, position)
         position += _RECORD.size
-        if opcode == Opcode.METADATA_INDEX and length <= _HEAD:
-            index = parse(MetadataIndex, summary[position : position + length])
-            if index is not None and index.name in (RUN, LOST) and 0 < index.length <= _LONGEST_RUN:
-                end = index.offset + index.length
-                found += [(index.offset, end)] if index.offset >= 0 and end <= size else []
+        body = summary[position : position + min(length, _HEAD)]
         position += length
-    return found
+        if opcode == Opcode.CHUNK_INDEX and len(body) >= _CHUNK_INDEX.size:
+            offset = _CHUNK_INDEX.unpack_from(body)[2]
+            chunks = [*chunks[:1], (offset, offset + _RECORD.size)]  # the first and the last one
+        elif opcode == Opcode.METADATA_INDEX and len(runs) < _MOST_RUNS:
+            index = parse(MetadataIndex, body)
+            if index is not None and index.name in (RUN, LOST) and index.length <= _LONGEST_RUN:
+                runs.append((index.offset, index.offset + index.length))
+    return [(begin, end) for begin, end in (*chunks, *runs) if begin < end <= size]
 
 
 def _reason(error: Exception) -> str:

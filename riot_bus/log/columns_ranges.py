@@ -32,6 +32,7 @@ _MEMORY = 1 << 28
 _ELEMENTS = 16
 _NESTED_ELEMENTS = 4
 _MOST_NESTED = 3
+_MOST_SURVEYED = 1000
 _EXAMPLES = 4
 _EXAMPLE_LENGTH = 40
 _INDEX = re.compile(r"\[\d+\]")
@@ -107,6 +108,7 @@ class TopicFields:
         count: Messages.
         unreadable: Messages that do not decode.
         fields: In payload order.
+        omitted: Fields that were not looked at, since there are so many.
     """
 
     topic: str
@@ -115,6 +117,7 @@ class TopicFields:
     count: int = 0
     unreadable: int = 0
     fields: list[FieldRange] = field(default_factory=list)
+    omitted: int = 0
 
 
 def field_ranges(
@@ -164,6 +167,7 @@ def field_ranges(
             progress(read, reader.size)
     for (key, _), survey in surveys.items():
         found[key].fields += survey.ranges.values()
+        found[key].omitted += survey.omitted
     return sorted(found.values(), key=lambda each: (each.topic, each.key))
 
 
@@ -172,12 +176,15 @@ class _Survey:
 
     def __init__(self, kind: MessageType) -> None:
         self.ranges: dict[str, FieldRange] = {}
+        self.omitted = 0
         self._kind = kind
         self._described: Described | None = None
         self._fields: list[FieldType] = []
         if isinstance(kind, Described):
             try:
-                self._fields = [each for each in kind.fields() if each.path.count("[*]") <= _MOST_NESTED]
+                listed = kind.fields()
+                self._fields = [each for each in listed if each.path.count("[*]") <= _MOST_NESTED][:_MOST_SURVEYED]
+                self.omitted = len(listed) - len(self._fields)
                 self._described = kind
             except PayloadError:
                 return

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import Writer
 
 from riot_bus.bus.runtime import wait_until
 from riot_bus.fleet.catalogue import Catalogue
@@ -48,6 +49,11 @@ def work(tmp_path: Path) -> Path:
     damaged = log(tmp_path / "logs" / "r3" / "damaged.mcap", "step")
     damaged.write_bytes(damaged.read_bytes()[:-50])
     (tmp_path / "logs" / "r3" / "text.mcap").write_text("no log")
+    with (tmp_path / "logs" / "r2" / "bag.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="rosbag2")
+        writer.add_message(writer.register_channel(f"/{COMMANDS}", "json", 0), BEGIN, b"{}", BEGIN)
+        writer.finish()  # type: ignore[no-untyped-call]
     (tmp_path / "plan.toml").write_text(PLAN)
     shutil.copytree(PRESS, tmp_path / "press")
     return tmp_path
@@ -73,7 +79,7 @@ def over(work: Path, query: str, *arguments: str, code: int = 0) -> dict[str, di
 def test_logs_are_indexed_listed_and_shown(work: Path) -> None:
     assert "there is no catalogue yet" in fleet(work, "list", code=2)
     report = fleet(work, "index", "logs")
-    assert (report["logs"], report["fresh"], report["damaged"], report["failures"]) == (6, 6, 2, [])
+    assert (report["logs"], report["fresh"], report["damaged"], report["failures"]) == (7, 7, 2, [])
     assert fleet(work, "index", "logs")["fresh"] == 0
     names = [Path(each["place"]).name for each in fleet(work, "list", "robot=r1", "lossless")["logs"]]
     assert names == ["hold.mcap", "step.mcap"]
@@ -82,7 +88,7 @@ def test_logs_are_indexed_listed_and_shown(work: Path) -> None:
     assert [each["problem"] for each in fleet(work, "list", "path=*text.mcap")["logs"]] == ["not an MCAP file"]
     shutil.rmtree(work / "logs" / "r1")
     assert fleet(work, "index", "logs", "--prune")["pruned"] == 2
-    assert len(fleet(work, "list")["logs"]) == 4
+    assert len(fleet(work, "list")["logs"]) == 5
     assert "did you mean 'robot'" in fleet(work, "list", "robt=r1", code=2)
 
 
@@ -91,12 +97,14 @@ def test_a_test_case_over_a_fleet(work: Path) -> None:
     found = over(work, "", "--jobs=2", code=1)
     answers = {name: each["answer"] for name, each in found.items()}
     assert answers == {
-        "step": "failed", "hold": "fixed", "damaged": "failed", "short": "error", "other": "error", "text": "error"
+        "step": "failed", "hold": "fixed", "damaged": "failed", "short": "error", "other": "error", "text": "error",
+        "bag": "error",
     }  # fmt: skip
     assert (found["step"]["failed"], found["step"]["trials"], found["step"]["injected"]) == (1, 1, 3)
     assert "changes nothing in it" in found["short"]["detail"]
     assert "holds nothing on the inputs of 'drive'" in found["other"]["detail"]
     assert "the log is damaged" in found["damaged"]["detail"]
+    assert "have no Zenoh keys" in found["bag"]["detail"]
     assert over(work, "path='*/short.mcap'", "--anywhere", code=1)["short"]["injected"] == 2
     over(work, "robot=r1 path='*/hold.mcap'")
     over(work, "path='*/other.mcap'", code=4)
@@ -147,4 +155,4 @@ def test_an_interrupted_index_goes_on(work: Path) -> None:
             process.end()
             before = known.count(Query())
     report = fleet(work, "index", "logs")
-    assert (report["logs"], report["fresh"]) == (2006, 2006 - before)
+    assert (report["logs"], report["fresh"]) == (2007, 2007 - before)

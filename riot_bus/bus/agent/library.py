@@ -14,7 +14,7 @@ from riot_bus.fleet.query import parse_query
 from riot_bus.fleet.stores import ENDING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from riot_bus.fleet.entry import LogEntry
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Library"]
 
 _LONGEST_PATH = 1000
-_MOST_FILES = 1000
+_MOST_FILES = 500
 _MOST_ROWS = 500
 _WAIT_S = 1.0
 _END_S = 10.0
@@ -122,6 +122,13 @@ class Library:
             known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
             hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"
             raise ConfigError(f"cannot open {name!r}: {error.strerror}", where=where, hint=hint) from None
+        return found
+
+    def resolve_all(self, names: Sequence[str]) -> list[Path]:
+        """Return the files of several names; raises ConfigError as `resolve` does, or if these are too many to open."""
+        found = [path for name in names for path in self.resolve(name)]
+        if len(found) > _MOST_FILES:
+            raise ConfigError(f"{len(found)} logs at once are too many", where="logs", hint=f"at most {_MOST_FILES}")
         return found
 
     def _inside(self, path: Path, name: str) -> Path:

@@ -116,7 +116,7 @@ class AgentService:
         """
         request = parse_request(PlayRequest, payload)
         self._allowed("play")
-        files = [path for name in request.logs for path in self.library.resolve(name)]
+        files = self.library.resolve_all(request.logs)
         request.check_plan()
         request.options(self.options, files, None)
         return self._start(Play(request, request.logs, files, self.options, self._news.set))

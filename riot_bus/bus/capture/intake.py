@@ -126,8 +126,6 @@ class Intake:
         self.expression = expression
         self.flows = Tally()
         """Messages so far by key."""
-        self.failures = 0
-        """Messages that could not be taken apart."""
         self._tape, self._gaps, self._owner, self._rules = tape, gaps, owner, rules
         self._paused, self._sequence = paused, sequence
         self._convert = Converter("", itertools.count())
@@ -220,7 +218,6 @@ class Intake:
             try:
                 found += self._rows([sample])[0]
             except Exception:
-                self.failures += 1
                 self._tape.book.lose("damaged", self.expression)
         return found, True
 

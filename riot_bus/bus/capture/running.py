@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
 import sys
 import threading
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.capture.keys import HELP, press
@@ -29,6 +30,8 @@ __all__ = ["run_capture"]
 
 _LOOK_S = 0.2
 _INTERRUPTED = 130
+_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD = -3, -1  # of malloc.h
+_LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28
 
 
 def run_capture(
@@ -62,6 +65,7 @@ def run_capture(
             each.progress("")
         warn(plain(line) if "\n" not in line else line)
 
+    _keep_memory()
     service = CaptureService(options, warn=tell)
     with _signals(service):
         try:
@@ -78,6 +82,14 @@ def run_capture(
         finally:
             service.close()
     _end(service.result(), say, as_json=as_json)
+
+
+def _keep_memory() -> None:
+    """Let the C library keep the memory of large payloads; to get it anew each time costs as much as to compress it."""
+    with suppress(OSError, AttributeError):  # another C library than glibc
+        library = ctypes.CDLL(None)
+        library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
+        library.mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
 
 
 def _attend(service: CaptureService, terminal: Console) -> None:

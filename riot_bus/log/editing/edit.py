@@ -12,6 +12,7 @@ from riot_bus.errors import ConfigError
 from riot_bus.log.editing.bags import files_of
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
 from riot_bus.log.editing.inputs import InputLog
+from riot_bus.log.editing.latched import Latched
 from riot_bus.log.editing.part import Ready
 from riot_bus.log.editing.piping import Piping
 from riot_bus.log.editing.product import Product
@@ -74,7 +75,9 @@ class _Editor:
         self._roster = Roster(options, design, self._inputs, lambda: self._origin)
         self._piping = self._pipe(interceptors, stack)
         one_shift = len({course.shift for course in self._roster.courses if course.target is not None}) <= 1
-        self._by_time = options.sort or len(self._inputs) > 1 or self._piping is not None or not one_shift
+        self._latched = self._keep_latched()
+        steps = (self._piping, self._latched)
+        self._by_time = options.sort or len(self._inputs) > 1 or steps != (None, None) or not one_shift
         self._reorder = Sorter() if not one_shift else None
         self._sliced = self._low > -_END or self._high < _END
 
@@ -84,6 +87,10 @@ class _Editor:
         total, done = sum(log.size for log in self._inputs), 0
         rank = 0
         for block, bound, batch in self._batches():
+            if self._latched is not None and batch is not None:
+                batch = self._latched.run(batch)
+            if self._latched is not None and bound is None:
+                batch = gathered([self._latched.rest(), *([batch] if batch is not None else [])])
             if batch is not None or self._piping is not None:
                 self._emit(self._processed(gathered([]) if batch is None else batch, bound), bound, rank)
                 rank += 1
@@ -134,6 +141,11 @@ class _Editor:
         self._pipeline = pipeline
         return Piping(pipeline, self._roster, self._product.refuse)
 
+    def _keep_latched(self) -> Latched | None:
+        if not self._options.latched or self._low <= 0:
+            return None
+        return Latched(self._low, self._roster.courses, self._roster.adapters)
+
     def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
         if not self._by_time:
@@ -156,7 +168,9 @@ class _Editor:
     def _is_wanted(self, log: InputLog, block: Block) -> bool:
         if not self._sliced or log.counts is None:
             return True  # all is read where the summary does not tell how much is left out
-        return block.end + log.shift >= self._low and block.start + log.shift < self._high
+        if block.start + log.shift >= self._high:
+            return False
+        return self._latched is not None or block.end + log.shift >= self._low
 
     def _is_told(self, log: InputLog) -> bool:
         """Whether messages are counted by what the summary says, since not all are read."""
@@ -168,10 +182,9 @@ class _Editor:
         if not self._is_told(log):
             self._count(batch, "read")
         if self._sliced:
-            low, high = max(self._low, 0), min(self._high, _END - 1)
-            mask = (batch.time >= np.uint64(low)) & (batch.time < np.uint64(high))
-            if self._high >= _END:
-                mask = batch.time >= np.uint64(low)
+            mask = batch.time >= np.uint64(max(self._low, 0)) if self._latched is None else self._latched.wanted(batch)
+            if self._high < _END:
+                mask &= batch.time < np.uint64(max(self._high, 0))
             batch = batch.where(mask)
         return batch
 

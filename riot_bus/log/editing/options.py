@@ -57,6 +57,7 @@ class EditOptions:
         start: Where to begin, as `naming.parse_time` takes it; None at the beginning.
         end: Where to end, exclusive.
         duration: Seconds from there on, in place of `end`.
+        latched: Begin with the last messages of latched topics from before `start`.
         align: Let all logs begin at the same time, whenever they were recorded.
         keep: Selections, of which a message must meet one; empty for all.
         drop: Selections, of which it must meet none.
@@ -84,6 +85,7 @@ class EditOptions:
     start: str | None = None
     end: str | None = None
     duration: float | None = None
+    latched: bool = False
     align: bool = False
     keep: Sequence[str] = ()
     drop: Sequence[str] = ()
@@ -144,6 +146,7 @@ class EditOptions:
             "start": self.start,
             "end": self.end,
             "duration": self.duration,
+            "latched": self.latched,
             "align": self.align,
             "keep": list(self.keep),
             "drop": list(self.drop),

@@ -14,6 +14,7 @@ from riot_bus.fleet.index import index
 from riot_bus.fleet.objects import ObjectStore
 from riot_bus.fleet.query import Query
 from riot_bus.fleet.stores import copied
+from riot_bus.log.info import log_info
 from tests.unit.fleet.fleet_logs import write
 
 fsspec = pytest.importorskip("fsspec")
@@ -96,8 +97,10 @@ def test_of_a_large_log_the_ends_are_fetched(tmp_path: Path, bucket: str, monkey
     with store.excerpt(found) as path:
         assert path.stat().st_size == log.stat().st_size > 6_000_000
         summary = path.read_bytes()[-300:]
+        info = log_info(path, scan=False)
     assert summary == log.read_bytes()[-300:]
     assert fetched < 200_000
+    assert (info.scanned, info.count, info.metadata["robot"]) == (False, 60, "r7")
 
 
 def test_of_a_large_log_without_summary_all_is_fetched(tmp_path: Path, bucket: str) -> None:

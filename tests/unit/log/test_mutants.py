@@ -55,6 +55,9 @@ def check(outcome):
     if outcome["lossy"] is not None:
         assert read["lossy"] == outcome["lossy"], f"{name}: {read['loss']}"
         assert info["lossy"] == outcome["lossy"], name
+    edited = outcome["edit"]
+    assert edited["messages"] == read["messages"], name
+    assert not edited["lossy"], f"{name}: {edited['loss']}"
     columns = outcome["columns"]
     if "rows" in columns and len(columns["rows"]) == 1 and outcome["lossy"] is False:
         assert sum(columns["rows"].values()) <= read["messages"], name

@@ -82,6 +82,12 @@ def test_what_is_refused(library: Library, name: str, message: str) -> None:
         library.resolve(name)
 
 
+def test_several_names(library: Library, folder: Path) -> None:
+    assert library.resolve_all(["a.mcap", "bag"]) == [folder / "a.mcap", *library.resolve("bag")]
+    with pytest.raises(ConfigError, match="502 logs at once are too many"):
+        library.resolve_all(["bag"] * 251)
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
 @given(
     st.lists(st.sampled_from(["..", ".", "up", "out.mcap", "a.mcap", "bag", "mixed", "", "~", "logs"]), max_size=6).map(

@@ -143,6 +143,45 @@ def test_a_folder_is_an_input_with_all_its_files_in_order(tmp_path):
         assert len(list(reader.messages())) == 30
 
 
+def latched_bag(path, rows):
+    """Texts of a latched topic and of another: topic, seconds and text in this order."""
+    latched = NUMBERS.replace("durability: 2", "durability: 1").replace("depth: 10", "depth: 2")
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=300)
+        writer.start(profile="ros2")
+        definition, _ = STORE.generate_msgdef("std_msgs/msg/String", ros_version=2)
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", definition.encode())
+        channels = {
+            name: writer.register_channel(name, "cdr", schema, {"offered_qos_profiles": qos, "topic_type_hash": HASH})
+            for name, qos in (("/map", latched), ("/text", NUMBERS))
+        }
+        for name, seconds, value in rows:
+            time = BEGIN + int(seconds * SECOND)
+            writer.add_message(channels[name], time, text(value), time - 9)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("begin", [5.0, 9.5, 20.0])
+def test_a_slice_may_begin_with_what_is_latched(tmp_path, begin):
+    rows = [("/map", n, f"map {n}") for n in (0, 1, 3, 6)] + [("/text", n / 2, f"{n}") for n in range(20)]
+    log = latched_bag(tmp_path / "in.mcap", rows)
+    result = run(log, tmp_path / "out.mcap", start=str(begin), latched=True)
+    held = [name for name, seconds, value in rows if name == "/map" and seconds < begin]
+    last = [value for name, seconds, value in rows if name == "/map" and seconds < begin][-2:]
+    inside = [(each.topic, each.time, each.data) for each in sorted(raw(log), key=lambda each: each.time)]
+    start = BEGIN + int(begin * SECOND)
+    expected = [("/map", start, text(value)) for value in last] + [each for each in inside if each[1] >= start]
+    found = raw(tmp_path / "out.mcap")
+    assert [(each.topic, each.time, each.data) for each in found] == expected
+    assert [each.published for each in found if each.time == start and each.topic == "/map"] == [start - 9] * 2
+    assert counts(result)["/map"] == (4 - len(held) + 2, 2, len(held) - 2)
+    run(log, tmp_path / "without.mcap", start=str(begin))
+    assert [(each.topic, each.time, each.data) for each in raw(tmp_path / "without.mcap")] == [
+        (each.topic, each.time, each.data) for each in raw(log) if each.time >= start
+    ]
+
+
 def test_folders_without_a_bag_and_compressed_bags(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match=r"no \.mcap files"):

@@ -1,0 +1,81 @@
+"""What a late joiner would have got: the last messages of latched topics from before the beginning of a slice."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.errors import ConfigError
+from riot_bus.log.editing.batch import Batch, gathered, shifted
+from riot_bus.types.offer import Offering
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from riot_bus.log.editing.course import Course
+    from riot_bus.types.model import Adapter
+
+__all__ = ["Latched"]
+
+
+class Latched:
+    """Keeps the last messages of latched topics until the slice begins.
+
+    Args:
+        start: When it begins, nanoseconds.
+        courses: By number.
+        adapters: Know which topics are latched, and how many messages of each are kept.
+    """
+
+    def __init__(self, start: int, courses: Sequence[Course], adapters: Sequence[Adapter]) -> None:
+        self._start = start
+        self._depths = [0 if course.original else _depth(course, adapters) for course in courses]
+        self._last: dict[int, Batch] = {}
+        self._released = False
+
+    def wanted(self, batch: Batch) -> NDArray[np.bool_]:
+        """Return which messages of a log are to be handed to `run`: of others only what is in the slice."""
+        latched = np.array(self._depths, np.int64)[batch.course] > 0
+        found: NDArray[np.bool_] = latched | (batch.time >= np.uint64(self._start))
+        return found
+
+    def run(self, batch: Batch) -> Batch:
+        """Return what is in the slice, and before its first messages what is latched.
+
+        Args:
+            batch: Messages by time.
+        """
+        early = batch.time < np.uint64(self._start)
+        before, inside = batch.where(early), batch.where(~early)
+        for number in np.unique(before.course).tolist():
+            same = [self._last[number]] if number in self._last else []
+            rows = before.where(before.course == number)
+            self._last[number] = gathered([*same, rows]).take(slice(-self._depths[number], None))
+        if self._released or not len(inside):
+            return inside
+        return gathered([self.rest(), inside])
+
+    def rest(self) -> Batch:
+        """Return what is latched, with the time at which the slice begins; nothing if it was returned already."""
+        if self._released:
+            return gathered([])
+        self._released = True
+        held = gathered(list(self._last.values())).by_time()
+        found = gathered([held.take(slice(None))])
+        moved, _ = shifted(found, (np.uint64(self._start) - found.time).astype(np.int64))
+        moved.changed = moved.course.copy()
+        return moved
+
+
+def _depth(course: Course, adapters: Sequence[Adapter]) -> int:
+    for adapter in adapters:
+        try:
+            offer = adapter.offer(course.topic, name=None, domain=None) if isinstance(adapter, Offering) else None
+        except ConfigError:
+            continue
+        if offer is not None:
+            return offer.depth or 0
+    return 0
