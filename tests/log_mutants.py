@@ -481,17 +481,17 @@ def bombs() -> Iterator[Mutant]:
         whole(sound, chunk(b"", compression="lz4", packed=packed, size=100, checksum=0)),
         COUNT,
     )
-    small = message(0, payload=b"") * 40_000
-    yield Mutant("many tiny messages", whole(*[chunk(DEFINITIONS + small, start=0) for _ in range(5)]), 200_000)
+    small = message(0, payload=b"") * 20_000
+    yield Mutant("many tiny messages", whole(*[chunk(DEFINITIONS + small, start=0) for _ in range(5)]), 100_000)
     huge = schema(1, TWIST, b"#" * (1 << 26)) + channel(1, "/twist")
     yield Mutant("schema of 64 MiB", whole(chunk(huge + MESSAGES)), COUNT)
-    room = [chunk(schema(n, f"p/msg/T{n}", bytes(1 << 24)) + channel(n, f"/t{n}", n)) for n in range(1, 20)]
-    yield Mutant("schemas of 16 MiB each", whole(*room, sound))
-    yield Mutant("many notes", whole(sound, note("x", {}) * 50_000), COUNT)
+    room = [chunk(schema(n, f"p/msg/T{n}", bytes(1 << 22)) + channel(n, f"/t{n}", n)) for n in range(1, 20)]
+    yield Mutant("schemas of 4 MiB each", whole(*room, sound))
+    yield Mutant("many notes", whole(sound, note("x", {}) * 20_000), COUNT)
     yield Mutant("many empty records", whole(sound, record(0x80, b"") * 50_000), COUNT)
     gaps = b"".join(record(MESSAGE, b"x", length=1 << 50) + message(n) for n in range(2000))
     yield Mutant("many gaps", whole(DEFINITIONS, gaps))
-    yield Mutant("chunks of nothing but a head", whole(*[chunk(b"", start=n, end=n) for n in range(20_000)]))
+    yield Mutant("chunks of nothing but a head", whole(*[chunk(b"", start=n, end=n) for n in range(5_000)]))
 
 
 def odd_extras() -> Iterator[Mutant]:

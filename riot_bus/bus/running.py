@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import json
-import signal
-import threading
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, plan_of, registry_of, settings_of
 from riot_bus.bus.service import RouterService
+from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
 from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from types import FrameType
+    from collections.abc import Callable
 
     from riot_bus.bus.assemble import RouterOptions
     from riot_bus.bus.bypass import Bypass
@@ -54,7 +51,7 @@ def run_router(
     )
     for line in service.warnings:
         warn(f"warning: {line}")
-    with _signals(service):
+    with ended_by_signals(service.shutdown):
         with service:
             say(_ready(service, as_json=as_json))
             service.watch()
@@ -105,23 +102,3 @@ def _alarm(warn: Callable[[str], None]) -> Callable[[list[Bypass]], None]:
             warn(f"bypass: a way around the router {what}: {who}: {each.evidence}\n  hint: {each.cure}")
 
     return alarm
-
-
-@contextmanager
-def _signals(service: RouterService) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end the router, at once when it is the second; nothing outside of the main thread."""
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        if service.stopping.is_set():
-            raise KeyboardInterrupt
-        service.shutdown()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, action in former.items():
-            signal.signal(number, action)

@@ -176,6 +176,7 @@ class Player:
         self._barren = False  # whether this pass has had no message so far, from the very beginning
         self._exhausted = False  # whether this pass has no more messages
         self._reading = False
+        self._fresh = False  # whether reading begins anew
         self._log = self._last = source.start  # at this time of the log
         self._wall = 0  # it was this time on the clock
 
@@ -319,6 +320,9 @@ class Player:
             _close(messages)
         elif message is not None:
             self._upcoming, self._barren = message, False
+            if self._fresh:  # opening and unpacking make nothing late
+                self._fresh = False
+                self._wall = max(self._wall, self._pace.now())
         elif self._loop and not self._barren:
             self._passes += 1
             self._barren = True
@@ -331,6 +335,7 @@ class Player:
         self._messages = iter(self._source.messages(time if time > self._source.start else None))
         self._log, self._last, self._wall = time, time, self._pace.now() + delay
         self._ended = self._exhausted = False
+        self._fresh = True
 
     def _close_messages(self) -> None:
         self._upcoming = None

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import signal
 import threading
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.agent.driving import Drive
 from riot_bus.bus.agent.operation import FINAL
 from riot_bus.bus.agent.text import operation_line, silence_line
 from riot_bus.bus.remote import error_from
+from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError, EnvironmentFaultError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from types import FrameType
+    from collections.abc import Callable, Mapping
 
 __all__ = ["drive"]
 
@@ -63,7 +61,7 @@ def drive(
     def told(status: dict[str, Any] | None, silent: float) -> None:
         show(operation_line(status) if status is not None else silence_line(silent))
 
-    with _signals(interrupted), Drive(endpoint, robot, config=config) as wheel:
+    with ended_by_signals(interrupted.set), Drive(endpoint, robot, config=config) as wheel:
         wheel.begin(kind, arguments, watched=not detach)
         if detach:
             status = wheel.follow(told, give_up=give_up, until=_begun, interrupted=interrupted.is_set)
@@ -91,23 +89,3 @@ def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:
         lost = [f"{name}: {what}" for table in tables for name, what in table.items()]
         if lost:
             raise DataLossError(plain("; ".join(lost[:5])), where=robot)
-
-
-@contextmanager
-def _signals(interrupted: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM stop what the robot does, the second one leave; nothing outside of the main thread."""
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        interrupted.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, action in former.items():
-            signal.signal(number, action)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import signal
-import threading
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.agent.service import AgentService
 from riot_bus.bus.config import client_config
 from riot_bus.bus.runtime import open_session, prepare_runtime, release
+from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from types import FrameType
+    from collections.abc import Callable
 
     from riot_bus.bus.agent.options import AgentOptions
 
@@ -40,7 +37,7 @@ def run_agent(
         EnvironmentFaultError: The link to the fleet failed for good.
     """
     service = AgentService(options, say=tell)
-    with _signals(service), service:
+    with ended_by_signals(service.shutdown), service:
         say(_ready(options, as_json=as_json))
         _look_at_bus(options, tell)
         while not service.stopping.wait(_LOOK_S):
@@ -63,23 +60,3 @@ def _look_at_bus(options: AgentOptions, tell: Callable[[str], None]) -> None:
         release(open_session(client_config(options.endpoint, extra=options.config), purpose="bus of the robot"))
     except EnvironmentFaultError as error:
         tell(f"warning: {error.where}: {error.message}; it is tried again for each operation")
-
-
-@contextmanager
-def _signals(service: AgentService) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end the agent, at once when it is the second; nothing outside of the main thread."""
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        if service.stopping.is_set():
-            raise KeyboardInterrupt
-        service.shutdown()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, action in former.items():
-            signal.signal(number, action)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Publishing"]
 
 _HEARTBEAT_S = 0.5
+_USUAL = Qos()
 _MOST_KEYS = 4096  # that interceptors may invent
 
 
@@ -127,16 +128,18 @@ class _Outlet:
         self._sequence = 0
         self._by_qos: dict[Qos, Any] = {}
         self._encodings: dict[str, Any] = {}
-        # What advanced publishers do not tell: whether somebody subscribes.
-        self._probe: Any = session.declare_publisher(offer.key, allowed_destination=zenoh.Locality.REMOTE)
+        # Also tells what advanced publishers do not: whether somebody subscribes.
+        self._usual: Any = session.declare_publisher(
+            offer.key, allowed_destination=zenoh.Locality.REMOTE, **self._settings(_USUAL)
+        )
+        self._by_qos[_USUAL] = self._usual
         self._latch = self._declare_latched() if offer.depth is not None else None
 
     def matched(self) -> bool:
-        return bool(self._probe.matching_status.matching)
+        return bool(self._usual.matching_status.matching)
 
     def publishers(self) -> Iterator[Any]:
         yield from self._by_qos.values()
-        yield self._probe
         if self._latch is not None:
             yield self._latch
 
@@ -154,8 +157,8 @@ class _Outlet:
 
     def _declare(self, qos: Qos) -> Any:
         if len(self._by_qos) >= _MOST_KEYS:
-            release(*self._by_qos.values())
-            self._by_qos.clear()
+            release(*(each for each in self._by_qos.values() if each is not self._usual))
+            self._by_qos = {_USUAL: self._usual}
         publisher = self._session.declare_publisher(self._offer.key, **self._settings(qos))
         self._by_qos[qos] = publisher
         return publisher
@@ -170,7 +173,7 @@ class _Outlet:
             cache=ext.CacheConfig(self._offer.depth),
             sample_miss_detection=beats if self._offer.reliable else None,
             publisher_detection=True,
-            **self._settings(Qos()),
+            **self._settings(_USUAL),
         )
 
     def _settings(self, qos: Qos) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -15,13 +14,13 @@ from typing import TYPE_CHECKING, Protocol
 from riot_bus.bus.playing.keys import HELP, press
 from riot_bus.bus.playing.service import PlayService
 from riot_bus.bus.playing.text import progress_line, result_line, speed
+from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
-    from types import FrameType
 
     from riot_bus.bus.playing.options import PlayOptions
     from riot_bus.bus.playing.service import PlayResult
@@ -78,8 +77,13 @@ def run_play(
 
     service = PlayService(options, warn=tell)
     interrupted = threading.Event()
+
+    def end() -> None:
+        interrupted.set()
+        service.stop()
+
     try:
-        with _signals(service, interrupted), _punctual(), service:
+        with ended_by_signals(end), _punctual(), service:
             say(_ready(service, as_json=as_json))
             with console or nullcontext() as terminal:
                 if terminal is None:
@@ -149,24 +153,3 @@ def _punctual() -> Iterator[None]:
     finally:
         gc.unfreeze()
         sys.setswitchinterval(former)
-
-
-@contextmanager
-def _signals(service: PlayService, interrupted: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM end the play, at once when it is the second; nothing outside of the main thread."""
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        interrupted.set()
-        service.stop()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, action in former.items():
-            signal.signal(number, action)

@@ -376,3 +376,18 @@ def test_times_beyond_all_measure_do_no_harm(rate):
     play.pace.script.insert(1, (BEGIN + SECOND, 0, lambda: seen.append(play.player.status().position)))
     play.run()
     assert seen == [pytest.approx(rate * SECOND)]
+
+
+def test_opening_a_log_makes_nothing_late():
+    log = ListSource(messages(0, 1, 2, 10, 11))
+    play = Play(log, [(9, "seek", 10 * SECOND)], loop=False)
+    read = log.messages
+
+    def slow(start=None):
+        play.pace.advance(3 * SECOND)
+        yield from read(start)
+
+    log.messages = slow
+    play.run()
+    assert play.when == [3, 4, 5, 12, 13]
+    assert play.player.lateness.worst == 0
