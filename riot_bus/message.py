@@ -30,7 +30,7 @@ class Message:
         encoding: Zenoh's encoding string, empty for the default.
         attachment: Bytes that travel with the payload, or None.
         segment: Segment of the bus on which it was published; empty if unknown.
-        sequence: Number given by the recorder or router, unique within one log.
+        sequence: Number given by the source if it has one, else by the recorder or router.
         publish_time: Time at the source in nanoseconds, None if unknown.
     """
 
