@@ -27,6 +27,9 @@ _ROUTES_S = 1.0
 _FORGET_S = 0.2
 _PROBES = 4
 _TOKENS_S = 2.0
+_WEIGHTS = "routing/router/linkstate/transport_weights"
+_LEAST_WEIGHT = 100
+_MOST_WEIGHT = 65_000
 
 
 class Junction:
@@ -61,6 +64,7 @@ class Junction:
         self._inner = itertools.cycle(inner)
         self._path = ""
         self._left = -math.inf
+        self._weight = _LEAST_WEIGHT
         self._listens = any(not segment.open_to_all for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
@@ -117,12 +121,21 @@ class Junction:
             connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
             listen=[self._path] if self._listens else [],
             wait_before_close_s=self._wait_before_close_s,
-            extra={**self._config, **access_control(cut, tokens=self._tokens(cut))},
+            extra={**self._config, **access_control(cut, tokens=self._tokens(cut)), _WEIGHTS: self._weights()},
         )
         self.session = session = open_session(settings, purpose="junction")
         self.zid = str(session.info.zid())
         self.ids.add(self.zid)
         return session
+
+    def _weights(self) -> list[dict[str, Any]]:
+        """Return the costs of the next router's links: more than the present one's, so that nothing goes its way yet.
+
+        With two ways that cost the same, routers choose one each as soon as they hear of both. While they have not all
+        chosen the same, messages come twice or overtake each other.
+        """
+        self._weight = self._weight % _MOST_WEIGHT + 1
+        return [{"dst_zid": segment.zid, "weight": self._weight} for segment in self._segments]
 
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
