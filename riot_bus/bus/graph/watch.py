@@ -23,6 +23,9 @@ __all__ = ["GraphWatch"]
 
 _LOG = logging.getLogger(__name__)
 _LEAST_S = 0.02
+_MOST_S = 30.0
+_REST = 19
+"""How many times longer than a look the watch rests: traffic goes on meanwhile, on the same processor."""
 
 
 class GraphWatch:
@@ -141,13 +144,16 @@ class GraphWatch:
         self._wake.set()
 
     def _run(self) -> None:
-        while not self._stopping.wait(_LEAST_S):  # a system that starts announces a thousand things at once
+        rest = _LEAST_S  # at least: a system that starts announces a thousand things at once
+        while not self._stopping.wait(rest):
             self._wake.wait(self._period)
             self._wake.clear()
             if self._stopping.is_set():
                 return
+            began = time.monotonic()
             try:
                 self.refresh()
             except Exception:
                 if not self._stopping.is_set():
                     _LOG.exception("the graph could not be brought up to date")
+            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), _MOST_S)
