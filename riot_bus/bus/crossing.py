@@ -172,12 +172,13 @@ class Crossing:
             holder.flush()  # what came before goes out before
             self.deliver(result)
             return None
+        payload = event.new_payload if event.touched else True  # there is none to tell once somebody looks at the message
         recorder = self.recorder
         if recorder is not None:
             if event.changes:
                 recorder.original(event.original, event.changes)
             recorder.delivered(event.message, event.changes)
-        return event.new_payload if event.touched else True
+        return payload
 
     def deliver(self, result: Result) -> None:
         """Record the original of what was changed, publish what is due, and keep the rest."""

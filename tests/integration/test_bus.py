@@ -532,6 +532,25 @@ def test_recorder_keeps_originals_and_what_was_delivered_under_one_number() -> N
     assert (bus.counts()["cut/x"].recorded, bus.counts()["free/x"].recorded) == (3, 1)
 
 
+@pytest.mark.parametrize("declared", [{}, {"cut/x": "json"}], ids=["inferred", "declared"])
+@pytest.mark.parametrize("recording", [False, True], ids=["", "recorded"])
+def test_injected_messages_arrive_whether_or_not_they_are_recorded(declared: dict[str, str], *, recording: bool) -> None:
+    writer = MemoryWriter()
+    recorder = Recorder(writer) if recording else None
+    injecting = Pipeline([Injector([Injection("cut/x", "y", 9)])], registry=TypeRegistry(declared=declared))
+    payloads = [f'{{"n": {number}, "y": 1}}' for number in range(20)]
+    expected = [text.replace(": 1}", ": 9}") for text in payloads]
+    with Bus(SEGMENTS, intercept=["cut/**"], pipeline=injecting, recorder=recorder) as bus, pair(bus) as (source, sink):
+        source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
+        assert texts(sink.do("wait", count=len(payloads))) == expected
+        assert bus.drain(5)
+        assert bus.counts()["cut/x"].forwarded == len(payloads)
+    if recorder is not None:
+        recorder.close()
+        assert [each.payload.decode() for role, each, _ in writer.rows if role == "delivered"] == expected
+        assert [each.payload.decode() for role, each, _ in writer.rows if role == "original"] == payloads
+
+
 def descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
