@@ -41,7 +41,7 @@ OTHER_TOPICS = "(other topics)"
 MOST_TOPICS = 1 << 16
 """How many topics are counted one by one, so that somebody who invents keys cannot take the memory."""
 
-_CACHED_KEYS = 1 << 16
+_CACHED_KEYS = 1 << 14
 
 
 class AbandonedError(RiotError):

@@ -26,7 +26,7 @@ ValueT = TypeVar("ValueT")
 
 _GROUP = "riot_bus.adapters"
 _BUILT_IN = {"ros2": "riot_bus_ros2.adapter:Ros2Adapter"}
-_CACHED_KEYS = 1 << 16
+_CACHED_KEYS = 1 << 14
 
 _JSON = JsonType()
 _MSGPACK = MsgpackType()

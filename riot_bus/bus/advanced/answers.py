@@ -55,7 +55,9 @@ class Answers:
         """
         import zenoh
 
-        take = partial(self._take, segment)
+        # Every question for a history comes here as well, and ends no sooner than we say. Not on a thread of its own:
+        # a subscriber whose first question ends late, while it asks again because of a token, loses the first samples.
+        take = zenoh.handlers.Callback(partial(self._take, segment), indirect=False)
         return self._sessions[segment].declare_queryable(expression, take, allowed_origin=zenoh.Locality.REMOTE)
 
     def _take(self, segment: str, query: Any) -> None:
