@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from riot_bus.trial import Scalar
 
-__all__ = ["Injection", "Signal"]
+__all__ = ["Formula", "Injection", "Signal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +43,26 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
+class Formula:
+    """A value that depends on other fields of the message, as they were before any injection: `width + 1`.
+
+    Attributes:
+        text: See `riot_bus.inject.formula`.
+        base: Path of the part of the message whose fields the text names; empty for the whole.
+    """
+
+    text: str
+    base: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Injection:
     """One injection policy.
 
     Attributes:
         topic: Topic name or key expression of the messages.
         field: Field path that is set; None for a timing fault.
-        value: Value that is set, or a `Signal` that gives one per message.
+        value: Value that is set, or a `Signal` or `Formula` that gives one per message.
         fault: What happens to a selected message.
         start: Earliest time, seconds since the first message that the pipeline saw.
         end: Latest time (exclusive), seconds; None for ever.
@@ -64,7 +77,7 @@ class Injection:
 
     topic: str
     field: str | None = None
-    value: Scalar | Signal | None = None
+    value: Scalar | Signal | Formula | None = None
     fault: Literal["set", "drop", "delay", "duplicate"] = "set"
     start: float = 0.0
     end: float | None = None

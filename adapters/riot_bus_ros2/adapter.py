@@ -5,33 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.types.model import MessageType, Schema, TopicName
+from riot_bus.types.serve import part_of
+from riot_bus_ros2.announcing import EXPRESSIONS, announcement_of
 from riot_bus_ros2.cdr import CdrType
-from riot_bus_ros2.keys import key_expression, parse_data_key
+from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_recorded
+from riot_bus_ros2.files import load_files
+from riot_bus_ros2.keys import key_expression, name_of_expression, parse_data_key
+from riot_bus_ros2.live import ask_nodes
 from riot_bus_ros2.offering import clock_of, offer_of
+from riot_bus_ros2.serving import SPACES, action_parts, call_type
+from riot_bus_ros2.sources import HUMBLE, from_distribution
 from riot_bus_ros2.stamping import TOKENS, definition_of, details_of, stamp_of
-from riot_bus_ros2.store import (
-    DefinitionError,
-    TypeStore,
-    normal_name,
-    parse_idl,
-    parse_msg,
-    references,
-    require_rosbags,
-)
+from riot_bus_ros2.store import TypeStore, require_rosbags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from riot_bus.types.announcement import Announcement
     from riot_bus.types.offer import Offer, RecordedTopic, SimClock
     from riot_bus.types.stamp import Stamp
+    from riot_bus_ros2.live import Ask
 
 __all__ = ["Ros2Adapter"]
 
 
 class Ros2Adapter:
-    """Implements `Adapter`, `Offering` and `Stamping` (of `riot_bus.types.model`, `offer` and `stamp`) for ROS 2.
+    """Implements `Adapter`, `Announcing`, `Offering`, `Serving` and `Stamping` (of `riot_bus.types`) for ROS 2.
 
     Raises:
         MissingExtraError: rosbags is not installed.
@@ -39,56 +39,88 @@ class Ros2Adapter:
 
     name = "ros2"
     tokens = TOKENS
+    announcements = EXPRESSIONS
+    services: Sequence[str] = SPACES
 
     def __init__(self) -> None:
         require_rosbags()
         self.store = TypeStore()
         self._types: dict[str, CdrType] = {}
+        self._by_hash: dict[tuple[str, str | None], CdrType | None] = {}
         self._from_schemas: dict[Schema, CdrType | None] = {}
 
     def topic(self, key: str) -> TopicName | None:
-        """Return the ROS topic's name and type."""
+        """Return the ROS name of a key, and its type; also the name that a key expression stands for."""
         parsed = parse_data_key(key)
-        return None if parsed is None else TopicName(parsed.topic, parsed.type_name)
+        if parsed is not None:
+            return TopicName(parsed.topic, parsed.type_name)
+        name = name_of_expression(key)
+        return None if name is None else TopicName(name)
 
     def key_expression(self, topic: str) -> str | None:
-        """Return `*/odom/*/*` for `/odom`: any domain, type and hash."""
+        """Return an expression for `/odom` in any domain, with any type and hash."""
         return key_expression(topic)
 
+    def action_parts(self, name: str) -> str | None:
+        """Return an expression for the topics and services of an action."""
+        return action_parts(name)
+
+    def call_type(self, type_name: str, part: str) -> str | None:
+        """Return the message type of a service's requests or replies."""
+        return call_type(type_name, part)
+
+    def announcement(self, token: str) -> Announcement | None:
+        """Return what a node, publisher, subscriber, service or action announces."""
+        return announcement_of(token)
+
     def load(self, files: Sequence[Path]) -> None:
-        """Register .msg files in a layout `pkg/msg/Name.msg`, or directories that hold such; they override others.
+        """Register .msg, .srv, .action and .idl files in a layout `pkg/msg/Name.msg`, or directories that hold such.
 
         Raises:
             ConfigError: A file is missing, misplaced, does not parse, or names an unknown type.
         """
-        places: dict[str, tuple[Path, str]] = {}
-        for file in _message_files(files):
-            name = f"{file.parent.parent.name}/msg/{file.stem}"
-            text = _text(file)
-            try:
-                self.store.register({name: parse_msg(text, name)[name]})
-            except DefinitionError as error:
-                line = _first_bad_line(text, name)
-                source = text.splitlines()[line - 1].strip()
-                raise ConfigError(
-                    f"cannot parse {source!r}", where=f"{file}:{line}", hint="write it like 'float64[3] position'"
-                ) from error
-            places[name] = (file, text)
-        self._types.clear()
-        for name, (file, text) in places.items():
-            self._check_references(name, file, text)
+        try:
+            load_files([Path(file) for file in files], self.store)
+        finally:
+            self._types.clear()
+            self._by_hash.clear()
 
     def type_named(self, type_name: str) -> MessageType | None:
-        """Return the type `pkg/msg/Name` (or `pkg/Name`); services and actions have none."""
+        """Return the type `pkg/msg/Name` (or `pkg/Name`); of services and actions only parts: `pkg/srv/X_Request`."""
         name = normal_name(type_name)
         found = self._types.get(name)
-        if found is None and name.count("/") == 2 and self.store.definition(name) is not None:
+        if found is None and self._is_message(name, self.store):
             found = self._types[name] = CdrType(name, self.store)
         return found
 
+    def type_of_key(self, key: str) -> MessageType | None:
+        """Return the type that a key names; its definition is one whose hash is the key's.
+
+        A key without a hash comes from Humble, so Humble's definition goes before those of later distributions. If no
+        definition has the key's hash, the type is opaque.
+        """
+        call = part_of(key)
+        if call is not None:
+            return self._type_of_call(*call)
+        parsed = parse_data_key(key)
+        return None if parsed is None else self._hashed(parsed.type_name, parsed.type_hash)
+
+    def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> MessageType | None:
+        """Ask the nodes that use a key for a type that no other source knows; see `riot_bus_ros2.live.ask_nodes`."""
+        parsed = parse_data_key(key)
+        if parsed is None or parsed.type_hash is None:
+            return None
+        found = ask_nodes(parsed.type_name, parsed.type_hash, key, tokens, ask, self.store)
+        if not found:
+            return None
+        self.store.learn(found)
+        self._types.clear()
+        self._by_hash.clear()
+        return self.type_of_key(key)
+
     def type_names(self) -> list[str]:
         """Return the names of all message types that need no search in files."""
-        return [name for name in self.store.names() if name.split("/")[1] == "msg"]
+        return [name for name in self.store.names() if "/msg/" in name or self._is_message(name, self.store)]
 
     def type_of_schema(self, schema: Schema) -> MessageType | None:
         """Return the type by the definitions of a log, which hold for that log whatever is installed here."""
@@ -125,13 +157,63 @@ class Ros2Adapter:
         except KeyError:  # it has members of unknown types
             return None
 
+    def _type_of_call(self, key: str, part: str) -> CdrType | None:
+        """Return the type of a service's requests or replies; the hash in its key is that of the service."""
+        parsed = parse_data_key(key)
+        name = None if parsed is None else call_type(parsed.type_name, part)
+        if parsed is None or name is None:
+            return None
+        store = self.store if parsed.type_hash is None else self.store.matching(parsed.type_name, parsed.type_hash)
+        if store is not None:
+            return self._part(name, store)
+        if self._named(name) is None:
+            return None
+        return CdrType(
+            name, self.store, opaque=f"the definition of {parsed.type_name} here is another one than the key's"
+        )
+
+    def _hashed(self, name: str, wanted: str | None) -> CdrType | None:
+        if (name, wanted) not in self._by_hash:
+            self._by_hash[name, wanted] = self._make_hashed(name, wanted)
+        return self._by_hash[name, wanted]
+
+    def _make_hashed(self, name: str, wanted: str | None) -> CdrType | None:
+        if wanted is None:
+            store: TypeStore | None = self.store.preferring(from_distribution(HUMBLE), to_distributions=True)
+        else:
+            store = self.store.matching(name, wanted)
+        if store is not None:
+            return self._part(name, store)
+        known = self._part(name, self.store)
+        if known is None:
+            return None
+        try:
+            reason = f"the definition of {name} here is another one than the key's: {known.type_hash}"
+        except KeyError as unknown:
+            reason = f"type {unknown.args[0]} is unknown"
+        return CdrType(name, self.store, schema=Schema(name, "ros2msg", b""), opaque=reason)
+
+    def _part(self, name: str, store: TypeStore) -> CdrType | None:
+        if store is self.store:
+            return self._named(name)
+        return CdrType(name, store) if self._is_message(name, store) else None
+
+    @staticmethod
+    def _is_message(name: str, store: TypeStore) -> bool:
+        """Return whether this is known and no service or action, which have no payloads of their own."""
+        if name.count("/") != 2 or store.definition(name) is None:
+            return False
+        kind = name.split("/")[1]
+        parts = {"srv": ("Request",), "action": ("Request", "Goal")}.get(kind, ())
+        return not any(store.definition(f"{name}_{part}") is not None for part in parts)
+
     def _parse_schema(self, schema: Schema) -> CdrType | None:
         name = normal_name(schema.name)
         if not schema.data.strip():
             return self._named(name)
         try:
             text = schema.data.decode()
-            definitions = parse_msg(text, name) if schema.encoding == "ros2msg" else parse_idl(text)
+            definitions = parse_recorded(text, name) if schema.encoding == "ros2msg" else parse_idl(text)
         except (UnicodeDecodeError, DefinitionError):
             return None
         if name not in definitions:
@@ -141,43 +223,3 @@ class Ros2Adapter:
     def _named(self, name: str) -> CdrType | None:
         found = self.type_named(name)
         return found if isinstance(found, CdrType) else None
-
-    def _check_references(self, name: str, file: Path, text: str) -> None:
-        definition = self.store.definition(name)
-        for reference in references(definition) if definition is not None else ():
-            if self.store.definition(reference) is None:
-                short = reference.rpartition("/")[2]
-                lines = enumerate(text.splitlines(), 1)
-                line = next((number for number, source in lines if short in source.partition("#")[0]), 1)
-                hint = did_you_mean(reference, self.store.names())
-                raise ConfigError(f"unknown type {reference!r}", where=f"{file}:{line}", hint=hint)
-
-
-def _message_files(files: Sequence[Path]) -> list[Path]:
-    found: list[Path] = []
-    for file in map(Path, files):
-        inside = sorted(file.rglob("msg/*.msg")) if file.is_dir() else [file]
-        if not inside:
-            raise ConfigError("no .msg files in this directory", where=str(file), hint="expected pkg/msg/Name.msg")
-        found += inside
-    for file in found:
-        if file.suffix != ".msg" or file.parent.name != "msg" or not file.resolve().parent.parent.name.isidentifier():
-            raise ConfigError("not a file in a layout pkg/msg/Name.msg", where=str(file), hint="move or rename it")
-    return [file.resolve() for file in found]
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read the definition: {error}", where=str(file)) from error
-
-
-def _first_bad_line(text: str, name: str) -> int:
-    lines = text.splitlines()
-    for count in range(1, len(lines) + 1):
-        try:
-            parse_msg("\n".join(lines[:count]) + "\n", name)
-        except DefinitionError:
-            return count
-    return max(len(lines), 1)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import keyword
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import PayloadError
-from riot_bus.types.model import Leaf, Schema, member_path, parse_path
+from riot_bus.types.model import REBUILD, Leaf, Schema, member_path, parse_path, why_opaque
 from riot_bus_ros2.cdr_fields import list_fields
 from riot_bus_ros2.cdr_layout import (
     COUNT_BE,
@@ -15,12 +14,11 @@ from riot_bus_ros2.cdr_layout import (
     NOTHING,
     ORIGIN,
     OUTSIDE,
-    PLACEHOLDER,
     Array,
     Data,
     Node,
     Number,
-    OpaqueError,
+    Opaque,
     Record,
     Text,
     Unpack,
@@ -30,6 +28,8 @@ from riot_bus_ros2.cdr_layout import (
     skip_elements,
 )
 from riot_bus_ros2.cdr_plan import Plan, Way, find_way, make_plan
+from riot_bus_ros2.hashes import PLACEHOLDER
+from riot_bus_ros2.parts import list_parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -39,11 +39,17 @@ if TYPE_CHECKING:
     from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Gathered, Payloads
     from riot_bus.types.fields import FieldType
+    from riot_bus.types.parts import Part
     from riot_bus_ros2.store import TypeStore
 
 __all__ = ["CdrType"]
 
 _CACHED_PLANS = 4096
+_ENCAPSULATIONS = {
+    2: "PL_CDR", 3: "PL_CDR", 4: "XML", 6: "XCDR2", 7: "XCDR2", 8: "delimited XCDR2", 9: "delimited XCDR2",
+    10: "PL_CDR2", 11: "PL_CDR2",
+}  # fmt: skip
+"""Representations of DDS-XTypes 1.3 (7.6.3.1.2) that ROS 2 does not use for its messages."""
 
 
 class CdrType:
@@ -53,21 +59,17 @@ class CdrType:
         name: Type name such as `nav_msgs/msg/Odometry`.
         store: Where its definition and those of its parts are found.
         schema: The definition as a log has it; by default written from `store`.
+        opaque: Why the definition is not to be trusted, if so.
     """
 
     encoding = "cdr"
 
-    def __init__(self, name: str, store: TypeStore, *, schema: Schema | None = None) -> None:
+    def __init__(self, name: str, store: TypeStore, *, schema: Schema | None = None, opaque: str = "") -> None:
         self.name = name
         self._store = store
         self._schema = schema
         self._plans: dict[str, Plan] = {}
-        self._root: Record | None = None
-        self._opaque = ""
-        try:
-            self._root = compile_type(name, store, outer=(), done={})
-        except OpaqueError as error:
-            self._opaque = str(error)
+        self._root = Opaque(opaque) if opaque else compile_type(name, store, outer=(), done={})
 
     @property
     def schema(self) -> Schema:
@@ -93,6 +95,10 @@ class CdrType:
             raise self._truncated(payload)
         return found
 
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart, None if it can."""
+        return why_opaque(self, payload)
+
     def read(self, payload: bytes, path: str) -> Scalar:
         """Return one field's value (`len(path)` for the length of an array or sequence)."""
         plan = self._plans.get(path) or self._plan(path)
@@ -104,7 +110,7 @@ class CdrType:
                 if skip(target, payload, position, count) > len(payload):
                     raise self._truncated(payload)
                 return length_of(target, payload, position, count)[0]
-            assert not isinstance(target, Record)
+            assert isinstance(target, Number | Text)
             return target.read(payload, position, count)
         except OUTSIDE as error:
             raise self._truncated(payload) from error
@@ -128,37 +134,60 @@ class CdrType:
         """List the fields that messages of this type have, in payload order."""
         return list_fields(self._layout())
 
-    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the payload with some scalars replaced in place.
+    def parts(self) -> Sequence[Part]:
+        """List the messages that a message of this type is made of, as `riot_bus.types.parts.Composed` says."""
+        self._layout()
+        try:
+            return list_parts(self.name, self._store.fields)
+        except KeyError as error:
+            raise PayloadError(f"opaque: type {error.args[0]} is unknown", where=self.name) from error
 
-        A string of another length moves what follows: then the message is decoded and encoded anew, which may change
-        the padding and drops bytes after the end.
-        """
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced in place; its length stays the same."""
         count = _count_of(payload)
-        data = bytearray(payload)
-        longer: dict[str, str] = {}
+        splices: list[tuple[int, bytes]] = []
         for path, value in changes.items():
             plan = self._plans.get(path) or self._plan(path)
             target = plan.target
             try:
-                position = plan.locate(data, count)
+                position = plan.locate(payload, count)
                 if isinstance(target, Number):
-                    target.write(data, position, count, value)
+                    packed = target.pack(count, value)
+                    if position + target.size > len(payload):
+                        raise self._truncated(payload)
                 elif isinstance(target, Text):
-                    start, end = target.span(data, position, count)
-                    text = _encoded(value)
-                    if len(text) == end - start:
-                        data[start:end] = text
-                    else:
-                        longer[path] = str(value)
+                    position, end = target.span(payload, position, count)
+                    packed = _encoded(value)
+                    if len(packed) != end - position:
+                        raise PayloadError(f"text of {len(packed)} bytes instead of {end - position}", hint=REBUILD)
                 else:
-                    raise PayloadError("a length cannot be patched in place")
+                    raise PayloadError("a length cannot be patched in place", hint=REBUILD)
             except OUTSIDE as error:
                 raise self._truncated(payload) from error
             except PayloadError as error:
                 error.where = error.where or f"{self.name}: {path}"
                 raise
-        return self._rebuild(bytes(data), longer) if longer else bytes(data)
+            splices.append((position, packed))
+        return _spliced(payload, splices)
+
+    def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with changes that may move what follows: text of any size, and lengths of sequences."""
+        try:
+            return self.patch(payload, changes)
+        except PayloadError as error:
+            if error.hint != REBUILD and not any(path.startswith("len(") for path in changes):
+                raise
+        from riot_bus_ros2.cdr_rebuild import rebuild
+
+        for path in changes:
+            self._way(path)
+        try:
+            return rebuild(self._layout(), _count_of(payload), self.patch, payload, changes)
+        except OUTSIDE as error:
+            raise self._truncated(payload) from error
+        except PayloadError as error:
+            error.where = error.where or f"{self.name}: {', '.join(changes)}"
+            raise
 
     def patcher(self, path: str, value: Scalar) -> Callable[[bytes], bytes] | None:
         """Return what sets a field to always the same value, None unless its place is the same in all payloads.
@@ -174,9 +203,7 @@ class CdrType:
         start, end = plan.start, plan.start + target.size
         data = {}
         for head, count in ((b"\0\1", COUNT_LE), (b"\0\0", COUNT_BE)):
-            packed = bytearray(target.size)
-            target.write(packed, 0, count, value)
-            data[head] = bytes(packed)
+            data[head] = target.pack(count, value)
 
         def patch(payload: bytes) -> bytes:
             packed = data.get(payload[:2])
@@ -186,22 +213,11 @@ class CdrType:
 
         return patch
 
-    def _rebuild(self, payload: bytes, changes: Mapping[str, str]) -> bytes:
-        message = self._store.decode(payload, self.name)
-        for path, text in changes.items():
-            *steps, last = (_python_name(step) for step in parse_path(path).steps)
-            owner = message
-            for step in steps:
-                owner = owner[step] if isinstance(step, int) else getattr(owner, step)
-            if isinstance(last, int):
-                owner[last] = text
-            else:
-                setattr(owner, last, text)
-        return self._store.encode(message, self.name, little_endian=_count_of(payload) is COUNT_LE)
-
     def _layout(self) -> Record:
-        if self._root is None:
-            raise PayloadError(f"{self.name} is opaque: {self._opaque}")
+        if isinstance(self._root, Opaque):
+            error = self._root.error()
+            error.where = self.name
+            raise error
         return self._root
 
     def _plan(self, path: str) -> Plan:
@@ -229,7 +245,21 @@ def _count_of(payload: Data) -> Unpack:
         return COUNT_LE
     if head == b"\0\0":
         return COUNT_BE
-    raise PayloadError(f"opaque: encapsulation {head.hex() or 'missing'} is not plain CDR (0000 or 0001)")
+    name = _ENCAPSULATIONS.get(int.from_bytes(head)) if len(head) == 2 else None
+    what = f"{head.hex()} ({name})" if name else head.hex() or "missing"
+    raise PayloadError(f"opaque: encapsulation {what} is not plain CDR (0000 or 0001)")
+
+
+def _spliced(payload: bytes, splices: list[tuple[int, bytes]]) -> bytes:
+    """Return the payload with other bytes in some places; copies it once if there is one place."""
+    if len(splices) == 1:
+        position, packed = splices[0]
+        view = memoryview(payload)
+        return b"".join((view[:position], packed, view[position + len(packed) :]))
+    data = bytearray(payload)
+    for position, packed in splices:
+        data[position : position + len(packed)] = packed
+    return bytes(data)
 
 
 def _encoded(value: Scalar) -> bytes:
@@ -239,10 +269,6 @@ def _encoded(value: Scalar) -> bytes:
         return value.encode(errors="surrogateescape")
     except UnicodeEncodeError as error:
         raise PayloadError(f"{value!r} cannot be encoded: {error}") from error
-
-
-def _python_name(step: str | int) -> str | int:
-    return f"{step}_" if isinstance(step, str) and keyword.iskeyword(step) else step
 
 
 def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, elements: int, found: list[Leaf]) -> int:
@@ -262,10 +288,13 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
         length, position = length_of(node, data, position, count)
         if node.length is None:
             found.append(Leaf(f"len({path})", "uint32", length))
-        listed = min(length, max(elements, 0))
+        nothing = node.element.jump is not None and node.element.jump.first == NOTHING
+        listed = 0 if nothing else min(length, max(elements, 0))
         for index in range(listed):
             position = _collect(node.element, f"{path}[{index}]", data, position, count, elements, found)
         return skip_elements(node.element, length - listed, data, position, count)
+    if isinstance(node, Opaque):
+        raise node.error()
     position += node.padding[position & 7]
     found.append(Leaf(path, node.type, node.read(data, position, count)))
     return skip(node, data, position, count)

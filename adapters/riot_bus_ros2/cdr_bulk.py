@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from riot_bus.errors import PayloadError
 from riot_bus.types.bulk import Gathered
-from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Record, Table, Text
+from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Opaque, Record, Table, Text
 from riot_bus_ros2.cdr_plan import Element
 
 if TYPE_CHECKING:
@@ -68,7 +69,8 @@ def elements(way: Way, payloads: Payloads) -> Iterator[NDArray[Any]]:
     """
     target = way.target
     assert isinstance(target, Array)
-    assert isinstance(target.element, Number)
+    if not isinstance(target.element, Number):
+        raise PayloadError("not an array of numbers")
     if len(payloads.buffer) < ORIGIN or not len(payloads):
         return
     head = _view(payloads.buffer, ">u2")[np.where(payloads.lengths >= ORIGIN, payloads.offsets, 0)]
@@ -165,8 +167,12 @@ class _Walk:
         if isinstance(what, Array):
             count, position, ok = self._length_of(what, position, ok)
             return self._elements(what.element, count, position, ok)
+        if isinstance(what, Opaque):
+            return position, np.zeros_like(ok)
         assert isinstance(what, Record)
         for part in what.parts:
+            if not ok.any():  # nested messages may be more than anybody can walk over
+                break
             position, ok = self.skip(part, position, ok)
         return position, ok
 

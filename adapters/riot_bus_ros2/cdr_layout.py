@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import PayloadError
 from riot_bus.types.model import wrap_integer
+from riot_bus_ros2.hashes import PLACEHOLDER
 
 if TYPE_CHECKING:
     from riot_bus.trial import Scalar
@@ -27,7 +28,7 @@ __all__ = [
     "Jump",
     "Node",
     "Number",
-    "OpaqueError",
+    "Opaque",
     "Record",
     "Text",
     "compile_type",
@@ -42,7 +43,6 @@ ORIGIN = 4
 _MAX_DEPTH = 64
 OUTSIDE = (struct.error, IndexError, OverflowError)
 """Raised by reading at a place beyond the payload."""
-PLACEHOLDER = "structure_needs_at_least_one_member"
 _PRIMITIVES = {
     "bool": ("bool", "?"), "byte": ("uint8", "B"), "char": ("uint8", "B"), "int8": ("int8", "b"),
     "uint8": ("uint8", "B"), "int16": ("int16", "h"), "uint16": ("uint16", "H"), "int32": ("int32", "i"),
@@ -58,10 +58,6 @@ Table = tuple[int, ...]
 COUNT_LE: Unpack = struct.Struct("<I").unpack_from
 COUNT_BE: Unpack = struct.Struct(">I").unpack_from
 NOTHING: Table = (0,) * 8
-
-
-class OpaqueError(Exception):
-    """A type has something whose place in the bytes is not known here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +103,15 @@ class Number:
         value: Scalar = (self.little if count is COUNT_LE else self.big).unpack_from(data, position)[0]
         return value
 
-    def write(self, data: bytearray, position: int, count: Unpack, value: Scalar) -> None:
-        """Write a number; integers wrap, floats that overflow become infinite."""
-        little = count is COUNT_LE
+    def pack(self, count: Unpack, value: Scalar) -> bytes:
+        """Return the bytes of a number; integers wrap, floats that overflow become infinite."""
         if self.type == "bool" and isinstance(value, int):
-            struct.pack_into("B", data, position, value & 0xFF)
-            return
+            return bytes((value & 0xFF,))
+        order = self.little if count is COUNT_LE else self.big
         try:
-            (self.little if little else self.big).pack_into(data, position, self._fit(value))
+            return order.pack(self._fit(value))
         except OverflowError:
-            (self.little if little else self.big).pack_into(data, position, math.copysign(math.inf, _sign(value)))
+            return order.pack(math.copysign(math.inf, _sign(value)))
 
     def _fit(self, value: Scalar) -> int | float | bool:
         if isinstance(value, str | bytes):
@@ -129,11 +124,18 @@ class Number:
 
 
 class Text:
-    """A string: count of bytes with the terminator, the bytes, a zero."""
+    """A string: count of bytes with the terminator, the bytes, a zero.
+
+    Args:
+        most: Upper bound of its bytes; 0 if there is none. Payloads are not held to it.
+    """
 
     type = "string"
     padding = _padding(4)
     jump: Jump | None = None
+
+    def __init__(self, most: int = 0) -> None:
+        self.most = most
 
     def read(self, data: Data, position: int, count: Unpack) -> Scalar:
         """Return the text; bytes that are no UTF-8 become surrogates."""
@@ -150,12 +152,26 @@ class Text:
         return start, end - (size > 0)
 
 
-class Array:
-    """An array of `length` elements, a sequence if `length` is None."""
+class Opaque:
+    """What has an unknown size, so that it cannot be passed; `reason` says why."""
 
-    def __init__(self, element: Node, length: int | None) -> None:
+    jump: Jump | None = None
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+    def error(self) -> PayloadError:
+        """Return what is raised by whoever would have to pass it."""
+        return PayloadError(f"opaque: {self.reason}")
+
+
+class Array:
+    """An array of `length` elements, a sequence if `length` is None; then `most` is its upper bound, 0 without one."""
+
+    def __init__(self, element: Node, length: int | None, most: int = 0) -> None:
         self.element = element
         self.length = length
+        self.most = most
         inner = element.jump
         self.jump: Jump | None = None
         if length == 0:
@@ -170,7 +186,8 @@ class Record:
     `before` is for whoever looks for ways to fields.
     """
 
-    def __init__(self, fields: dict[str, Node]) -> None:
+    def __init__(self, name: str, fields: dict[str, Node]) -> None:
+        self.name = name
         self.fields = fields
         self.before: dict[str, tuple[Any, ...]] = {}
         self.parts: list[Table | Node] = []
@@ -185,11 +202,11 @@ class Record:
         self.jump: Jump | None = _jump(only) if isinstance(only, tuple) else None
 
 
-Node = Number | Text | Array | Record
+Node = Number | Text | Array | Record | Opaque
 
 
-def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Record]) -> Record:
-    """Return the layout of a type; raises OpaqueError if something in it is unknown or not supported.
+def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Record]) -> Record | Opaque:
+    """Return the layout of a type; parts that are unknown or not supported are opaque.
 
     Args:
         name: The type.
@@ -200,29 +217,25 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
     if name in done:
         return done[name]
     if name in outer or len(outer) > _MAX_DEPTH:
-        raise OpaqueError(f"type {name} contains itself or is nested deeper than {_MAX_DEPTH}")
+        return Opaque(f"type {name} contains itself or is nested deeper than {_MAX_DEPTH}")
     try:
         fields = store.fields(name)
-    except KeyError as error:
-        raise OpaqueError(f"type {name} is unknown") from error
+    except KeyError:
+        return Opaque(f"type {name} is unknown")
     nodes: dict[str, Node] = {}
     for field in fields:
         node: Node
         if field.is_message:
             node = compile_type(field.content, store, outer=(*outer, name), done=done)
-        else:
-            node = _base(field.content)
-        nodes[field.name] = Array(node, field.length) if field.is_array else node
-    done[name] = Record(nodes or {PLACEHOLDER: Number("uint8")})
+        elif field.content == "string":
+            node = Text(field.most_bytes)
+        elif field.content in _PRIMITIVES:
+            node = Number(field.content)
+        else:  # vendors do not agree on the size of characters, nor on the alignment of long doubles
+            node = Opaque(f"{field.content} is not supported ({name}: {field.name})")
+        nodes[field.name] = Array(node, field.length, field.most) if field.is_array else node
+    done[name] = Record(name, nodes or {PLACEHOLDER: Number("uint8")})
     return done[name]
-
-
-def _base(name: str) -> Node:
-    if name == "string":
-        return Text()
-    if name not in _PRIMITIVES:
-        raise OpaqueError(f"{name} is not supported")
-    return Number(name)
 
 
 def length_of(array: Array, data: Data, position: int, count: Unpack) -> tuple[int, int]:
@@ -242,6 +255,8 @@ def skip(node: Node, data: Data, position: int, count: Unpack) -> int:
     if isinstance(node, Array):
         length, position = length_of(node, data, position, count)
         return skip_elements(node.element, length, data, position, count)
+    if isinstance(node, Opaque):
+        raise node.error()
     assert isinstance(node, Record)
     for part in node.parts:
         if isinstance(part, tuple):

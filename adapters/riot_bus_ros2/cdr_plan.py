@@ -11,6 +11,8 @@ from riot_bus_ros2.cdr_layout import (
     ORIGIN,
     Array,
     Node,
+    Number,
+    Opaque,
     Record,
     Table,
     Text,
@@ -70,7 +72,7 @@ class Plan:
 
 
 def find_way(root: Record, field: FieldPath, path: str) -> Way:
-    """Return the way to a field; raises PayloadError if the type has no such field."""
+    """Return the way to a field; raises PayloadError if the type has no such field, or none that can be reached."""
     node: Node = root
     moves: list[Move] = []
     for step in field.steps:
@@ -89,7 +91,10 @@ def find_way(root: Record, field: FieldPath, path: str) -> Way:
         raise PayloadError(f"{path!r}: this field is {kind}", hint="write 'len(name)' or 'name[3]' for arrays")
     if isinstance(node, Record):
         raise PayloadError("a message is no scalar field", hint=did_you_mean("", node.fields))
-    if not isinstance(node, Array):
+    opaque = next((each for each in (*moves, node) if isinstance(each, Opaque)), None)
+    if opaque is not None:
+        raise opaque.error()
+    if isinstance(node, Number | Text):
         moves.append(node.padding)
     return Way(_joined(moves), node)
 

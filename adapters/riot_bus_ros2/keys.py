@@ -1,4 +1,4 @@
-"""Data keys of rmw_zenoh: `<domain>/<topic>/<dds type>/<type hash>`.
+"""Data keys of rmw_zenoh: `<domain>/<topic>/<dds type>/<type hash>`, and the topics and services of an action.
 
 Source: docs/design.md of ros2/rmw_zenoh. The topic may have any number of chunks, so the key is parsed from the right.
 Buffer-aware endpoints (2026) append `_buf_cpu` or `_buf/<subscriber gid>`; Humble writes `TypeHashNotSupported`.
@@ -9,24 +9,53 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = ["NO_HASH", "DataKey", "build_data_key", "is_topic", "key_expression", "parse_data_key"]
+__all__ = [
+    "ACTION_PARTS",
+    "NO_HASH",
+    "ActionPart",
+    "DataKey",
+    "action_of",
+    "action_parts",
+    "action_type",
+    "build_data_key",
+    "dds_type",
+    "is_topic",
+    "is_topic_expression",
+    "key_expression",
+    "name_of_expression",
+    "parse_data_key",
+    "ros_type",
+]
 
 NO_HASH = "TypeHashNotSupported"
 
+_CHUNK = r"[^/\s#?$*@][^/\s#?$*]*"
 _KEY = re.compile(
-    r"(?P<domain>[0-9]{1,9})/(?P<topic>.+)/"
-    r"(?P<package>[A-Za-z]\w*)::(?P<kind>msg|srv|action)::dds_::(?P<type>[A-Za-z]\w*)_/"
+    r"(?P<domain>0|[1-9][0-9]{0,8})/"
+    rf"(?P<topic>{_CHUNK}(?:/{_CHUNK})*)/"
+    r"(?P<type>[A-Za-z]\w*::(?:msg|srv|action)::dds_::[A-Za-z]\w*_)/"
     rf"(?P<hash>RIHS[0-9]{{2}}_[0-9a-f]+|{NO_HASH})"
     r"(?:/(?P<suffix>_buf_cpu|_buf/[0-9a-f]+))?",
     re.ASCII,
 )
+_TYPE = re.compile(r"([A-Za-z]\w*)::(msg|srv|action)::dds_::([A-Za-z]\w*)_", re.ASCII)
 _TOPIC = re.compile(r"/[^/\s#?:]+(?:/[^/\s#?:]+)*")
 _NAME = re.compile(r"(?:/\w+)+", re.ASCII)
+_ANY_TYPE = "$*::dds_::$*"
+_EXPRESSION = re.compile(rf"\*(/.+)/{re.escape(_ANY_TYPE)}/\*/\*\*")
 
 
 @dataclass(frozen=True, slots=True)
 class DataKey:
-    """A topic or service of one ROS domain; `type_hash` is None where the distribution has none."""
+    """A topic or service of one ROS domain; `type_hash` is None where the distribution has none.
+
+    Attributes:
+        domain: `ROS_DOMAIN_ID`.
+        topic: Full name, such as `/robot1/odom`.
+        type_name: Such as `nav_msgs/msg/Odometry`.
+        type_hash: Such as `RIHS01_df66...`.
+        suffix: Of buffer-aware endpoints: empty, `_buf_cpu` or `_buf/<gid>`.
+    """
 
     domain: int
     topic: str
@@ -45,11 +74,11 @@ def parse_data_key(key: str) -> DataKey | None:
     match = _KEY.fullmatch(key)
     if match is None:
         return None
-    domain, topic, package, kind, name, type_hash, suffix = match.groups()
+    domain, topic, dds, type_hash, suffix = match.groups()
     return DataKey(
         domain=int(domain),
         topic=f"/{topic}",
-        type_name=f"{package}/{kind}/{name}",
+        type_name=ros_type(dds) or dds,
         type_hash=None if type_hash == NO_HASH else type_hash,
         suffix=suffix or "",
     )
@@ -57,13 +86,28 @@ def parse_data_key(key: str) -> DataKey | None:
 
 def build_data_key(key: DataKey) -> str:
     """Return the key that `parse_data_key` reads."""
-    package, kind, name = key.type_name.split("/")
-    parts = [str(key.domain), key.topic.strip("/"), f"{package}::{kind}::dds_::{name}_", key.type_hash or NO_HASH]
+    parts = [str(key.domain), key.topic.strip("/"), dds_type(key.type_name), key.type_hash or NO_HASH]
     return "/".join([*parts, key.suffix] if key.suffix else parts)
 
 
+def ros_type(dds: str) -> str | None:
+    """Return `std_msgs/msg/String` for `std_msgs::msg::dds_::String_`, None for what is no type of ROS."""
+    match = _TYPE.fullmatch(dds)
+    return None if match is None else "/".join(match.groups())
+
+
+def dds_type(name: str) -> str:
+    """Return `std_msgs::msg::dds_::String_` for `std_msgs/msg/String`; names without slashes stay as they are."""
+    if "/" not in name:
+        return name
+    package, kind, short = name.split("/")
+    return f"{package}::{kind}::dds_::{short}_"
+
+
 def key_expression(topic: str, *, domain: int | None = None) -> str | None:
-    """Return the key expression of a ROS topic name in any domain, with any type and hash.
+    """Return the key expression of a ROS name in any domain, with any type, hash and suffix.
+
+    That the chunk of the type is one keeps longer names out: `/odom` does not mean `/odom/filtered`.
 
     Args:
         topic: Name that begins with `/`; Zenoh's wildcards are allowed.
@@ -74,13 +118,90 @@ def key_expression(topic: str, *, domain: int | None = None) -> str | None:
 
     Example:
         >>> key_expression("/odom")
-        '*/odom/*/*'
+        '*/odom/$*::dds_::$*/*/**'
     """
-    if _TOPIC.fullmatch(topic) is None:
+    if not is_topic_expression(topic):
         return None
-    return f"{'*' if domain is None else domain}{topic}/*/*"
+    return f"{'*' if domain is None else domain}{topic}/{_ANY_TYPE}/*/**"
+
+
+def name_of_expression(expression: str) -> str | None:
+    """Return the ROS name that `key_expression` was asked for, in any domain; None for other expressions.
+
+    Example:
+        >>> name_of_expression("*/odom/$*::dds_::$*/*/**")
+        '/odom'
+    """
+    match = _EXPRESSION.fullmatch(expression)
+    return match[1] if match is not None and is_topic_expression(match[1]) else None
 
 
 def is_topic(name: str) -> bool:
     """Return whether a text is the full name of a ROS topic, such as `/robot1/odom`."""
     return _NAME.fullmatch(name) is not None
+
+
+def is_topic_expression(name: str) -> bool:
+    """Return whether a text is the full name of a ROS topic, perhaps with Zenoh's wildcards."""
+    return _TOPIC.fullmatch(name) is not None
+
+
+@dataclass(frozen=True, slots=True)
+class ActionPart:
+    """One of the topics and services that an action consists of.
+
+    Attributes:
+        is_service: Whether it is a service; else a topic.
+        ending: What its type adds to the name of the action's; empty if all actions have the same type here.
+        type_name: That type.
+    """
+
+    is_service: bool
+    ending: str = ""
+    type_name: str = ""
+
+
+ACTION_PARTS = {
+    "send_goal": ActionPart(is_service=True, ending="_SendGoal"),
+    "cancel_goal": ActionPart(is_service=True, type_name="action_msgs/srv/CancelGoal"),
+    "get_result": ActionPart(is_service=True, ending="_GetResult"),
+    "feedback": ActionPart(is_service=False, ending="_FeedbackMessage"),
+    "status": ActionPart(is_service=False, type_name="action_msgs/msg/GoalStatusArray"),
+}
+"""By their names below `<action>/_action/`. Source: the design article on actions (design.ros2.org)."""
+
+_ACTION = re.compile(rf"(?P<action>/.+)/_action/(?P<part>{'|'.join(ACTION_PARTS)})")
+
+
+def action_of(name: str) -> tuple[str, str] | None:
+    """Return action and part of the name of a topic or service, None if it belongs to no action.
+
+    Example:
+        >>> action_of("/fibonacci/_action/feedback")
+        ('/fibonacci', 'feedback')
+    """
+    match = _ACTION.fullmatch(name)
+    return None if match is None else (match["action"], match["part"])
+
+
+def action_parts(action: str, type_name: str) -> dict[str, str]:
+    """Return the types of an action's topics and services by their names.
+
+    Args:
+        action: Full name of the action.
+        type_name: Its type, such as `example_interfaces/action/Fibonacci`.
+    """
+    return {
+        f"{action}/_action/{name}": part.type_name or f"{type_name}{part.ending}" for name, part in ACTION_PARTS.items()
+    }
+
+
+def action_type(part: str, type_name: str) -> str | None:
+    """Return the action's type by that of a part; None if all actions have the same type there, or it does not fit.
+
+    Args:
+        part: Such as `feedback`.
+        type_name: Such as `example_interfaces/action/Fibonacci_FeedbackMessage`.
+    """
+    ending = ACTION_PARTS[part].ending
+    return type_name.removesuffix(ending) if ending and type_name.endswith(ending) else None

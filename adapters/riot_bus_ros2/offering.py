@@ -15,22 +15,33 @@ from typing import TYPE_CHECKING
 from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.types.offer import Identity, Offer, SimClock
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
+from riot_bus_ros2.definitions import normal_name
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key, is_topic, parse_data_key
 from riot_bus_ros2.qos import RosQos, parse_offered
-from riot_bus_ros2.store import normal_name
+from riot_bus_ros2.tokens import Endpoint, Node, build_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from riot_bus.types.offer import RecordedTopic
 
-__all__ = ["NODE", "clock_of", "identity_of", "offer_of"]
+__all__ = [
+    "CLOCK_TOPIC",
+    "CLOCK_TYPE",
+    "NODE",
+    "clock_of",
+    "clock_payload",
+    "full_name",
+    "identity_of",
+    "offer_of",
+    "ros_type_of",
+]
 
 NODE = "riot_play"
 """The ROS node as which a player is seen."""
 
-_CLOCK_TOPIC, _CLOCK = "/clock", "rosgraph_msgs/msg/Clock"
+CLOCK_TOPIC, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 _HASH = re.compile(r"RIHS[0-9]{2}_[0-9a-f]+")
 _TYPE = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 _SCHEMAS = ("ros2msg", "ros2idl")
@@ -59,7 +70,7 @@ def offer_of(
         return None
     found = replace(
         found,
-        topic=found.topic if name is None else _full(name),
+        topic=found.topic if name is None else full_name(name),
         domain=found.domain if domain is None else domain,
         suffix="",  # buffers were meant for a subscriber that is gone; ours takes messages from the topic itself
     )
@@ -84,8 +95,8 @@ def clock_of(topics: Sequence[RecordedTopic], *, domain: int | None, type_hash: 
     if domain is None:
         domain = _default_domain() if example is None else example.domain
     hashed = example is None or example.type_hash is not None  # Humble has no hashes
-    key = DataKey(domain, _CLOCK_TOPIC, _CLOCK, type_hash if hashed else None)
-    return SimClock(_CLOCK_TOPIC, _offer(key, RosQos(reliable=False, depth=1)), _clock_payload)
+    key = DataKey(domain, CLOCK_TOPIC, CLOCK_TYPE, type_hash if hashed else None)
+    return SimClock(CLOCK_TOPIC, _offer(key, RosQos(reliable=False, depth=1)), clock_payload)
 
 
 def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
@@ -97,11 +108,10 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
         zid: Id of the Zenoh session.
         entity: Number of the publisher in it, from 1; the node is number 0.
     """
-    node = f"@ros2_lv/{key.domain}/{zid}/0/0/NN/%/%/{NODE}"
-    chunks = build_data_key(key).split("/")
-    topic = key.topic.replace("/", "%")
-    publisher = f"@ros2_lv/{key.domain}/{zid}/0/{entity}/MP/%/%/{NODE}/{topic}/{'/'.join(chunks[-2:])}/{qos.token()}"
-    return Identity((node, publisher), partial(_attachment, gid_of(publisher)))
+    node = Node(key.domain, zid, 0, f"/{NODE}")
+    endpoint = Endpoint(node, entity, "MP", key.topic, key.type_name, key.type_hash, qos.announced)
+    publisher = build_token(endpoint)
+    return Identity((build_token(node), publisher), partial(_attachment, gid_of(publisher)))
 
 
 def _offer(key: DataKey, qos: RosQos) -> Offer:
@@ -114,13 +124,20 @@ def _offer(key: DataKey, qos: RosQos) -> Offer:
     )
 
 
-def _bag_key(topic: RecordedTopic, type_hash: Callable[[RecordedTopic, str], str | None]) -> DataKey | None:
+def ros_type_of(topic: RecordedTopic) -> str | None:
+    """Return the type of a recorded topic such as `nav_msgs/msg/Odometry`, None if it is none of ROS 2."""
     type_name = normal_name(topic.schema.name)
-    if topic.encoding != "cdr" or topic.schema.encoding not in _SCHEMAS or _TYPE.fullmatch(type_name) is None:
+    known = topic.encoding == "cdr" and topic.schema.encoding in _SCHEMAS and _TYPE.fullmatch(type_name) is not None
+    return type_name if known else None
+
+
+def _bag_key(topic: RecordedTopic, type_hash: Callable[[RecordedTopic, str], str | None]) -> DataKey | None:
+    type_name = ros_type_of(topic)
+    if type_name is None:
         return None
     recorded = topic.details.get("topic_type_hash", "")
     found = recorded if _HASH.fullmatch(recorded) else type_hash(topic, type_name)
-    return DataKey(_default_domain(), _full(topic.name), type_name, found)
+    return DataKey(_default_domain(), full_name(topic.name), type_name, found)
 
 
 def _default_domain() -> int:
@@ -132,7 +149,8 @@ def _default_domain() -> int:
     return int(text)
 
 
-def _full(name: str) -> str:
+def full_name(name: str) -> str:
+    """Return a topic name of a bag with the slash that it should have."""
     return name if name.startswith("/") else f"/{name}"
 
 
@@ -146,6 +164,7 @@ def _attachment(gid: bytes, recorded: bytes | None, sequence: int, time: int) ->
     return build_attachment(Attachment(sequence, time, gid, 1 if version == 1 else 2))
 
 
-def _clock_payload(time: int) -> bytes:
+def clock_payload(time: int) -> bytes:
+    """Return a rosgraph_msgs/msg/Clock of a time in nanoseconds."""
     seconds, nanoseconds = divmod(max(0, time), 10**9)
     return b"\0\1\0\0" + struct.pack("<iI", min(seconds, 2**31 - 1), nanoseconds)

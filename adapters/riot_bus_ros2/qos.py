@@ -1,17 +1,22 @@
 """Quality of service as bags record it and as rmw_zenoh announces it.
 
 rosbag2 writes a YAML list of the profiles of all publishers of a topic: with names (Jazzy and later) or with the
-numbers of rmw (before). Only four settings matter to a publisher over Zenoh, so no YAML reader is needed.
+numbers of rmw (before). Of this list no more is needed than lines tell, so no YAML reader is.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Self
 
-__all__ = ["RosQos", "parse_offered"]
+__all__ = ["FOREVER", "AnnouncedQos", "RosQos", "parse_offered"]
 
-_SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability):\s*(\w+)\s*$", re.MULTILINE)
+_SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability|liveliness):\s*(\w+)\s*$", re.MULTILINE)
+_DURATION = re.compile(
+    r"^[-\s]+(deadline|lifespan|liveliness_lease_duration):\s+sec:\s*(\d{1,20})\s+nsec:\s*(\d{1,10})\s*$", re.MULTILINE
+)
+_ENDLESS_S = 2_147_483_647  # DDS's own infinity, which some bags have
 _UNKNOWN_DEPTH = 10
 _ALL = 1 << 16
 _DEFAULT_DEPTH = 42
@@ -22,7 +27,111 @@ _MEANT = {
     ("reliability", "2"): "best_effort",
     ("durability", "transient_local"): "latched",
     ("durability", "1"): "latched",
+    ("liveliness", "manual_by_topic"): "by_topic",
+    ("liveliness", "3"): "by_topic",
 }
+
+FOREVER = (9223372036, 854775807)
+"""Seconds and nanoseconds that rmw takes for an infinite duration."""
+
+_DEFAULTS = ((1,), (2,), (1, _DEFAULT_DEPTH), FOREVER, FOREVER, (1, *FOREVER))
+_NUMBER = re.compile(r"[0-9]{1,10}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class AnnouncedQos:
+    """All settings of an endpoint as rmw_zenoh announces them, with rmw's numbers. Source: its qos.cpp.
+
+    Attributes:
+        reliability: 1 reliable, 2 best effort.
+        durability: 1 transient local, 2 volatile.
+        history: 1 keep last, 2 keep all.
+        depth: Of the history.
+        deadline: Seconds and nanoseconds.
+        lifespan: Seconds and nanoseconds.
+        liveliness: 1 automatic, 3 manual by topic.
+        lease: Of the liveliness, in seconds and nanoseconds.
+    """
+
+    reliability: int = 1
+    durability: int = 2
+    history: int = 1
+    depth: int = _DEFAULT_DEPTH
+    deadline: tuple[int, int] = FOREVER
+    lifespan: tuple[int, int] = FOREVER
+    liveliness: int = 1
+    lease: tuple[int, int] = FOREVER
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read the last chunk of a token; what is empty, missing or no number has rmw_zenoh's default.
+
+        Args:
+            text: `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`, durations as `s,ns`.
+
+        Example:
+            >>> AnnouncedQos.parse(":1:,10:,:,:,,").durability
+            1
+        """
+        parts = (text.split(":") + [""] * len(_DEFAULTS))[: len(_DEFAULTS)]
+        (reliability,), (durability,), (history, depth), deadline, lifespan, (liveliness, *lease) = (
+            _numbers(part, defaults) for part, defaults in zip(parts, _DEFAULTS, strict=True)
+        )
+        return cls(
+            reliability,
+            durability,
+            history,
+            depth,
+            (deadline[0], deadline[1]),
+            (lifespan[0], lifespan[1]),
+            liveliness,
+            (lease[0], lease[1]),
+        )
+
+    def token(self) -> str:
+        """Return the chunk of a token; what is rmw_zenoh's default is left empty.
+
+        Example:
+            >>> AnnouncedQos(durability=1, depth=1).token()
+            ':1:,1:,:,:,,'
+        """
+        groups = (
+            (self.reliability,),
+            (self.durability,),
+            (self.history, self.depth),
+            self.deadline,
+            self.lifespan,
+            (self.liveliness, *self.lease),
+        )
+        return ":".join(
+            ",".join("" if value == default else str(value) for value, default in zip(group, defaults, strict=True))
+            for group, defaults in zip(groups, _DEFAULTS, strict=True)
+        )
+
+    def profile(self) -> str:
+        """Return the profile as rosbag2 writes it: YAML, with rmw's numbers."""
+        lines = [
+            f"- history: {self.history}",
+            f"  depth: {self.depth}",
+            f"  reliability: {self.reliability}",
+            f"  durability: {self.durability}",
+            *_duration("deadline", self.deadline),
+            *_duration("lifespan", self.lifespan),
+            f"  liveliness: {self.liveliness}",
+            *_duration("liveliness_lease_duration", self.lease),
+            "  avoid_ros_namespace_conventions: false",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def _numbers(text: str, defaults: tuple[int, ...]) -> list[int]:
+    found = text.split(",")[: len(defaults)] + [""] * len(defaults)
+    return [int(part) if _NUMBER.fullmatch(part) else default for part, default in zip(found, defaults, strict=False)]
+
+
+def _duration(name: str, duration: tuple[int, int]) -> list[str]:
+    seconds, nanoseconds = duration
+    return [f"  {name}:", f"    sec: {seconds}", f"    nsec: {nanoseconds}"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +141,39 @@ class RosQos:
     Attributes:
         latched: Transient local: late joiners get the last messages.
         depth: How many messages are kept; without meaning if all are.
+        deadline: Longest time between two messages, in seconds and nanoseconds.
+        lifespan: How long messages are of use.
+        by_topic: Whether only publishing shows that it lives.
+        lease: How long that holds.
     """
 
     reliable: bool = True
     latched: bool = False
     keep_all: bool = False
     depth: int = _UNKNOWN_DEPTH
+    deadline: tuple[int, int] = FOREVER
+    lifespan: tuple[int, int] = FOREVER
+    by_topic: bool = False
+    lease: tuple[int, int] = FOREVER
 
     @property
     def kept(self) -> int:
         """How many messages late joiners get of a latched publisher."""
         return _ALL if self.keep_all else self.depth
+
+    @property
+    def announced(self) -> AnnouncedQos:
+        """The same as rmw_zenoh announces it."""
+        return AnnouncedQos(
+            reliability=1 if self.reliable else 2,
+            durability=1 if self.latched else 2,
+            history=2 if self.keep_all else 1,
+            depth=self.depth,
+            deadline=self.deadline,
+            lifespan=self.lifespan,
+            liveliness=3 if self.by_topic else 1,
+            lease=self.lease,
+        )
 
     def token(self) -> str:
         """Return the part of a liveliness token; what is rmw's default is left empty.
@@ -51,11 +182,7 @@ class RosQos:
             >>> RosQos(latched=True, depth=1).token()
             ':1:,1:,:,:,,'
         """
-        reliability = "" if self.reliable else "2"
-        durability = "1" if self.latched else ""
-        history = "2" if self.keep_all else ""
-        depth = "" if self.depth == _DEFAULT_DEPTH else str(self.depth)
-        return f"{reliability}:{durability}:{history},{depth}:,:,:,,"
+        return self.announced.token()
 
 
 def parse_offered(text: str) -> RosQos:
@@ -81,7 +208,16 @@ def parse_offered(text: str) -> RosQos:
         latched=bool(latched),
         keep_all=any("keep_all" in each for each in meant),
         depth=min(_ALL, sum(depths) if latched else max(depths)),
+        deadline=min(_durations(text, "deadline")),
+        lifespan=max(_durations(text, "lifespan")),
+        by_topic=any("by_topic" in each for each in meant),
+        lease=min(_durations(text, "liveliness_lease_duration")),
     )
+
+
+def _durations(text: str, name: str) -> list[tuple[int, int]]:
+    found = [(int(seconds), int(rest)) for each, seconds, rest in _DURATION.findall(text) if each == name]
+    return [each if (0, 0) < each < (_ENDLESS_S, 0) else FOREVER for each in found] or [FOREVER]
 
 
 def _depth(profile: dict[str, str]) -> int:

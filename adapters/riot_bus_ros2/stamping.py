@@ -12,22 +12,18 @@ from riot_bus.errors import PayloadError
 from riot_bus.types.model import Schema
 from riot_bus.types.stamp import Stamp
 from riot_bus_ros2.attachment import parse_attachment
-from riot_bus_ros2.keys import DataKey, parse_data_key
+from riot_bus_ros2.keys import parse_data_key
+from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.tokens import TOKENS, Endpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["TOKENS", "definition_of", "details_of", "profile_of", "stamp_of"]
-
-TOKENS = "@ros2_lv/**"
-"""Key expression of the tokens of all ROS nodes and their publishers."""
+__all__ = ["TOKENS", "definition_of", "details_of", "profiles_of", "stamp_of"]
 
 _V2 = struct.Struct("<qqB16s")
 _GID = 16
-_CHUNKS = 12
 _MOST_PROFILES = 64
-_FOREVER = (9223372036, 854775807)
-_MOST_DIGITS = 10
 
 
 def stamp_of(attachment: bytes) -> Stamp | None:
@@ -52,60 +48,24 @@ def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
     wanted = parse_data_key(key)
     if wanted is None:
         return {}
-    profiles = []
-    topic = f"/{wanted.topic.replace('/', '%')}/"
-    for token in sorted(each for each in tokens if topic in each and "/MP/" in each):
-        chunks = token.split("/")
-        if len(chunks) >= _CHUNKS + 1 and chunks[0] == "@ros2_lv" and chunks[5] == "MP" and _is_of(chunks, wanted):
-            profiles.append(profile_of(chunks[_CHUNKS]))
-    return {"offered_qos_profiles": "".join(profiles[:_MOST_PROFILES])} if profiles else {}
+    name = f"/{wanted.topic.replace('/', '%')}/"
+    found = (parse_token(each) for each in sorted(tokens) if name in each and "/MP/" in each)
+    return profiles_of(
+        each.qos
+        for each in found
+        if isinstance(each, Endpoint)
+        and each.kind == "MP"
+        and (each.node.domain, each.topic, each.type_name) == (wanted.domain, wanted.topic, wanted.type_name)
+    )
+
+
+def profiles_of(offered: Iterable[AnnouncedQos]) -> dict[str, str]:
+    """Return the metadata of a channel that says what publishers offer; nothing if there are none."""
+    profiles = [each.profile() for each in offered][:_MOST_PROFILES]
+    return {"offered_qos_profiles": "".join(profiles)} if profiles else {}
 
 
 def definition_of(key: str) -> tuple[Schema, str] | None:
     """Return the name of a key's type without a definition, for types that are unknown here, and the encoding."""
     found = parse_data_key(key)
     return None if found is None else (Schema(found.type_name, "ros2msg", b""), "cdr")
-
-
-def profile_of(text: str) -> str:
-    """Return a QoS profile in YAML, with rmw's numbers, from the last chunk of a publisher's token.
-
-    Args:
-        text: `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`; what is empty is rmw_zenoh's
-            default.
-    """
-    parts = (text.split(":") + [""] * 6)[:6]
-    history, depth = _numbers(parts[2], (1, 42))
-    liveliness, *lease = _numbers(parts[5], (1, *_FOREVER))
-    lines = [
-        f"- history: {history}",
-        f"  depth: {depth}",
-        f"  reliability: {_numbers(parts[0], (1,))[0]}",
-        f"  durability: {_numbers(parts[1], (2,))[0]}",
-        *_duration("deadline", _numbers(parts[3], _FOREVER)),
-        *_duration("lifespan", _numbers(parts[4], _FOREVER)),
-        f"  liveliness: {liveliness}",
-        *_duration("liveliness_lease_duration", lease),
-        "  avoid_ros_namespace_conventions: false",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _is_of(chunks: list[str], key: DataKey) -> bool:
-    package, kind, name = key.type_name.split("/")
-    type_name = f"{package}::{kind}::dds_::{name}_"
-    domain, topic, dds_type = chunks[1], chunks[9].replace("%", "/"), chunks[10]
-    return (domain, topic, dds_type) == (str(key.domain), key.topic, type_name)
-
-
-def _numbers(text: str, defaults: tuple[int, ...]) -> list[int]:
-    found = [int(part) if part.isdecimal() and len(part) <= _MOST_DIGITS else None for part in text.split(",")]
-    return [
-        default if place >= len(found) or found[place] is None else int(found[place] or 0)
-        for place, default in enumerate(defaults)
-    ]
-
-
-def _duration(name: str, numbers: list[int]) -> list[str]:
-    seconds, nanoseconds = numbers
-    return [f"  {name}:", f"    sec: {seconds}", f"    nsec: {nanoseconds}"]

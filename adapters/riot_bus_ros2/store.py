@@ -1,50 +1,33 @@
-"""Definitions of ROS 2 types, on top of rosbags.
+"""Definitions of ROS 2 types by name, from several sources in order, and messages as objects through rosbags.
 
-All dealings with rosbags are here, with the work-arounds that version 0.11 needs: `char` in type hashes, trailing
-bytes, `wstring`. Importing rosbags and loading a distribution's types is slow, so both wait for the first question.
+Importing rosbags and loading a distribution's types is slow, so both wait for the first question.
 """
 
 from __future__ import annotations
 
-import os
-import re
 import struct
 from importlib.util import find_spec
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import MissingExtraError, PayloadError
 from riot_bus.types.model import Schema
+from riot_bus_ros2.definitions import Field, fields_of, references
+from riot_bus_ros2.hashes import type_hash
+from riot_bus_ros2.schema_text import schema_text
+from riot_bus_ros2.sources import DISTROS, OLDER, from_ament, from_common_services, from_distribution, rosbags_store
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping, Sequence
 
-    from rosbags.interfaces.typing import Constdefs, Fielddefs
     from rosbags.typesys.store import Typestore
 
-    Definition = tuple[Constdefs, Fielddefs]
+    from riot_bus_ros2.definitions import Definition
+    from riot_bus_ros2.sources import Source
 
-__all__ = [
-    "DefinitionError",
-    "Field",
-    "TypeStore",
-    "normal_name",
-    "parse_idl",
-    "parse_msg",
-    "references",
-    "require_rosbags",
-]
+__all__ = ["TypeStore", "require_rosbags"]
 
-_ARRAY = 3  # of rosbags' Nodetype: 1 base type, 2 message, 3 array, 4 sequence
-_DISTROS = ("ros2_kilted", "ros2_lyrical")
-_SEPARATOR = re.compile(r"^=+\n(?:MSG|IDL): *(\S+)[ \t]*\n", re.MULTILINE)
-_WSTRING = re.compile(r"^([ \t]*wstring)<=\d+", re.MULTILINE)
-
-_stores: dict[str, Typestore] = {}
-
-
-class DefinitionError(Exception):
-    """A definition's text does not parse."""
+_LONGEST = 1 << 12
+_OF_USER = 2  # so many sources are before the distributions
 
 
 def require_rosbags() -> None:
@@ -53,104 +36,59 @@ def require_rosbags() -> None:
         raise MissingExtraError("rosbags", "ros2")
 
 
-def normal_name(name: str) -> str:
-    """Return `pkg/msg/Name` for `pkg/Name` too."""
-    package, slash, rest = name.partition("/")
-    return name if not slash or "/" in rest else f"{package}/msg/{rest}"
-
-
-def parse_msg(text: str, name: str) -> dict[str, Definition]:
-    """Parse the text of a .msg file or of a log's `ros2msg` schema, which brings its dependencies along."""
-    require_rosbags()
-    from rosbags.typesys import TypesysError, get_types_from_msg
-
-    text = _WSTRING.sub(r"\1", text.replace("\r\n", "\n"))
-    try:
-        return dict(get_types_from_msg(text, normal_name(name)))
-    except (TypesysError, RecursionError, ValueError) as error:
-        raise DefinitionError(str(error)) from error
-
-
-def parse_idl(text: str) -> dict[str, Definition]:
-    """Parse a log's `ros2idl` schema: IDL sections, each after a line of `=` and its name."""
-    require_rosbags()
-    from rosbags.typesys import TypesysError, get_types_from_idl
-
-    found: dict[str, Definition] = {}
-    try:
-        for section in _SEPARATOR.split(text.replace("\r\n", "\n"))[::2]:
-            if section.strip():
-                found |= get_types_from_idl(section)
-    except (TypesysError, RecursionError, ValueError) as error:
-        raise DefinitionError(str(error)) from error
-    return found
-
-
-def references(definition: Definition) -> Iterator[str]:
-    """Yield the names of the message types that a definition's fields have."""
-    return (field.content for field in _fields(definition) if field.is_message)
-
-
-class Field(NamedTuple):
-    """One field: its base or message type, and for arrays their length (None: a sequence)."""
-
-    name: str
-    content: str
-    is_message: bool
-    is_array: bool = False
-    length: int | None = None
-
-
-def _fields(definition: Definition) -> Iterator[Field]:
-    for name, (kind, content) in definition[1]:
-        inner: Any = content
-        if kind >= _ARRAY:
-            inner = content[0][1]
-        is_message = isinstance(inner, str) and not inner.endswith("/wstring")
-        base = inner if is_message else "wstring" if isinstance(inner, str) else str(inner[0])
-        yield Field(name, base, is_message, kind >= _ARRAY, int(content[1]) if kind == _ARRAY else None)
-
-
 class TypeStore:
-    """Definitions by name: own ones first, then the distribution's, then those of `AMENT_PREFIX_PATH`.
+    """Definitions by name.
+
+    They come from, in this order: a log, `AMENT_PREFIX_PATH`, files that the user named, distributions as rosbags has
+    them, and nodes that were asked.
 
     Args:
-        own: Definitions that override all others, such as those of a log.
+        recorded: Definitions of a log.
+        sources: Asked instead of the usual ones, after `recorded`.
     """
 
-    def __init__(self, own: Mapping[str, Definition] | None = None) -> None:
-        self._own: dict[str, Definition] = dict(own or {})
+    def __init__(self, recorded: Mapping[str, Definition] | None = None, *, sources: Sequence[Source] = ()) -> None:
+        self._recorded: dict[str, Definition] = dict(recorded or {})
+        self._files: dict[str, Definition] = {}
+        self._live: dict[str, Definition] = {}
+        distributions: tuple[Source, ...] = tuple(map(from_distribution, DISTROS))
+        usual: tuple[Source, ...] = (from_ament, self._files.get, *distributions, from_common_services, self._live.get)
+        self._sources = tuple(sources) or usual
+        self._found: dict[str, Definition] = {}
         self._typestores: dict[str, Typestore] = {}
 
     def register(self, definitions: Mapping[str, Definition]) -> None:
-        """Add definitions that override what was there."""
-        self._own.update(definitions)
+        """Add definitions from files."""
+        self._files.update(definitions)
+        self._found.clear()
         self._typestores.clear()
+
+    def learn(self, definitions: Mapping[str, Definition]) -> None:
+        """Add definitions that a node has told; they count for types that are not known otherwise."""
+        self._live.update(definitions)
 
     def definition(self, name: str) -> Definition | None:
         """Return constants and fields of a type, None if it is unknown."""
-        found = self._own.get(name)
+        found = self._recorded.get(name) or self._found.get(name)
         if found is not None:
             return found
-        for distro in _DISTROS:
-            found = _distribution(distro).fielddefs.get(name)
+        for source in self._sources:
+            found = source(name)
             if found is not None:
+                self._found[name] = found
                 return found
-        found = _from_ament(name)
-        if found is not None:
-            self._own[name] = found
-        return found
+        return None
 
     def fields(self, name: str) -> list[Field]:
         """Return the fields of a type in order; raises KeyError if it is unknown."""
         definition = self.definition(name)
         if definition is None:
             raise KeyError(name)
-        return list(_fields(definition))
+        return list(fields_of(definition))
 
     def names(self) -> list[str]:
         """Return the names of all types that need no search in files."""
-        return sorted({*self._own, *_distribution(_DISTROS[0]).fielddefs})
+        return sorted({*self._recorded, *self._files, *self._live, *rosbags_store(DISTROS[0]).fielddefs})
 
     def closure(self, name: str) -> dict[str, Definition]:
         """Return the definitions of a type and of all types in it; raises KeyError with an unknown one's name."""
@@ -163,27 +101,54 @@ class TypeStore:
                 if definition is None:
                     raise KeyError(each)
                 found[each] = definition
-                pending += references(definition)
+                pending += reversed(list(references(definition)))
         return found
 
     def type_hash(self, name: str) -> str:
         """Return the RIHS01 hash that stands in rmw_zenoh's keys (REP 2016); raises KeyError if unknown."""
-        return self._typestore(name).hash_rihs01(name)
+        return type_hash(name, self.closure(name))
+
+    def matching(self, name: str, wanted: str) -> TypeStore | None:
+        """Return a store by which the type has this hash: this one, or one that prefers one source to the others.
+
+        Args:
+            name: The type.
+            wanted: Its RIHS01 hash.
+
+        Returns:
+            None if no source has such a definition.
+        """
+        older = tuple(map(from_distribution, OLDER))
+        for first in (None, *self._sources, *older):
+            store = self if first is None else self.preferring(first)
+            try:
+                if store.type_hash(name) == wanted:
+                    return store
+            except KeyError:
+                continue
+        return None
+
+    def preferring(self, source: Source, *, to_distributions: bool = False) -> TypeStore:
+        """Return a store that asks this source before all others but logs, or before the distributions alone."""
+        place = _OF_USER if to_distributions else 0
+        return TypeStore(self._recorded, sources=(*self._sources[:place], source, *self._sources[place:]))
 
     def schema(self, name: str) -> Schema:
-        """Return the `ros2msg` text with all dependencies; empty for types that rosbags cannot write down."""
+        """Return the `ros2msg` text with all dependencies; empty if some are unknown."""
         try:
-            text = self._typestore(name).generate_msgdef(name, ros_version=2)[0]
-        except _rosbags_errors():
+            text = schema_text(name, self.closure(name))
+        except KeyError:
             text = ""
         return Schema(name, "ros2msg", text.encode())
 
     def decode(self, payload: bytes, name: str) -> Any:
-        """Return a payload as rosbags' message object; bytes after its end are let pass."""
-        definition = self._typestore(name).get_msgdef(name)
-        deserialize = definition.deserialize_cdr_le if payload[1:2] == b"\1" else definition.deserialize_cdr_be
+        """Return a payload as rosbags' message object; bytes after its end are let pass, and arrays can be written."""
         try:
-            return deserialize(memoryview(payload)[4:], 0, definition.cls, self._typestore(name))[0]
+            store = self._typestore(name)
+            definition = store.get_msgdef(name)
+            deserialize = definition.deserialize_cdr_le if payload[1:2] == b"\1" else definition.deserialize_cdr_be
+            # rosbags' arrays are views on what it is given: read-only ones on bytes
+            return deserialize(memoryview(bytearray(payload))[4:], 0, definition.cls, store)[0]
         except _rosbags_errors() as error:
             raise PayloadError(f"does not decode as {name}: {error}") from error
 
@@ -202,10 +167,14 @@ class TypeStore:
 
     def _make_typestore(self, name: str) -> Typestore:
         needed = self.closure(name)
-        for distro in _DISTROS:
-            store = _distribution(distro)
+        for distro in DISTROS:
+            store = rosbags_store(distro)
             if all(store.fielddefs.get(each) is definition for each, definition in needed.items()):
                 return store
+        for definition in needed.values():
+            for field in fields_of(definition):  # of which rosbags writes a line of code for each element
+                if (field.is_message or field.content == "string") and (field.length or 0) > _LONGEST:
+                    raise PayloadError(f"{name} has an array of {field.length} elements, which is too long for rosbags")
         from rosbags.typesys.store import Typestore
 
         store = Typestore()
@@ -214,35 +183,9 @@ class TypeStore:
 
 
 def _rosbags_errors() -> tuple[type[Exception], ...]:
-    """Return what rosbags raises on hostile bytes, odd values and types that it cannot write down."""
+    """Return what rosbags raises on hostile bytes, odd values and types that it cannot handle."""
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
 
     builtin = (ValueError, LookupError, ArithmeticError, TypeError, AttributeError, AssertionError, struct.error)
-    return (SerdeError, TypesysError, *builtin)
-
-
-def _distribution(name: str) -> Typestore:
-    store = _stores.get(name)
-    if store is None:
-        require_rosbags()
-        from rosbags.typesys import Stores, get_typestore
-        from rosbags.typesys import store as rosbags_store
-
-        rosbags_store.TIDMAP["char"] = rosbags_store.TIDMAP["uint8"]  # rosidl maps `char` of .msg files to uint8
-        store = _stores[name] = get_typestore(Stores(name))
-    return store
-
-
-def _from_ament(name: str) -> Definition | None:
-    package, _, rest = name.partition("/")
-    kind, _, short = rest.partition("/")
-    if kind != "msg" or not package.isidentifier() or not short.isidentifier():
-        return None
-    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        file = Path(prefix, "share", package, "msg", f"{short}.msg")
-        try:
-            return parse_msg(file.read_text(), name)[name]
-        except (OSError, UnicodeDecodeError, DefinitionError):
-            continue
-    return None
+    return (SerdeError, TypesysError, RecursionError, SyntaxError, *builtin)

@@ -1,1 +1,1 @@
-"""Dictionaries of exceptional values that ship with riot_bus."""
+"""Dictionaries of exceptional values, and of mutations of ROS 2 messages, that ship with riot_bus."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.flags import RouterFlags, merged
 from riot_bus.bus.settings import RouterSettings, load_router
+from riot_bus.bus.tomlfile import read_toml
 from riot_bus.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -124,15 +125,32 @@ def plan_of(options: RouterOptions) -> Plan | None:
 
 
 def registry_of(options: RouterOptions) -> TypeRegistry:
-    """Return what knows topics and types: all adapters, definitions and declared types."""
-    from riot_bus.types.registry import TypeRegistry, load_adapters
+    """Return what knows topics and types: adapters, definitions and declared types, those of riot.toml included.
 
-    declared = parse_types(options.types)
-    adapters = load_adapters()
-    if options.definitions:
-        for adapter in adapters:
-            adapter.load(options.definitions)
-    return TypeRegistry(adapters, declared=declared)
+    Raises:
+        ConfigError: A type is unknown, or a file does not define one.
+    """
+    from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
+
+    path = options.system if options.system is not None else DEFAULT_SYSTEM
+    system: Any = {}
+    if options.system is not None or path.is_file():
+        system = read_toml(path)[0].get("system", {})
+    known = system if isinstance(system, dict) else {}
+    types, adapters, messages = known.get("types", {}), known.get("adapters"), known.get("messages", [])
+    texts = [list(types.values()) if isinstance(types, dict) else types, messages, adapters or []]
+    if known is not system or not all(map(_is_texts, texts)):
+        hint = "adapters and messages are lists of text, types is a table of text"
+        raise ConfigError("types, adapters or messages are not usable", where=f"{path}: [system]", hint=hint)
+    return TypeRegistry(
+        load_adapters(chosen_adapters(adapters)),
+        declared={**types, **parse_types(options.types)},
+        definitions=[*(path.resolve().parent / name for name in messages), *options.definitions],
+    )
+
+
+def _is_texts(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(each, str) for each in value)
 
 
 def parse_types(texts: Sequence[str]) -> dict[str, str]:

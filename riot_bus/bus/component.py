@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.environment import Flavour
 
-__all__ = ["client_cfg", "component_environment"]
+__all__ = ["client_cfg", "component_environment", "segment_endpoints"]
 
 
 def client_cfg(texts: Sequence[str], *, cwd: Path | None = None) -> dict[str, Any]:
@@ -84,6 +84,23 @@ def component_environment(
     else:
         lines = environment_lines(segment, endpoints, flavour, config=config)
     return lines, hints
+
+
+def segment_endpoints(
+    segment: str, config: dict[str, Any], *, system: Path | None = None
+) -> tuple[list[str], dict[str, Any]]:
+    """Return where a component of this machine connects to a segment, and its Zenoh configuration.
+
+    Args:
+        segment: Name of the segment.
+        config: What the user gives; wins.
+        system: riot.toml; None for the one in the working folder, if there is one.
+
+    Raises:
+        ConfigError: There is no such segment, or it cannot be reached.
+    """
+    found = settings_of(system, RouterFlags()).segment(segment)
+    return reachable(found.listen), missing_for_clients(found, config)[0]
 
 
 def _write_private(file: Path, text: str) -> None:

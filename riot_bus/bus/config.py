@@ -88,7 +88,9 @@ def is_control(zid: str) -> bool:
     return zid.startswith(_CONTROL)
 
 
-def access_control(cut: Sequence[str], *, tokens: Sequence[str] | None = None) -> SessionConfig:
+def access_control(
+    cut: Sequence[str], *, services: Sequence[str] = (), tokens: Sequence[str] | None = None
+) -> SessionConfig:
     """Return the rules by which a junction keeps the cut keys to their segments.
 
     Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
@@ -97,6 +99,7 @@ def access_control(cut: Sequence[str], *, tokens: Sequence[str] | None = None) -
 
     Args:
         cut: Key expressions that are intercepted.
+        services: Key expressions of services whose requests and replies are intercepted.
         tokens: Key expressions of the liveliness tokens that are kept apart too; default: those of all advanced
             publishers on cut keys.
     """
@@ -107,9 +110,12 @@ def access_control(cut: Sequence[str], *, tokens: Sequence[str] | None = None) -
             {"id": "cut", "messages": ["put", "delete", "declare_subscriber"], "key_exprs": list(cut)},
             # `**` does not match the verbatim chunk `@adv`, behind which advanced publishers keep their caches. These
             # end here, heartbeats and tokens too; tokens of advanced subscribers pass. Replies on the keys themselves
-            # pass as well, else services would not work.
+            # pass as well, else services that are not selected would not work.
             {"id": "cut-caches", "messages": _CACHES, "key_exprs": [f"{key}/@adv/**" for key in cut]},
         ]
+    if services:
+        messages = ["query", "reply", "declare_queryable"]
+        rules.append({"id": "cut-services", "messages": messages, "key_exprs": list(services)})
     if tokens:
         rules.append({"id": "cut-tokens", "messages": ["liveliness_token"], "key_exprs": list(tokens)})
     return {

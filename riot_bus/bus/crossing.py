@@ -106,7 +106,7 @@ class Crossing:
             message: One of our own, or of an advanced publisher.
             holder: Told when its thread is stuck; see `Gate.feed`.
         """
-        result = self._result(message, holder)
+        result = self.result(message, holder)
         if holder is not None:
             holder.flush()  # what came before goes out before
         self.deliver(result)
@@ -129,7 +129,7 @@ class Crossing:
         Returns:
             What remains to be stored.
         """
-        result = self._result(message, holder)
+        result = self.result(message, holder)
         for emission in result.emissions:
             if emission.message.key != message.key:
                 self._publish(emission)
@@ -144,13 +144,20 @@ class Crossing:
             for emission in result.emissions:
                 self.recorder.delivered(emission.message, emission.changes)
 
-    def _result(self, message: Message, holder: Holder | None) -> Result:
+    def result(self, message: Message, holder: Holder | None, targets: tuple[str, ...] | None = None) -> Result:
+        """Take a whole message through the pipeline, and leave to the caller what is to be done then.
+
+        Args:
+            message: What came.
+            holder: Told when its thread is stuck; see `Gate.feed`.
+            targets: Segments that it goes to; by default all others.
+        """
         event, result = self.gate.feed(
             message.key,
             message.time,
             message=message,
             segment=message.segment,
-            targets=self.targets.get(message.segment, ()),
+            targets=self.targets.get(message.segment, ()) if targets is None else targets,
             holder=holder,
         )
         if result is None:
@@ -172,7 +179,7 @@ class Crossing:
             holder.flush()  # what came before goes out before
             self.deliver(result)
             return None
-        payload = event.new_payload if event.touched else True  # there is none to tell once somebody looks at the message
+        payload = event.new_payload if event.touched else True  # there is none to tell once somebody looks at it
         recorder = self.recorder
         if recorder is not None:
             if event.changes:

@@ -30,6 +30,7 @@ class RouterFlags:
     cfg: Sequence[str] = ()
     name: str | None = None
     intercept: Sequence[str] = ()
+    services: Sequence[str] = ()
     record: Path | None = None
     budget: float | None = None
     control: Sequence[str] = ()
@@ -88,6 +89,7 @@ def merged(settings: RouterSettings, flags: RouterFlags, *, cwd: Path | None = N
     changed: dict[str, Any] = {
         "name": flags.name,
         "intercept": tuple(flags.intercept) or None,
+        "services": tuple(flags.services) or None,
         "record": None if flags.record is None else str((cwd or Path.cwd()) / flags.record),
         "budget": flags.budget,
         "control": tuple(flags.control) or None,

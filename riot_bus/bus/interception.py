@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.bus.runtime import canonical
+from riot_bus.bus.services.selection import split
 from riot_bus.errors import ConfigError, RiotError, did_you_mean
+from riot_bus.types.serve import REQUEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -76,7 +78,7 @@ class Interception:
 
     Args:
         bus: Returns the bus, open.
-        keys: What the user wants to be intercepted.
+        keys: What the user wants to be intercepted; `KEY/@request` means the service of this key.
         interceptors: In the order in which they are carried out.
         plan: Carried out after them.
         registry: Knows key expressions of topic names.
@@ -103,7 +105,7 @@ class Interception:
             if topics_of(each) is None and not keys:
                 name = type(each).__name__
                 raise ConfigError(f"interceptor {name} would see nothing", hint="say which keys: --intercept KEYEXPR")
-        self.expressions = self._needed((), self.keys, plan)
+        self.expressions, self.services = self._needed(((), ()), self.keys, plan)
 
     @property
     def topics(self) -> list[str]:
@@ -132,21 +134,22 @@ class Interception:
         return self._change(self.keys, plan)
 
     def _change(self, keys: list[str], plan: Plan | None) -> list[str]:
-        bus, former = self._bus(), (self.keys, self.plan, self.expressions)
-        expressions = self._needed(self.expressions, keys, plan)
+        bus, former = self._bus(), (self.keys, self.plan, self.expressions, self.services)
+        expressions, services = self._needed((self.expressions, self.services), keys, plan)
         if plan is not self.plan:
             bus.set_interceptors(self.interceptors(plan))
         try:
-            if expressions != self.expressions:
-                bus.set_intercept(expressions)
+            if (expressions, services) != (self.expressions, self.services):
+                bus.set_intercept(expressions, services=services)
         except RiotError:
-            self.keys, self.plan, self.expressions = former
+            self.keys, self.plan, self.expressions, self.services = former
             if plan is not self.plan:
                 bus.set_interceptors(self.interceptors(self.plan))
-            bus.set_intercept(self.expressions)  # else the segments would stay apart
+            bus.set_intercept(self.expressions, services=self.services)  # else the segments would stay apart
             raise
-        self.keys, self.plan, self.expressions = keys, plan, expressions
-        return list(expressions)
+        self.keys, self.plan, self.expressions, self.services = keys, plan, expressions, services
+        called = self._registry.topic
+        return [*map(called, expressions), *(f"{called(text)}/{REQUEST}" for text in services)]
 
     def _wanted(self, keys: Sequence[str], plan: Plan | None) -> list[str]:
         topics = [*keys]
@@ -154,14 +157,21 @@ class Interception:
             topics += topics_of(each) or ()
         return list(dict.fromkeys(topics))
 
-    def _needed(self, present: Sequence[str], keys: Sequence[str], plan: Plan | None) -> list[str]:
+    def _needed(
+        self, present: tuple[Sequence[str], Sequence[str]], keys: Sequence[str], plan: Plan | None
+    ) -> tuple[list[str], list[str]]:
+        """Return the expressions of topics and of services to intercept."""
+        topics, services = split(self._wanted(keys, plan))
+        return self._expressions(present[0], topics), self._expressions(present[1], services)
+
+    def _expressions(self, present: Sequence[str], names: Iterable[str]) -> list[str]:
         """Return the expressions to intercept: those that are, as far as they are wanted, and what they do not include.
 
         What is included already need not be cut, so that routes stay as they are.
         """
         import zenoh
 
-        wanted = canonical([self._registry.key_expression(topic) for topic in self._wanted(keys, plan)])
+        wanted = canonical([self._registry.key_expression(name) for name in names])
         for text in wanted:
             if text.split("/")[0] in ("@", OWN_CHUNK):
                 raise ConfigError(f"{text!r} cannot be intercepted", hint="routers talk to each other there")

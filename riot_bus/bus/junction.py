@@ -70,11 +70,12 @@ class Junction:
         self._wait_before_close_s = wait_before_close_s
         self._timeout = timeout
 
-    def open(self, cut: Sequence[str]) -> zenoh.Session:
+    def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
         """Join the segments, or cut other keys if they are joined; return once links and routes are up.
 
         Args:
             cut: Canonical key expressions that must not cross.
+            services: Canonical key expressions of services that must not be seen or asked across.
 
         Raises:
             EnvironmentFaultError: The segments are not joined in time.
@@ -87,7 +88,7 @@ class Junction:
             self.settle(patience)
             if former[0] is not None:
                 self._flush(former[1])  # what lanes have just undeclared
-            session = self._begin(cut, taken)
+            session = self._begin(cut, services, taken)
             if wait_until(self._linked, deadline - time.monotonic()) and self._routes(
                 {"": session}, patience * _ROUTES_S
             ):
@@ -115,13 +116,14 @@ class Junction:
         """
         time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
 
-    def _begin(self, cut: Sequence[str], taken: str) -> zenoh.Session:
+    def _begin(self, cut: Sequence[str], services: Sequence[str], taken: str) -> zenoh.Session:
         self._path = next(path for path in self._inner if path != taken) if self._listens else ""
+        rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
             connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
             listen=[self._path] if self._listens else [],
             wait_before_close_s=self._wait_before_close_s,
-            extra={**self._config, **access_control(cut, tokens=self._tokens(cut)), _WEIGHTS: self._weights()},
+            extra={**self._config, **rules, _WEIGHTS: self._weights()},
         )
         self.session = session = open_session(settings, purpose="junction")
         self.zid = str(session.info.zid())

@@ -24,6 +24,7 @@ from riot_bus.bus.lane import Lane
 from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.runtime import canonical, includes, intersects, prepare_runtime, release, wait_until
 from riot_bus.bus.segments import Segment, is_open_to_all
+from riot_bus.bus.services.services import Services
 from riot_bus.bus.settings import SegmentSettings
 from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
 from riot_bus.bus.watch import TransportWatch
@@ -70,6 +71,7 @@ class Bus:
         segments: By name, each segment's settings, or just the endpoints to listen on; none means a free port of this
             machine.
         intercept: Key expressions that go through the pipeline instead of the junction.
+        services: Key expressions of services whose requests and replies do so too.
         pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
         registry: Names topics in counts.
         recorder: Records intercepted messages and `record`. Closed by its owner, after the bus.
@@ -85,6 +87,7 @@ class Bus:
         segments: Mapping[str, SegmentSettings | Sequence[str]],
         *,
         intercept: Sequence[str] = (),
+        services: Sequence[str] = (),
         pipeline: Pipeline | None = None,
         registry: TypeRegistry | None = None,
         recorder: Recorder | None = None,
@@ -113,6 +116,7 @@ class Bus:
         self._retired: list[Lane] = []
         self._observers: list[Subscription] = []
         self._claims = Claims(canonical(intercept))
+        self._selected = canonical(services)
         self._record = Claims(canonical(record))
         self._recorder = recorder
         self._recorders: list[Recorder] = [recorder] if recorder is not None else []
@@ -129,6 +133,7 @@ class Bus:
         )
         self._crossing.recorder = recorder
         self._advanced: Terminator | None = None
+        self._services: Services | None = None
         self._slow = Tally()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
@@ -173,8 +178,10 @@ class Bus:
                 self._advanced = self._crossing.advanced = Terminator(
                     self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
                 )
+                spaces = [text for each in self._registry.servings() for text in each.services]
+                self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)
             stack.callback(self._stop)
-            self._intercept(self._claims.expressions, again=False)
+            self._intercept(self._claims.expressions, self._selected, again=False)
             self._stack = stack.pop_all()
         return self
 
@@ -220,6 +227,8 @@ class Bus:
     def _stop(self) -> None:
         release(*self._observers)
         self._observers.clear()
+        if self._services is not None:
+            self._services.close()
         for expression in list(self._lanes):
             self._retire(expression)
         if self._advanced is not None:
@@ -234,17 +243,24 @@ class Bus:
         """The key expressions that are intercepted."""
         return list(self._claims.expressions)
 
-    def set_intercept(self, keyexprs: Sequence[str]) -> None:
+    @property
+    def services(self) -> list[str]:
+        """The key expressions of services whose requests and replies are intercepted."""
+        return list(self._selected)
+
+    def set_intercept(self, keyexprs: Sequence[str], *, services: Sequence[str] | None = None) -> None:
         """Cut other keys from now on, while components stay connected.
 
         Of keys that were and stay intercepted nothing is lost. Of others, messages may be lost for about 100 ms while
-        routes change; no message crosses both ways.
+        routes change; no message crosses both ways. Calls that are under way may end without a reply then.
 
         Args:
             keyexprs: All key expressions that are intercepted from now on.
+            services: All key expressions of services that are; None for the present ones.
         """
         with self._changing:
-            self._intercept(canonical(keyexprs), again=True)
+            selected = self._selected if services is None else canonical(services)
+            self._intercept(canonical(keyexprs), selected, again=True)
 
     def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
         """Record with another recorder from now on, or with none; the former one is its owner's to close.
@@ -280,7 +296,7 @@ class Bus:
                     hint = did_you_mean(name, self._settings)
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
-    def _intercept(self, expressions: list[str], *, again: bool) -> None:
+    def _intercept(self, expressions: list[str], services: list[str], *, again: bool) -> None:
         """Cut these; lanes stay as long as they may have messages, since another lane would begin with a gap."""
         if self._junction is not None:
             self._junction.settle()  # while everything still crosses
@@ -292,8 +308,13 @@ class Bus:
             self._retire(expression)
         if self._advanced is not None:
             self._watch_advanced(expressions, self._advanced.watched, within=True, again=again)
+        if self._services is not None:
+            self._services.retire(services)
         if self._junction is not None:
-            self._junction.open(expressions)
+            self._junction.open(expressions, services)
+        self._selected = services
+        if self._services is not None:
+            self._services.select(services)
         self._claims = Claims(expressions, owners=[*kept, *new])
         for expression in new:
             self._lanes[expression] = [
@@ -489,6 +510,7 @@ class Bus:
             done = not arrived and all(lane.idle() for lane in lanes)
             done = done and not self._crossing.held() and self._dispatcher.idle()
             done = done and (self._advanced is None or self._advanced.idle())
+            done = done and (self._services is None or self._services.idle())
             quiet = quiet + 1 if done and (self._recorder is None or self._recorder.idle()) else 0
             return quiet >= _QUIET_POLLS
 
@@ -515,9 +537,9 @@ class Bus:
         return count(
             self.gate.pipeline.counts,
             passed=self._by_topic(lane.passed() for lane in self._all_lanes()),
-            shed=self._by_topic(lane.shed for lane in self._all_lanes()),
+            shed=self._shed(),
             undelivered=undelivered,
-            held=self._crossing.held(),
+            held=self._crossing.held() + self._by_topic([] if self._services is None else [self._services.held()]),
             recorded=self._recordings("recorded"),
             unrecorded=self._recordings("lost"),
         )
@@ -551,6 +573,10 @@ class Bus:
                 total[self._registry.topic(key)] += number
         return total
 
+    def _shed(self) -> Counter[str]:
+        calls = [] if self._services is None else self._services.shed()
+        return self._by_topic([*(lane.shed for lane in self._all_lanes()), *calls])
+
     def _recordings(self, which: str) -> Counter[str]:
         total: Counter[str] = Counter()
         for recorder in self._recorders:
@@ -569,7 +595,7 @@ class Bus:
     def losses(self) -> Losses:
         """What was lost so far against everybody's will."""
         parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
-        parts["no room"] = self._by_topic(lane.shed for lane in self._all_lanes())
+        parts["no room"] = self._shed()
         parts["observer too slow"] = +self._slow.copy()
         messages: Counter[str] = Counter()
         for topics in parts.values():

@@ -18,6 +18,7 @@ from riot_bus.bus.operations import Operations
 from riot_bus.bus.recording import Recordings
 from riot_bus.bus.router import Bus
 from riot_bus.bus.scouting import THIS_HOST
+from riot_bus.bus.services.selection import service_keys
 from riot_bus.bus.watches import Watches
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.types.registry import TypeRegistry
@@ -79,8 +80,9 @@ class RouterService(Operations):
         self._began = time.monotonic()
         self._watches: Watches | None = None
         self._stack = ExitStack()
+        keys = [*settings.intercept, *service_keys(settings.services, self._registry)]
         interception = Interception(
-            self._open_bus, keys=settings.intercept, interceptors=interceptors, plan=plan, registry=self._registry
+            self._open_bus, keys=keys, interceptors=interceptors, plan=plan, registry=self._registry
         )
         record = None if settings.record is None else Path(settings.record)
         recordings = Recordings(
@@ -114,6 +116,7 @@ class RouterService(Operations):
             self._bus = Bus(
                 self.settings.segments,
                 intercept=self._interception.expressions,
+                services=self._interception.services,
                 pipeline=self.pipeline,
                 registry=self._registry,
                 recorder=recorder,
@@ -133,7 +136,7 @@ class RouterService(Operations):
         """Watch from now on who talks to whom and who gets around; apart from opening, since it takes longer."""
         watches = Watches(
             self._open_bus(),
-            name=self._registry.topic,
+            registry=self._registry,
             changed=self._recordings.note,
             alarm=self._alarm,
             scouting=self._scouting,
@@ -161,7 +164,8 @@ class RouterService(Operations):
             "uptime": round(time.monotonic() - self._began, 3),
             "segments": status.segment_rows(bus, self.graph()),
             "controlled_from": list(self.settings.controlled_from),
-            "intercepted": bus.intercepted,
+            "intercepted": [self._registry.topic(each) for each in bus.intercepted],
+            "services": [self._registry.topic(each) for each in bus.services],
             "interceptors": status.interceptor_rows(bus.gate.pipeline),
             "plan": status.plan_row(self._interception.plan),
             "recording": self._recordings.status(),

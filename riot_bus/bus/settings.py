@@ -89,6 +89,8 @@ class RouterSettings(_Table):
     name: Annotated[str, Field(pattern=f"^{SEGMENT_NAME}$")] = "router"
     """The router answers under `@riot/<name>/**`."""
     intercept: tuple[_Text, ...] = ()
+    services: tuple[_Text, ...] = ()
+    """Services and actions whose requests and replies are intercepted; names or key expressions."""
     record: _Text | None = None
     budget: Annotated[float, Field(gt=0, le=86_400)] = 1.0
     """Seconds that an interceptor may block."""

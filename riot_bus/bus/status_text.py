@@ -33,6 +33,8 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
             f"  {each['mode'] or 'component'} {each['zid']} {each['name']}".rstrip() for each in segment["components"]
         ]
     lines.append(f"intercepted: {', '.join(status['intercepted']) or 'nothing'}")
+    if status.get("services"):
+        lines.append(f"intercepted services: {', '.join(status['services'])}")
     lines += [line for each in status["interceptors"] for line in _interceptor(each)]
     lines += _plan(status["plan"])
     lines.append(_recording(status["recording"]))

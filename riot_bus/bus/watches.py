@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from riot_bus.bus.graph.watch import GraphWatch
     from riot_bus.bus.router import Bus
     from riot_bus.bus.scouting import Scouting
+    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Watches"]
 
@@ -28,7 +29,7 @@ class Watches:
 
     Args:
         bus: The bus, open.
-        name: What people call a key.
+        registry: Names keys, and understands what components announce.
         changed: Called with each new graph.
         alarm: Called with all present ways around the router whenever they have changed; None not to look for them.
         scouting: How to ask who answers multicast scouting; None not to ask.
@@ -38,7 +39,7 @@ class Watches:
         self,
         bus: Bus,
         *,
-        name: Callable[[str], str],
+        registry: TypeRegistry,
         changed: Callable[[Graph], None],
         alarm: Callable[[list[Bypass]], None] | None,
         scouting: Scouting | None,
@@ -48,7 +49,7 @@ class Watches:
         self._bus = bus
         self._changed = changed
         self._present: dict[tuple[str, str], Component] = {}
-        self._graph: GraphWatch = GraphWatch(bus, self._take, senders=bus.senders, name=name)
+        self._graph: GraphWatch = GraphWatch(bus, self._take, senders=bus.senders, registry=registry)
         self._bypasses: BypassWatch | None = None
         if alarm is not None:
             from riot_bus.bus.bypass import BypassWatch

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -13,6 +15,7 @@ from riot_bus.generalize.oracle import same_scalar
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
+from riot_bus.types.model import Leaf
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -22,12 +25,17 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.sut.context import Context
     from riot_bus.trial import Scalar
-    from riot_bus.types.model import Leaf
+    from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["FailingLog", "NamedField", "NamedFields", "learn_types", "nominal_values", "read_messages"]
 
 _ELEMENTS = 4
+_CHANGED = 64
+"""So many elements of each array are looked at for changes; those without one are fields up to `_ELEMENTS`."""
+_INDEX = re.compile(r"\[(\d+)\]")
+_LONGEST = (1 << 16) - 1
+"""Lengths of arrays that injections changed are fields too, up to this: any number of 16 bits has to do."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -142,12 +150,10 @@ class NamedFields:
             return
         before = self.log.originals.get(message.sequence)
         try:
-            leaves = kind.leaves(message.payload, elements=_ELEMENTS)
+            leaves = kind.leaves(message.payload, elements=_ELEMENTS if before is None else _CHANGED)
         except PayloadError:
             return
         for leaf in leaves:
-            if leaf.path.startswith("len("):
-                continue
             original: Scalar | None = None
             if before is not None:
                 try:
@@ -155,7 +161,11 @@ class NamedFields:
                     original = None if same_scalar(value, leaf.value) else value
                 except PayloadError:
                     original = None
-            yield leaf, original
+            if leaf.path.startswith("len("):
+                if original is not None and max(int(original), int(leaf.value)) <= _LONGEST:
+                    yield Leaf(leaf.path, "uint16", leaf.value), original
+            elif original is not None or not any(int(index) >= _ELEMENTS for index in _INDEX.findall(leaf.path)):
+                yield leaf, original
 
     def with_values(self, values: Mapping[str, Scalar]) -> tuple[Message, ...]:
         """Return the log's messages with fields set by name; fields that keep their value keep their bytes.
@@ -175,8 +185,21 @@ class NamedFields:
             message = messages[position]
             kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             assert kind is not None
-            messages[position] = message.with_(payload=kind.patch(message.payload, patch))
+            messages[position] = message.with_(payload=_changed(kind, message.payload, patch))
         return tuple(messages)
+
+
+def _changed(kind: MessageType, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+    """Return a payload with fields changed; elements of arrays that are cut off have no value to set."""
+    lengths = {path: value for path, value in changes.items() if path.startswith("len(")}
+    if not lengths:
+        return kind.rebuild(payload, changes)
+    payload = kind.rebuild(payload, lengths)
+    for path, value in changes.items():
+        if path not in lengths:
+            with suppress(PayloadError):
+                payload = kind.rebuild(payload, {path: value})
+    return payload
 
 
 def nominal_values(

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
+from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule, targets_of
 from riot_bus.campaign.triage import Failure, finding_id
 from riot_bus.chain.logs import FailingLog
@@ -47,10 +48,12 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
     registry = workspace.context.registry
     settings = workspace.context.file.unit[unit]
     log = workspace.unit_log(unit)
+    dictionary = dictionary_of(workspace, unit)
     schedule = Schedule(
         targets_of(log, registry, leave=settings.leave, include=settings.include),
-        dictionary_of(workspace, unit),
+        dictionary,
         seed=workspace.seed,
+        groups=groups_of(log, registry, dictionary, leave=settings.leave, include=settings.include),
     )
 
     def modified(messages: Sequence[Message], case: TestCase) -> int:

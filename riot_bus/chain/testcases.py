@@ -15,7 +15,7 @@ from riot_bus.chain.workspace import open_finding
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.inject.plan import read_plan
-from riot_bus.injection import Injection, Signal
+from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.log.reader import LogReader
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _injection(row: Mapping[str, Any], where: str) -> Injection:
     value = values.get("value")
     try:
         if isinstance(value, dict):
-            values["value"] = Signal(**value)
+            values["value"] = Formula(**value) if "text" in value else Signal(**value)
         elif isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
             values["value"] = ast.literal_eval(value)
         return Injection(**values)

@@ -24,7 +24,7 @@ _Types = Annotated[
     list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
 ]
 _Definitions = Annotated[
-    list[Path] | None, typer.Option("--msg", metavar="FILE.msg", help="Definition of a message type; repeatable.")
+    list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
 ]
 _SIZES = ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
 
@@ -95,19 +95,17 @@ def types(
     import json
     from dataclasses import asdict
 
-    from riot_bus.types.listing import describe_named, type_names
-    from riot_bus.types.registry import load_adapters
+    from riot_bus.types.listing import describe_named
+    from riot_bus.types.registry import TypeRegistry, load_adapters
 
-    adapters = load_adapters()
-    for adapter in adapters if msg else ():
-        adapter.load(msg or [])
+    registry = TypeRegistry(load_adapters(), definitions=msg or ())
     if what is None:
-        names = type_names(adapters)
+        names = registry.type_names()
         typer.echo(json.dumps(names, indent=1) if form is OutputFormat.JSON else "\n".join(names))
     elif _is_file(what):
         _log_types(Path(what), topics, type_, msg, form)
     else:
-        listing = describe_named(what, adapters)
+        listing = describe_named(what, registry)
         if form is OutputFormat.JSON:
             typer.echo(json.dumps(asdict(listing), indent=1))
         else:
@@ -315,9 +313,15 @@ def _print_fields(listing: Any) -> None:
     width = max((len(each.path) for each in listing.fields), default=0)
     for each in listing.fields:
         length = f"[{each.length}]" if each.length else ""
-        typer.echo(f"  {each.path.ljust(width)}  {each.type}{length}")
+        unit = f"  {each.unit}" if each.unit else ""
+        typer.echo(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{_printable(unit)}")
     if listing.problem:
         typer.echo(f"  {_printable(listing.problem)}")
+
+
+def _bounds(field: Any) -> str:
+    low, high = ("" if each is None else f"{each:g}" for each in (field.low, field.high))
+    return f"  {low}..{high}" if low or high else ""
 
 
 def _console() -> Any:

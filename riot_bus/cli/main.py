@@ -8,7 +8,22 @@ from typing import Annotated
 import typer
 
 from riot_bus import __version__
-from riot_bus.cli import agent, chain, ctl, doctor, edit, fleet, graph, logs, play, record, reports, router
+from riot_bus.cli import (
+    agent,
+    bridge,
+    chain,
+    ctl,
+    doctor,
+    edit,
+    fleet,
+    graph,
+    init,
+    logs,
+    play,
+    record,
+    reports,
+    router,
+)
 from riot_bus.errors import RiotError
 
 __all__ = ["app", "run"]
@@ -42,7 +57,7 @@ def _options(
     """Robustness Inside-Out Testing on a message bus."""
 
 
-for _module in (chain, reports, logs, play, edit, record, router, ctl, graph, doctor, fleet, agent):
+for _module in (chain, reports, logs, play, edit, record, router, ctl, graph, init, doctor, fleet, agent, bridge):
     _module.register(app)
 
 

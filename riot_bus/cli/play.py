@@ -102,7 +102,7 @@ def play(
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE.msg", help="Definition of a message type.")] = None,
+    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
     name: Annotated[str, typer.Option(envvar="RIOT_PLAYER", help="Name for riot ctl play.")] = "player",
     control: Annotated[bool, typer.Option("--control/--no-control", help="Obey riot ctl play.")] = True,
     form: Format = OutputFormat.TEXT,

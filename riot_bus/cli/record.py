@@ -78,7 +78,7 @@ def record(
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE.msg", help="Definition of a message type.")] = None,
+    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
     seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of the run, for the log.")] = 0,
     name: Annotated[str, typer.Option(envvar="RIOT_RECORDER", help="Name for riot ctl record.")] = "recorder",
     control: Annotated[bool, typer.Option("--control/--no-control", help="Obey riot ctl record.")] = True,

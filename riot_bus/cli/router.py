@@ -68,6 +68,14 @@ def router(
             help="What goes through the interceptors; ROS names such as /odom will do.",
         ),
     ] = None,
+    intercept_services: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEYEXPR",
+            envvar="RIOT_INTERCEPT_SERVICES",
+            help="Services and actions whose requests and replies go through the interceptors; repeatable.",
+        ),
+    ] = None,
     interceptor: Annotated[
         list[str] | None,
         typer.Option(
@@ -86,7 +94,7 @@ def router(
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
-    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE.msg", help="Definition of a message type.")] = None,
+    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
     seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
     budget: Annotated[
         float | None,
@@ -122,6 +130,7 @@ def router(
         cfg=cfg or (),
         name=name,
         intercept=intercept or (),
+        services=intercept_services or (),
         record=record,
         budget=budget,
         control=control or (),

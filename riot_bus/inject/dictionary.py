@@ -1,4 +1,4 @@
-"""Dictionaries: exceptional values per type or per field, each with the reason why it is worth trying.
+"""Dictionaries: exceptional values per type or field, and mutations per message, each with why it is worth trying.
 
 A dictionary is a TOML file:
 
@@ -13,6 +13,8 @@ A dictionary is a TOML file:
     type = "float64"                       # optional: then every value is checked when the file is read
     only = true                            # optional: nothing but these values for such fields
     entries = [{ value = 1e6, reason = "faster than any robot" }]
+
+    [[message]]                            # fields that are changed together, by message type: see `mutations`
 
 Files come from the packages that the entry point group `riot_bus.dictionaries` names, and from riot.toml.
 """
@@ -31,6 +33,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -79,9 +82,15 @@ class Dictionary:
     def __init__(self) -> None:
         self._entries: list[tuple[str | None, Entry]] = []
         self._bindings: list[_Binding] = []
+        self._mutations: dict[str, list[Mutation]] = {}
 
-    def add(self, text: str, *, where: str) -> None:
-        """Take in the text of a dictionary file; `where` names it in errors.
+    def add(self, text: str, *, where: str, own: bool = False) -> None:
+        """Take in the text of a dictionary file.
+
+        Args:
+            text: TOML.
+            where: Names it in errors.
+            own: Whether it is the user's own, so that fields that do not exist are an error.
 
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
@@ -107,6 +116,17 @@ class Dictionary:
                     f"no entries for {binding.path!r}", where=place, hint="add entries = [{ value = ... }]"
                 )
             self._bindings.insert(0, _Binding(binding.path, kind, entries, binding.only, place))
+        for index, message in enumerate(document.message):
+            for mutation in read_mutations(message, where=f"{where}: message[{index}]", own=own):
+                self._mutations.setdefault(mutation.type, []).append(mutation)
+
+    def mutations_for(self, type_name: str) -> tuple[Mutation, ...]:
+        """Return the mutations of messages of a type, such as `sensor_msgs/msg/Image`; not those of messages in it."""
+        return tuple(self._mutations.get(type_name, ()))
+
+    def mutated_types(self) -> tuple[str, ...]:
+        """Return the message types that there are mutations for, sorted."""
+        return tuple(sorted(self._mutations))
 
     def values_for(self, type: str, path: str | None = None) -> tuple[Entry, ...]:
         """Return the values worth trying in a field, those bound to its path first.
@@ -177,7 +197,7 @@ def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(f"cannot read the dictionary: {error}", where=str(path)) from error
-        dictionary.add(text, where=str(path))
+        dictionary.add(text, where=str(path), own=True)
     return dictionary
 
 
@@ -238,6 +258,7 @@ class _File(BaseModel):
     type: str | None = None
     entry: list[_RawEntry] = []
     field: list[_RawField] = []
+    message: list[RawMessage] = []
 
 
 def _plain(value: Any) -> Scalar:
@@ -272,7 +293,9 @@ def _explain(error: ValidationError, where: str) -> ConfigError:
         return ConfigError(first["msg"], where=f"{where}: {key}")
     word = str(place[-1])
     model: type[BaseModel] = _File if len(place) == 1 else _RawEntry
-    if place[0] == "field" and len(place) == 3:
+    if place[0] == "message":
+        model = RawMutation if len(place) > 3 else RawMessage
+    elif place[0] == "field" and len(place) == 3:
         model = _RawField
     known = model.model_fields
     return ConfigError(f"unknown key {word!r}", where=f"{where}: {key}", hint=did_you_mean(word, known))

@@ -9,7 +9,8 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.injection import Injection, Signal
+from riot_bus.inject.formula import evaluate, parse_formula
+from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.pipeline.event import Change
 from riot_bus.predicate import parse_predicate
 from riot_bus.selector import key_matches
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Injector", "fit_value"]
+__all__ = ["Injector", "fit_value", "set_elements"]
 
 _LOG = logging.getLogger(__name__)
 _ALL_ELEMENTS = 1 << 20
@@ -42,7 +43,7 @@ class Injector:
         seed: The trial's seed; each injection's own seed is added to it.
 
     Raises:
-        ConfigError: An injection sets nothing, or its predicate does not parse.
+        ConfigError: An injection sets nothing, or its predicate or formula does not parse.
     """
 
     name = "inject"
@@ -58,6 +59,8 @@ class Injector:
         for number, each in enumerate(self.injections):
             if each.fault == "set" and (each.field is None or each.value is None):
                 raise ConfigError("this injection sets nothing", where=f"inject[{number}]", hint="give field and value")
+            if isinstance(each.value, Formula):
+                parse_formula(each.value.text)
         self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
         self._registry: TypeRegistry | None = None
         self._routes: dict[str, list[int]] = {}
@@ -103,7 +106,7 @@ class Injector:
             return None
         injection = self.injections[numbers[0]]
         value, path = injection.value, injection.field
-        if path is None or value is None or isinstance(value, Signal) or "[*]" in path:
+        if path is None or value is None or isinstance(value, Signal | Formula) or "[*]" in path:
             return None
         if injection != Injection(injection.topic, path, value, seed=injection.seed):
             return None  # it has conditions
@@ -156,22 +159,37 @@ def _apply(injection: Injection, event: Event) -> None:
         case "duplicate":
             event.duplicate(injection.copies)
         case "set" if injection.field is not None and injection.value is not None:
-            value = injection.value
-            _set(event, injection.field, value.value(event.index) if isinstance(value, Signal) else value)
+            _set(event, injection.field, _value(injection.value, injection.field, event))
+
+
+def _value(value: Scalar | Signal | Formula, path: str, event: Event) -> Scalar:
+    if isinstance(value, Signal):
+        return value.value(event.index)
+    if not isinstance(value, Formula):
+        return value
+    kind = event.type
+    if kind is None:
+        return event.read(path)  # raises the right error
+    original = event.original.payload
+    return evaluate(value, lambda each: kind.read(original, each))
 
 
 def _set(event: Event, path: str, value: Scalar) -> None:
     if "[*]" not in path:
         event.set(path, fit_value(value, event.read(path)))
         return
-    kind, payload = event.type, event.payload
+    kind = event.type
     if kind is None:
         event.read(path)  # raises the right error
         return
+    event.patched(set_elements(kind, event.payload, path, value), Change(event.interceptor, "set", path, None, value))
+
+
+def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
+    """Return a payload with the fields set that a path with `[*]` stands for; raises PayloadError."""
     pattern = re.compile(re.escape(path).replace(r"\[\*\]", r"\[\d+\]"))
     leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
-    patched = kind.patch(payload, {leaf.path: fit_value(value, leaf.value) for leaf in leaves})
-    event.patched(patched, Change(event.interceptor, "set", path, None, value))
+    return kind.rebuild(payload, {leaf.path: fit_value(value, leaf.value) for leaf in leaves})
 
 
 def fit_value(value: Scalar, before: Scalar) -> Scalar:

@@ -5,7 +5,7 @@ seed = 7
 [[inject]]
 topic = "/odom"
 field = "twist.twist.linear.x"
-value = nan                      # a number, true/false, text, {hex = "00ff"} for bytes
+value = nan                      # a number, true/false, text, {hex = "00ff"} for bytes; or formula = "2 * angular.z"
 where = "pose.pose.position.x > 3"
 start = 2.0                      # seconds since the first message
 end = 4.0
@@ -27,7 +27,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.errors import ConfigError, did_you_mean
-from riot_bus.injection import Injection, Signal
+from riot_bus.inject.formula import parse_formula
+from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.predicate import parse_predicate
 from riot_bus.selector import parse_selector
 from riot_bus.trial import Scalar
@@ -53,12 +54,19 @@ class _Signal(BaseModel):
     integer: bool = False
 
 
+class _Formula(BaseModel):
+    model_config = _STRICT
+    text: Annotated[str, Field(min_length=1)]
+    base: str = ""
+
+
 class _Inject(BaseModel):
     model_config = _STRICT
     topic: Annotated[str, Field(min_length=1)]
     field: Annotated[str, Field(min_length=1)] | None = None
     value: bool | int | float | str | _Bytes | None = None
     signal: _Signal | None = None
+    formula: str | _Formula | None = None
     fault: Literal["set", "drop", "delay", "duplicate"] = "set"
     start: _Seconds = 0.0
     end: _Seconds | None = None
@@ -75,10 +83,10 @@ class _Inject(BaseModel):
         if self.fault == "set":
             if self.field is None:
                 raise ValueError("which field is to be set? add field = \"...\", or fault = 'drop', 'delay', ...")
-            if (self.value is None) == (self.signal is None):
-                raise ValueError("give either value or signal")
-        elif (self.field, self.value, self.signal) != (None, None, None):
-            raise ValueError(f"fault = {self.fault!r} takes no field, value or signal")
+            if [self.value, self.signal, self.formula].count(None) != 2:
+                raise ValueError("give either value, signal or formula")
+        elif (self.field, self.value, self.signal, self.formula) != (None, None, None, None):
+            raise ValueError(f"fault = {self.fault!r} takes no field, value, signal or formula")
         if (self.fault == "delay") != (self.delay > 0):
             raise ValueError("delay = SECONDS (> 0) belongs to fault = 'delay', and only there")
         if self.fault != "duplicate" and "copies" in self.model_fields_set:
@@ -142,6 +150,8 @@ def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
             if isinstance(value, Signal):
                 inside = ", ".join(f"{each.name} = {_toml(getattr(value, each.name))}" for each in fields(Signal))
                 lines.append(f"signal = {{ {inside} }}")
+            elif isinstance(value, Formula):
+                lines.append(f"formula = {{ text = {_toml(value.text)}, base = {_toml(value.base)} }}")
             elif value is not None and (value != field.default or field.name == "value"):
                 lines.append(f"{field.name} = {_toml(value)}")
         blocks.append("\n".join(lines) + "\n")
@@ -166,11 +176,13 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
             parse_predicate(entry.where)
         except ConfigError as error:
             raise ConfigError(error.message, where=f"{where}.where", hint=error.hint) from None
-    value: Scalar | Signal | None
+    value: Scalar | Signal | Formula | None
     if entry.signal is not None:
         signal = entry.signal
         own = seed if signal.seed is None else signal.seed
         value = Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer)
+    elif entry.formula is not None:
+        value = _formula(entry.formula, where)
     else:
         value = bytes.fromhex(entry.value.hex) if isinstance(entry.value, _Bytes) else entry.value
     return Injection(
@@ -190,16 +202,29 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
     )
 
 
+def _formula(written: str | _Formula, where: str) -> Formula:
+    formula = Formula(written) if isinstance(written, str) else Formula(written.text, written.base)
+    try:
+        parse_formula(formula.text)
+        if formula.base:
+            parse_selector(f"x:{formula.base}")
+    except ConfigError as error:
+        raise ConfigError(error.message, where=f"{where}.formula", hint=error.hint) from None
+    return formula
+
+
 def _explain(error: ValidationError, path: str) -> ConfigError:
     problems = error.errors()
     first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    place: list[str | int] = [part for part in first["loc"] if part not in ("bool", "int", "float", "str", "_Bytes")]
+    tags = ("bool", "int", "float", "str", "_Bytes", "_Formula")
+    place: list[str | int] = [part for part in first["loc"] if part not in tags]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
     where = f"{path}: {key}" if key else path
     if first["type"] == "extra_forbidden":
         word = str(place[-1])
         models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
-        model = models.get(len(place)) or (_Signal if "signal" in place else _Bytes)
+        inner = _Signal if "signal" in place else _Formula if "formula" in place else _Bytes
+        model = models.get(len(place)) or inner
         return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
     given = first["input"]
     shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""

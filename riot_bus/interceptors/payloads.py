@@ -201,7 +201,9 @@ class ClockOffset:
             total = seconds * _NANOSECONDS + nanoseconds + offset
             changed[f"{stamp}.sec"], changed[f"{stamp}.nanosec"] = divmod(total, _NANOSECONDS)
         if kind is not None and len(changed) > _SET_SINGLY:
-            event.patched(kind.patch(event.payload, changed), Change(event.interceptor, "set", "*.stamp", after=offset))
+            event.patched(
+                kind.rebuild(event.payload, changed), Change(event.interceptor, "set", "*.stamp", after=offset)
+            )
             return
         for path, value in changed.items():
             event.set(path, value)

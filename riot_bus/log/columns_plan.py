@@ -87,10 +87,7 @@ def log_registry(
     Raises:
         ConfigError: A declared type is unknown, or a file does not define one.
     """
-    adapters = load_adapters()
-    for adapter in adapters if definitions else ():
-        adapter.load(definitions)
-    registry = TypeRegistry(adapters, declared=declared)
+    registry = TypeRegistry(load_adapters(), declared=declared, definitions=definitions)
     for source in reader.sources().values():
         if source.role == "delivered" and (source.schema.name or source.encoding):
             registry.add_schema(source.key, source.schema, source.encoding)
@@ -161,7 +158,9 @@ def topic_types(
         else:
             listing = describe(kind)
             if not listing.fields and not listing.problem:
-                listing = TypeListing(kind.name, kind.encoding, tuple(_fields_of(kind, some)))
+                fields = tuple(_fields_of(kind, some))
+                why = next((why for payload in some if (why := kind.opaque(payload))), "") if not fields else ""
+                listing = TypeListing(kind.name, kind.encoding, fields, problem=f"opaque: {why}" if why else "")
         found.setdefault((source.topic, source.key), listing)
     return sorted(((topic, listing) for (topic, _), listing in found.items()), key=lambda each: each[0])
 

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgpack  # type: ignore[import-untyped]
 import zstandard
 
-from riot_bus.message import Qos
+from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
+from riot_bus.types.serve import Request, part_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from riot_bus.message import Message
     from riot_bus.trial import Scalar
 
 __all__ = ["Constants", "Provenance", "Role"]
@@ -32,6 +32,7 @@ Role = Literal["delivered", "original"]
 KEY, TOPIC, ROLE, SEGMENT = "riot.key", "riot.topic", "riot.role", "riot.segment"
 ENCODING, QOS = "riot.encoding", "riot.qos"
 ORIGINAL_PREFIX = "riot/original/"
+_CALL_PREFIX = "riot/"
 RUN, PROVENANCE, EXTRAS = "riot_bus.run", "riot_bus.provenance", "riot_bus.extras"
 GRAPH = "riot_bus.graph"
 EXTRAS_TYPE = "application/msgpack+zstd"
@@ -97,7 +98,27 @@ def extras_of(message: Message, constants: Constants) -> dict[str, Any] | None:
         extras["p"] = str(published)
     if not 0 <= message.sequence < 1 << 32:
         extras["n"] = message.sequence
+    if isinstance(message, Request) and message.parameters:
+        extras["r"] = message.parameters
     return extras or None
+
+
+def message_of(time: int, key: str, payload: bytes, fields: Mapping[str, Any]) -> Message:
+    """Return a message of what else there is to say of it; a `Request` if it has parameters."""
+    return (Request if "parameters" in fields else Message)(time, key, payload, **fields)
+
+
+def channel_name(topic: str, role: Role) -> str:
+    """Return what MCAP calls a channel; requests and replies get names that are valid for ROS 2 tools.
+
+    Example:
+        >>> channel_name("/add_two_ints/@request", "delivered")
+        'riot/request/add_two_ints'
+    """
+    call = part_of(topic)
+    if call is not None:
+        topic = f"{_CALL_PREFIX}{call[1][1:]}/{call[0].lstrip('/')}"
+    return topic if role == "delivered" else ORIGINAL_PREFIX + topic.lstrip("/")
 
 
 def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
@@ -113,6 +134,8 @@ def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
         fields["publish_time"] = int(extras["p"])
     if isinstance(extras.get("n"), int):
         fields["sequence"] = extras["n"]
+    if isinstance(extras.get("r"), str):
+        fields["parameters"] = extras["r"]
 
 
 def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:

@@ -432,4 +432,4 @@ def _message(entry: Entry, source: ChannelSource) -> Message:
         "publish_time": published,
     }
     layout.apply_extras(fields, entry.extras)
-    return Message(entry.time, source.key, entry.payload, **fields)
+    return layout.message_of(entry.time, source.key, entry.payload, fields)

@@ -590,10 +590,9 @@ class LogWriter:
             metadata |= {"offered_qos_profiles": _DEFAULT_QOS, "topic_type_hash": found.group() if found else ""}
         if self._more_metadata is not None:
             metadata |= self._more_metadata(key)
-        name = topic if role == "delivered" else layout.ORIGINAL_PREFIX + topic.lstrip("/")
         channel = Channel(
             id=len(self._channels) + 1,
-            topic=name,
+            topic=layout.channel_name(topic, role),
             message_encoding=encoding,
             metadata=metadata,
             schema_id=self._schema_id(schema),

@@ -193,13 +193,13 @@ class Event:
         return self._known_type().read(self.payload, path)
 
     def set(self, path: str, value: Scalar) -> None:
-        """Set a field in place."""
+        """Set a field: in place if it fits, else the message is built anew around it; `len(path)` sets a length."""
         kind, payload = self._known_type(), self.payload
         if not self.provenance:
-            self.patched(kind.patch(payload, {path: value}), Change(self.interceptor, "set", path))
+            self.patched(kind.rebuild(payload, {path: value}), Change(self.interceptor, "set", path))
             return
         before = kind.read(payload, path)
-        payload = kind.patch(payload, {path: value})
+        payload = kind.rebuild(payload, {path: value})
         # integers wrap and floats narrow: note what is there now
         self.patched(payload, Change(self.interceptor, "set", path, before, kind.read(payload, path)))
 

@@ -11,7 +11,7 @@ from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
 from riot_bus.selector import parse_selector
 from riot_bus.sut.system import FiniteMonitor, RangeMonitor, RateMonitor, SystemFile, load_system
-from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,16 +65,14 @@ def open_system(path: Path) -> Context:
         ConfigError: Something in it is not usable; with place and suggestion.
     """
     file = load_system(path)
-    adapters = load_adapters(file.system.adapters)
+    adapters = load_adapters(chosen_adapters(file.system.adapters))
     files = []
     for name in file.system.messages:
         source = (file.root / name).resolve()
         if not source.is_file():
             raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
         files.append(source)
-    for adapter in adapters:
-        adapter.load(files)
-    registry = TypeRegistry(adapters, declared=file.system.types)
+    registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
     monitors: list[Monitor] = [CrashMonitor(), HangMonitor()]
     for settings in file.monitors:
         if isinstance(settings, RangeMonitor):

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["Activity", "activity", "wait_sent", "wait_settled"]
+__all__ = ["Activity", "activity", "families", "wait_sent", "wait_settled"]
 
 _POLL = 0.004
 _ZENOH_THREADS = (b"app-", b"acc-", b"tx-", b"rx-", b"net-")
@@ -27,6 +28,17 @@ class Activity:
 
     switches: int
     busy: bool
+
+
+def families(pids: Sequence[int]) -> list[int]:
+    """Return processes and all that they have started and still run, such as the node behind `ros2 run`."""
+    import psutil
+
+    found = list(pids)
+    for pid in pids:
+        with suppress(psutil.Error):
+            found += [child.pid for child in psutil.Process(pid).children(recursive=True)]
+    return found
 
 
 def activity(pids: Sequence[int]) -> Activity:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 from riot_bus.bus.router import Bus
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.monitors.model import ComponentView, TrialView
-from riot_bus.sut.settling import Activity, activity, wait_settled
+from riot_bus.sut.settling import Activity, activity, families, wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -58,6 +58,7 @@ class Stage:
         self.launcher = launcher
         self.directory = directory
         self.processes: dict[str, Process] = {}
+        self._families: dict[tuple[int, ...], list[int]] = {}
         self.outputs: list[Message] = []
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
@@ -122,6 +123,9 @@ class Stage:
     def wait_ready(self, names: Iterable[str]) -> None:
         """Wait until components have connected and come to rest, so whatever they declare at start is declared.
 
+        Nodes behind a bridge may be at rest and not known yet, so declared inputs are waited for as well; one that
+        nobody subscribes to is no error.
+
         Raises:
             EnvironmentFaultError: One died before, or they did not connect in time.
         """
@@ -137,6 +141,13 @@ class Stage:
                     what = f"has not connected to {self.bus.endpoint(segment)} within {timeout:g} s"
                     raise self._did_not_start(here[-1], f"(or another of {', '.join(here)}) {what}")
                 time.sleep(_POLL)
+            inputs = self.context.topics(*sorted({topic for name in here for topic in components[name].inputs}))
+            self.bus.wait_subscribed(
+                segment,
+                inputs,
+                timeout=deadline - time.monotonic(),
+                alive=lambda: all(self.launcher.alive(self.processes[name]) for name in names),
+            )
         self.settle(names, window=_AT_REST, timeout=max(_AT_REST, deadline - time.monotonic()))
         self._check_alive(names)
 
@@ -173,7 +184,10 @@ class Stage:
 
     def activity(self, names: Iterable[str]) -> Activity:
         """Return how busy components have been so far."""
-        return activity([self.processes[name].pid for name in names])
+        pids = tuple(self.processes[name].pid for name in names)
+        if pids not in self._families:
+            self._families[pids] = families(pids)
+        return activity(self._families[pids])
 
     def settle(
         self,
@@ -186,14 +200,22 @@ class Stage:
     ) -> bool:
         """Wait until components stand still or one has died; False if they were busy to the end."""
         processes = [self.processes[name] for name in names]
-        return wait_settled(
-            [process.pid for process in processes],
-            window=window,
-            timeout=timeout,
-            idle_rate=idle_rate,
-            since=since,
-            alive=lambda: all(map(self.launcher.alive, processes)),
-        )
+        pids = tuple(process.pid for process in processes)
+        deadline = time.monotonic() + timeout
+        known: list[int] = []
+        while (family := families(pids)) != known:  # they may still be starting others
+            known = self._families[pids] = family
+            settled = wait_settled(
+                family,
+                window=window,
+                timeout=max(0.0, deadline - time.monotonic()),
+                idle_rate=idle_rate,
+                since=since,
+                alive=lambda: all(map(self.launcher.alive, processes)),
+            )
+            if not settled:
+                return False
+        return True
 
     def view(self, names: Sequence[str], *, settled: bool, waited: float) -> TrialView:
         """Return what the monitors judge, for these components."""

@@ -1,1 +1,1 @@
-"""Helpers for authors of adapters and interceptors."""
+"""Helpers for authors of adapters, codecs and interceptors."""

@@ -28,11 +28,17 @@ class FieldType:
         path: Such as `pose.position.x`, `len(ranges)` or, for the elements of an array, `ranges[*]`.
         type: As in `riot_bus.types.model.Leaf`.
         length: Of an array whose length is fixed, 0 otherwise; of nested arrays, of the innermost.
+        low: Smallest value, where the definition says more than the type.
+        high: Largest value, likewise; of text and bytes the most bytes, of `len(ranges)` the most elements.
+        unit: Such as `m/s`, empty if nothing tells.
     """
 
     path: str
     type: str
     length: int = 0
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
 
 
 @runtime_checkable

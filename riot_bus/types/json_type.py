@@ -11,7 +11,19 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import PayloadError, did_you_mean
-from riot_bus.types.model import ROOT, FieldPath, Leaf, Schema, member_path, parse_path, wrap_integer
+from riot_bus.types.model import (
+    REBUILD,
+    ROOT,
+    FieldPath,
+    Leaf,
+    Schema,
+    check_size,
+    member_path,
+    parse_path,
+    wanted_length,
+    why_opaque,
+    wrap_integer,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -43,6 +55,10 @@ class JsonType:
         _collect(document, "" if isinstance(document, dict) else ROOT, elements, 0, found)
         return found
 
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart, None if it can."""
+        return why_opaque(self, payload)
+
     def read(self, payload: bytes, path: str) -> Scalar:
         """Return one field's value (`len(path)` for the length of an array)."""
         field = parse_path(path)
@@ -64,13 +80,23 @@ class JsonType:
         for path, value in changes.items():
             field = parse_path(path)
             if field.length:
-                raise PayloadError("a length cannot be patched in place", where=path)
+                raise PayloadError("a length cannot be patched in place", where=path, hint=REBUILD)
             old = _scalar(_walk(document, field, path), path)
             span = _walk(spans, field, path)
             splices[span] = _token(old, value, path)
         for (start, end), token in sorted(splices.items(), reverse=True):
             text = text[:start] + token + text[end:]
         return text.encode()
+
+    def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with scalars and lengths of arrays changed; an empty array cannot grow."""
+        scalars = {}
+        for path, value in changes.items():
+            if parse_path(path).length:
+                payload = _resized(payload, path, wanted_length(value, path))
+            else:
+                scalars[path] = value
+        return self.patch(payload, scalars) if scalars else payload
 
 
 def _parse(payload: bytes) -> tuple[str, Any]:
@@ -142,9 +168,14 @@ def _token(old: Scalar, new: Scalar, path: str) -> str:
     return json.dumps(new)
 
 
-def _spans(text: str) -> Spans:
-    """Return the document with each scalar replaced by where it stands; `text` is known to be JSON."""
+def _spans(text: str, elements: dict[int, list[Span]] | None = None) -> Spans:
+    """Return the document with each scalar replaced by where it stands; `text` is known to be JSON.
+
+    Where `elements` is given, it is filled with where the elements of each array stand, by the array's `id`.
+    """
     root: list[Spans] = []
+    if elements is not None:
+        elements[id(root)] = []
     stack: list[dict[str, Spans] | list[Spans]] = [root]
     key: str | None = None
     for match in _TOKEN.finditer(text):
@@ -153,6 +184,9 @@ def _spans(text: str) -> Spans:
             continue
         if part in "]}":
             stack.pop()
+            if isinstance(stack[-1], list) and elements is not None:
+                inside = elements[id(stack[-1])]
+                inside[-1] = inside[-1][0], match.end()
             continue
         top = stack[-1]
         if isinstance(top, dict) and key is None:
@@ -164,6 +198,33 @@ def _spans(text: str) -> Spans:
             key = None
         else:
             top.append(node)
+            if elements is not None:
+                elements[id(top)].append(match.span())
         if not isinstance(node, tuple):
             stack.append(node)
+            if elements is not None:
+                elements[id(node)] = []  # a container that a duplicate key has replaced may have had the same id
     return root[0]
+
+
+def _resized(payload: bytes, path: str, count: int) -> bytes:
+    """Return the document with elements cut from the end of an array, or the last one repeated there."""
+    text, document = _parse(payload)
+    field = parse_path(path)
+    array = _walk(document, field, path)
+    if not isinstance(array, list):
+        raise PayloadError("only arrays have a length", where=path)
+    spans: dict[int, list[Span]] = {}
+    elements = spans[id(_walk(_spans(text, spans), field, path))]
+    if count > len(elements):
+        if not elements:
+            raise PayloadError("nothing tells what the elements of an empty array are", where=path)
+        start, end = elements[-1]
+        comma = text[elements[-2][1] : start] if len(elements) > 1 else ","
+        more = comma + text[start:end]
+        check_size(len(payload) + (count - len(elements)) * len(more.encode()), path)
+        return (text[:end] + more * (count - len(elements)) + text[end:]).encode()
+    if count == len(elements):
+        return payload
+    start = elements[count - 1][1] if count else elements[0][0]
+    return (text[:start] + text[elements[-1][1] :]).encode()

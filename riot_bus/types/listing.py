@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,10 @@ from riot_bus.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.types.fields import Described, FieldType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from riot_bus.types.model import MessageType
+    from riot_bus.types.registry import TypeRegistry
 
-    from riot_bus.types.model import Adapter, MessageType
-
-__all__ = ["TypeListing", "describe", "describe_named", "type_names"]
+__all__ = ["TypeListing", "describe", "describe_named"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,30 +43,21 @@ def describe(kind: MessageType) -> TypeListing:
         return TypeListing(kind.name, kind.encoding, problem=error.message)
 
 
-def type_names(adapters: Iterable[Adapter]) -> list[str]:
-    """Return the names of all types that are known, as far as adapters can tell."""
-    found = {"json", "msgpack"}
-    for adapter in adapters:
-        names = getattr(adapter, "type_names", None)
-        if callable(names):
-            found.update(names())
-    return sorted(found)
-
-
-def describe_named(name: str, adapters: Sequence[Adapter]) -> TypeListing:
-    """Return the fields of a type that an adapter knows; `Odometry` will do if only one package has such.
+def describe_named(name: str, registry: TypeRegistry) -> TypeListing:
+    """Return the fields of a type that is known; `Odometry` will do if only one package has such.
 
     Raises:
-        ConfigError: No adapter knows the type.
+        ConfigError: The type is unknown.
     """
-    if name in ("json", "msgpack"):
-        return TypeListing(name, name)
-    known = type_names(adapters)
-    short = [each for each in known if each.rpartition("/")[2].lower() == name.rpartition("/")[2].lower()]
-    for candidate in (name, *(short if len(short) == 1 and "/" not in name else ())):
-        for adapter in adapters:
-            found = adapter.type_named(candidate)
-            if found is not None:
-                return describe(found)
+    known = registry.type_names()
+    short = [each for each in known if _short(each) == _short(name)]
+    for candidate in (name, *(short if len(short) == 1 and name.isidentifier() else ())):
+        found = registry.type_named(candidate)
+        if found is not None:
+            return describe(found)
     hint = f"did you mean {' or '.join(map(repr, short[:3]))}?" if short else did_you_mean(name, known)
     raise ConfigError(f"unknown message type {name!r}", hint=hint)
+
+
+def _short(name: str) -> str:
+    return re.split(r"[/.]", name)[-1].lower()

@@ -17,17 +17,30 @@ if TYPE_CHECKING:
     from riot_bus.trial import Scalar
 
 __all__ = [
+    "MOST_BYTES",
+    "REBUILD",
     "ROOT",
     "Adapter",
     "FieldPath",
+    "Keyed",
     "Leaf",
     "MessageType",
     "Schema",
     "TopicName",
+    "TypeSource",
+    "check_size",
     "member_path",
     "parse_path",
+    "wanted_length",
+    "why_opaque",
     "wrap_integer",
 ]
+
+MOST_BYTES = 1 << 26
+"""No payload is made larger than this."""
+
+REBUILD = "this changes the size of the payload; `rebuild` does so"
+"""Hint of what `MessageType.patch` refuses and `MessageType.rebuild` does."""
 
 ROOT = "value"
 """What the whole of a payload is called that is no map: `value`, `value[3]`, `len(value)`."""
@@ -67,7 +80,7 @@ class TopicName:
 
 @runtime_checkable
 class MessageType(Protocol):
-    """Reads and patches the payloads of one type. Never raises on hostile bytes but `PayloadError`."""
+    """Reads and changes the payloads of one type. Never raises on hostile bytes but `PayloadError`."""
 
     @property
     def name(self) -> str:
@@ -91,33 +104,56 @@ class MessageType(Protocol):
             payload: One message.
             elements: Of each array or sequence at most so many elements are listed; for sequences of variable
                 length also the pseudo-field `len(path)`.
+
+        Raises:
+            PayloadError: The payload is opaque.
+        """
+        ...
+
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart, None if it can; never raises.
+
+        Where there is a reason, `leaves` raises it. `why_opaque` does this for any type.
         """
         ...
 
     def read(self, payload: bytes, path: str) -> Scalar:
-        """Return one field's value (`len(path)` for a length)."""
+        """Return one field's value (`len(path)` for a length).
+
+        Raises:
+            PayloadError: There is no such field.
+        """
         ...
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced in place; every other byte stays as it is.
 
         Integers outside the type's range wrap to its bit width; floats that overflow become infinite.
+
+        Raises:
+            PayloadError: There is no such field, the value is of another kind, or it does not fit in place; then
+                `rebuild` can do it.
+        """
+        ...
+
+    def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with fields changed that may change its size; what fits is patched in place.
+
+        Besides what `patch` does: text and bytes of any size, and lengths of sequences (`len(path)`), which are changed
+        before scalars. Elements are cut from the end or added there; new ones repeat the last one, and are zero or
+        empty if there was none. Bounds that the type declares are not enforced.
+
+        Raises:
+            PayloadError: There is no such field, the value is of another kind, or the result exceeds `MOST_BYTES`.
         """
         ...
 
 
-class Adapter(Protocol):
-    """What a middleware or protocol brings: naming of topics and types of messages."""
+@runtime_checkable
+class TypeSource(Protocol):
+    """What knows types by name and by the schemas of logs: an adapter, or an encoding whose types are defined apart."""
 
     name: str
-
-    def topic(self, key: str) -> TopicName | None:
-        """Return how people call this key, None if it is not of this adapter's kind."""
-        ...
-
-    def key_expression(self, topic: str) -> str | None:
-        """Return the key expression that a topic name stands for, None if the name is not of this adapter's kind."""
-        ...
 
     def load(self, files: Sequence[Path]) -> None:
         """Take in type definitions that the user named; raises ConfigError with the place of an error."""
@@ -130,6 +166,49 @@ class Adapter(Protocol):
     def type_of_schema(self, schema: Schema) -> MessageType | None:
         """Return a type from a log's schema, None if it is of another kind or cannot be parsed."""
         ...
+
+
+class Adapter(TypeSource, Protocol):
+    """What a middleware or protocol brings: naming of topics and types of messages."""
+
+    def topic(self, key: str) -> TopicName | None:
+        """Return how people call this key, None if it is not of this adapter's kind."""
+        ...
+
+    def key_expression(self, topic: str) -> str | None:
+        """Return the key expression that a topic name stands for, None if the name is not of this adapter's kind."""
+        ...
+
+
+@runtime_checkable
+class Keyed(Protocol):
+    """What an adapter can do besides `Adapter`, if keys say more of a type than its name, such as a hash."""
+
+    def type_of_key(self, key: str) -> MessageType | None:
+        """Return the type that a key names, None if the key names none that is known."""
+        ...
+
+
+def why_opaque(kind: MessageType, payload: bytes) -> str | None:
+    """Return why a payload cannot be taken apart, None if it can: what `MessageType.opaque` does, if slowly."""
+    try:
+        kind.leaves(payload)
+    except PayloadError as error:
+        return error.message
+    return None
+
+
+def wanted_length(value: Scalar, path: str) -> int:
+    """Return a value that a length is to be set to; raises PayloadError if it is none."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 32:
+        raise PayloadError(f"{value!r} is no length", where=path, hint="write an integer from 0 to 4294967295")
+    return value
+
+
+def check_size(size: int, path: str = "") -> None:
+    """Raise PayloadError if a payload would get too large."""
+    if size > MOST_BYTES:
+        raise PayloadError(f"a payload of {size} bytes is over the limit of {MOST_BYTES}", where=path or None)
 
 
 @dataclass(frozen=True, slots=True)

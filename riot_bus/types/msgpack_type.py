@@ -1,27 +1,23 @@
 """MessagePack payloads: a scanner finds each scalar's span of bytes, so that a patch touches nothing else.
 
-Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Map keys that are integers are written `[3]`; entries
-with keys of other kinds than string and integer, nil and extension types are no fields. Of duplicate keys the last one
-counts; a payload that is no map is called `value`.
+Format: https://github.com/msgpack/msgpack/blob/master/spec.md. Extension types are no fields.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError, did_you_mean
-from riot_bus.types.model import ROOT, Leaf, Schema, member_path, parse_path, wrap_integer
+from riot_bus.errors import PayloadError
+from riot_bus.types.document import DocumentType, Item
+from riot_bus.types.model import wrap_integer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
     from riot_bus.trial import Scalar
 
 __all__ = ["MsgpackType", "is_container"]
 
-_MAX_DEPTH = 64
 
 # Code -> (kind, size of the number that follows the code); the number is a count for everything but numbers.
 _CODES: dict[int, tuple[str, int]] = {
@@ -47,62 +43,59 @@ def _whole_size(code: int) -> int:
 _SIZES = tuple(map(_whole_size, range(256)))
 
 
-class Item(NamedTuple):
-    """One item's head: from `start`, a scalar from `body` to `end`, `entries` of a container."""
-
-    kind: str
-    start: int
-    body: int
-    end: int
-    entries: int = 0
-
-
-class MsgpackType:
+class MsgpackType(DocumentType):
     """Every MessagePack document: the payload describes itself."""
 
     name = "msgpack"
     encoding = "msgpack"
-    schema: Schema | None = None
+    title = "MessagePack"
 
-    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
-        """List the scalar fields in payload order."""
-        root = _head(payload, 0)
-        if _skip(payload, 0) != len(payload):
-            raise PayloadError("bytes follow the MessagePack document")
-        found: list[Leaf] = []
-        _collect(payload, root, "" if root.kind == "map" else ROOT, elements, 0, found)
-        return found
+    def head(self, payload: bytes, at: int) -> Item:
+        """Return the item that begins here."""
+        return _head(payload, at)
 
-    def read(self, payload: bytes, path: str) -> Scalar:
-        """Return one field's value (`len(path)` for the length of an array)."""
-        item = _find(payload, path)
-        if parse_path(path).length:
-            if item.kind != "array":
-                raise PayloadError("only arrays have a length", where=path)
-            _skip(payload, item.start)
-            return item.entries
-        value = _value(payload, item)
-        if value is None:
-            raise PayloadError(f"{item.kind} is no scalar field", where=path)
-        return value
+    def skip(self, payload: bytes, at: int) -> int:
+        """Return where the item that begins here ends."""
+        return _skip(payload, at)
 
-    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
-        """Return the payload with some scalars replaced; every byte outside of them stays as it is.
+    def value(self, payload: bytes, item: Item) -> Scalar | None:
+        """Return a scalar's value; text that is no UTF-8 becomes surrogates."""
+        code = payload[item.start]
+        data = payload[item.body : item.end]
+        match item.kind:
+            case "bool":
+                return code == 0xC3
+            case "uint":
+                return int.from_bytes(data, "big") if data else code
+            case "int":
+                return int.from_bytes(data, "big", signed=True) if data else code - 0x100
+            case "float":
+                return float(struct.unpack(">f" if code == 0xCA else ">d", data)[0])
+            case "str":
+                return data.decode(errors="surrogateescape")
+            case "bin":
+                return data
+        return None
 
-        Numbers keep their format where the new value fits, else they get the next wider one; integers outside of
-        MessagePack's 64 bits wrap. A float may be written into an integer, as encoders shorten 1.0 to 1.
-        """
-        splices: dict[tuple[int, int], bytes] = {}
-        for path, value in changes.items():
-            if parse_path(path).length:
-                raise PayloadError("a length cannot be patched in place", where=path)
-            item = _find(payload, path)
-            if _value(payload, item) is None:
-                raise PayloadError(f"{item.kind} is no scalar field", where=path)
-            splices[item.start, item.end] = _encode(payload[item.start], item.kind, value, path)
-        for (start, end), data in sorted(splices.items(), reverse=True):
-            payload = payload[:start] + data + payload[end:]
-        return payload
+    def leaf_type(self, payload: bytes, item: Item, value: Scalar) -> str:
+        """Return the type of a scalar."""
+        if item.kind == "float":
+            return "float32" if payload[item.start] == 0xCA else "float64"
+        if isinstance(value, int) and item.kind != "bool":
+            return "uint64" if value >> 63 > 0 else "int64"
+        return {"bool": "bool", "str": "string", "bin": "bytes"}[item.kind]
+
+    def encode(self, payload: bytes, item: Item, value: Scalar, path: str) -> bytes:
+        """Return the item that replaces a scalar."""
+        return _encode(payload[item.start], item.kind, value, path)
+
+    def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
+        """Return the head of an array, with a count as wide as before where it fits."""
+        size = item.body - item.start - 1
+        if not size and count < 16:
+            return bytes([0x90 | count])
+        size = 2 if size < 4 and count < 1 << 16 else 4
+        return bytes([0xDC if size == 2 else 0xDD]) + count.to_bytes(size, "big")
 
 
 def is_container(payload: bytes) -> bool:
@@ -158,86 +151,6 @@ def _skip(payload: bytes, at: int) -> int:
     if at > len(payload):
         raise PayloadError(f"MessagePack ends beyond the payload of {len(payload)} bytes")
     return at
-
-
-def _members(payload: bytes, item: Item) -> Iterator[tuple[str | int | None, int]]:
-    """Yield each entry of a map: its key (None if of another kind) and where its value begins."""
-    at = item.body
-    for _ in range(item.entries):
-        key = _head(payload, at)
-        value = _value(payload, key) if key.kind in ("str", "int", "uint") else None
-        at = _skip(payload, at)
-        yield (value if isinstance(value, str | int) else None), at
-        at = _skip(payload, at)
-
-
-def _find(payload: bytes, path: str) -> Item:
-    item = _head(payload, 0)
-    steps = parse_path(path).steps
-    if item.kind != "map":
-        if steps[0] != ROOT:
-            raise PayloadError(f"the payload is no map; its path begins with {ROOT!r}", where=path)
-        steps = steps[1:]
-    for step in steps:
-        if item.kind == "array" and isinstance(step, int):
-            if not 0 <= step < item.entries:
-                raise PayloadError(f"no element {step} in an array of {item.entries}", where=path)
-            at = item.body
-            for _ in range(step):
-                at = _skip(payload, at)
-        else:
-            members = dict(_members(payload, item)) if item.kind == "map" else {}
-            if step not in members:
-                known = [key for key in members if isinstance(key, str)]
-                raise PayloadError(f"no field {step!r}", where=path, hint=did_you_mean(str(step), known))
-            at = members[step]
-        item = _head(payload, at)
-    return item
-
-
-def _value(payload: bytes, item: Item) -> Scalar | None:
-    code = payload[item.start]
-    data = payload[item.body : item.end]
-    match item.kind:
-        case "bool":
-            return code == 0xC3
-        case "uint":
-            return int.from_bytes(data, "big") if data else code
-        case "int":
-            return int.from_bytes(data, "big", signed=True) if data else code - 0x100
-        case "float":
-            return float(struct.unpack(">f" if code == 0xCA else ">d", data)[0])
-        case "str":
-            return data.decode(errors="surrogateescape")
-        case "bin":
-            return data
-    return None
-
-
-def _collect(payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
-    if depth > _MAX_DEPTH:
-        raise PayloadError(f"MessagePack is nested deeper than {_MAX_DEPTH}")
-    if item.kind == "map":
-        for key, at in dict(_members(payload, item)).items():
-            if key is not None:
-                name = f"{path}[{key}]" if isinstance(key, int) else member_path(path, key)
-                _collect(payload, _head(payload, at), name, elements, depth + 1, found)
-    elif item.kind == "array":
-        found.append(Leaf(f"len({path})", "uint32", item.entries))
-        at = item.body
-        for index in range(min(elements, item.entries)):
-            _collect(payload, _head(payload, at), f"{path}[{index}]", elements, depth + 1, found)
-            at = _skip(payload, at)
-    elif (value := _value(payload, item)) is not None:
-        found.append(Leaf(path, _leaf_type(payload[item.start], item.kind, value), value))
-
-
-def _leaf_type(code: int, kind: str, value: Scalar) -> str:
-    if kind == "float":
-        return "float32" if code == 0xCA else "float64"
-    if isinstance(value, int) and kind != "bool":
-        return "uint64" if value >> 63 > 0 else "int64"
-    return {"bool": "bool", "str": "string", "bin": "bytes"}[kind]
 
 
 def _encode(code: int, kind: str, value: Scalar, path: str) -> bytes:

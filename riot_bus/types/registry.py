@@ -2,43 +2,41 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, TypeVar
 
-from riot_bus.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
+from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.selector import key_matches
-from riot_bus.types.json_type import JsonType
-from riot_bus.types.model import TopicName
-from riot_bus.types.msgpack_type import MsgpackType, is_container
+from riot_bus.types.announcement import Announcing
+from riot_bus.types.codecs import Codecs
+from riot_bus.types.model import Keyed, MessageType, TopicName, TypeSource
+from riot_bus.types.msgpack_type import is_container
 from riot_bus.types.offer import Offering
+from riot_bus.types.serve import Serving, part_of
 from riot_bus.types.stamp import Stamping
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
 
-    from riot_bus.types.model import Adapter, MessageType, Schema
+    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.model import Adapter, Schema
 
-__all__ = ["TypeRegistry", "load_adapters"]
+__all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
 
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
 
 _GROUP = "riot_bus.adapters"
-_BUILT_IN = {"ros2": "riot_bus_ros2.adapter:Ros2Adapter"}
+_VARIABLE = "RIOT_ADAPTERS"
+_BUILT_IN = {
+    "ros2": "riot_bus_ros2.adapter:Ros2Adapter",
+    "ros2dds": "riot_bus_ros2.ros2dds_adapter:Ros2DdsAdapter",
+}
 _CACHED_KEYS = 1 << 14
 
-_JSON = JsonType()
-_MSGPACK = MsgpackType()
-_ENCODINGS: dict[str, MessageType] = {
-    "application/json": _JSON,
-    "text/json": _JSON,
-    "json": _JSON,
-    "application/msgpack": _MSGPACK,
-    "application/x-msgpack": _MSGPACK,
-    "application/vnd.msgpack": _MSGPACK,
-    "msgpack": _MSGPACK,
-}
 _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "text/plain", "application/octet-stream"})
 
 
@@ -48,24 +46,36 @@ class TypeRegistry:
     Args:
         adapters: Asked in this order.
         declared: Type names by topic name or key expression, as in `riot.toml`.
+        definitions: Files that define types; a codec takes those whose ending is its own, the adapters the others.
 
     Raises:
-        ConfigError: A declared type is unknown.
+        ConfigError: A declared type is unknown, or a file does not define one.
+        MissingExtraError: A codec that is needed for them is not installed.
     """
 
-    def __init__(self, adapters: Sequence[Adapter] = (), *, declared: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        adapters: Sequence[Adapter] = (),
+        *,
+        declared: Mapping[str, str] | None = None,
+        definitions: Sequence[Path] = (),
+    ) -> None:
         self._adapters = tuple(adapters)
+        self._codecs = Codecs()
         self._names: dict[str, TopicName] = {}
         self._matches: dict[tuple[str, str], bool] = {}
         self._settled: dict[str, MessageType | None] = {}
         self._inferred: dict[str, MessageType] = {}
         self._from_logs: dict[str, MessageType] = {}
-        self._types: dict[str, MessageType] = {"json": _JSON, "msgpack": _MSGPACK}
+        self._encoded: dict[str, MessageType | None] = {}
+        self._types: dict[str, MessageType] = {}
         self._declared: dict[str, MessageType] = {}
+        self._load(definitions)
         for topic, type_name in (declared or {}).items():
             found = self.type_named(type_name)
             if found is None:
-                hint = did_you_mean(type_name, self._types) if "/" not in type_name else None
+                known = {*self._types, *self.type_names()}
+                hint = did_you_mean(type_name, known) if "/" not in type_name else None
                 raise ConfigError(
                     f"unknown message type {type_name!r}", where=topic, hint=hint or "name its definition files"
                 )
@@ -77,6 +87,9 @@ class TypeRegistry:
 
     def key_expression(self, topic: str) -> str:
         """Return the key expression to subscribe to for a topic name; key expressions stay as they are."""
+        call = part_of(topic)
+        if call is not None:
+            return f"{self.key_expression(call[0])}/{call[1]}"
         for adapter in self._adapters:
             expression = adapter.key_expression(topic)
             if expression is not None:
@@ -97,7 +110,8 @@ class TypeRegistry:
     def type_of(self, key: str, *, payload: bytes | None = None, encoding: str = "") -> MessageType | None:
         """Return the type of the key's messages, None if nothing tells.
 
-        In order: declared, named by the key, from a log's schema, named by the encoding, inferred from the payload.
+        In order: declared, from a log's schema for this key, named by the key, from a log's schema for a topic of its
+        name, named by the encoding, inferred from the payload.
 
         Args:
             key: Key of a message.
@@ -115,7 +129,7 @@ class TypeRegistry:
             return self._by_encoding(encoding)
         inferred = self._inferred.get(key)
         if inferred is None and payload is not None:
-            inferred = _infer(payload)
+            inferred = self._infer(payload)
             if inferred is not None:
                 _remember(self._inferred, key, inferred)
         return inferred
@@ -129,16 +143,41 @@ class TypeRegistry:
             encoding: The channel's message encoding.
 
         Returns:
-            The type, None if no adapter understands the schema.
+            The type, None if neither a codec nor an adapter understands the schema.
         """
-        found = _ENCODINGS.get(encoding)
+        codec = self._codecs.of_encoding(encoding)
+        found = codec if isinstance(codec, MessageType) else None
+        if found is None and isinstance(codec, TypeSource):
+            found = codec.type_of_schema(schema)
         for adapter in self._adapters:
             found = found or adapter.type_of_schema(schema)
         if found is not None:
             self._from_logs[key_or_topic] = found
             self._types.setdefault(found.name, found)
             self._settled.clear()
+            self._encoded.clear()
         return found
+
+    def announcements(self) -> list[str]:
+        """Return the key expressions of the liveliness tokens that adapters understand."""
+        return list(dict.fromkeys(text for each in self._announcing() for text in each.announcements))
+
+    def announcement(self, token: str) -> Announcement | None:
+        """Return what a liveliness token says, None if no adapter knows; an adapter may learn a key's type from it."""
+        for adapter in self._announcing():
+            found = adapter.announcement(token)
+            if found is not None:
+                self._names.pop(found.key, None)
+                self._settled.pop(found.key, None)
+                return found
+        return None
+
+    def _announcing(self) -> list[Announcing]:
+        return [each for each in self._adapters if isinstance(each, Announcing)]
+
+    def servings(self) -> list[Serving]:
+        """Return the adapters that know services."""
+        return [each for each in self._adapters if isinstance(each, Serving)]
 
     def offerings(self) -> list[Offering]:
         """Return the adapters that say how topics are published."""
@@ -156,22 +195,45 @@ class TypeRegistry:
         return None
 
     def type_named(self, name: str) -> MessageType | None:
-        """Return the type of this name, None if no adapter and no log has it."""
+        """Return the type of this name, None if no codec, no adapter and no log has it.
+
+        Raises:
+            ConfigError: It is a codec's name, and the codec cannot be loaded.
+        """
         found = self._types.get(name)
         if found is None:
-            for adapter in self._adapters:
-                found = found or adapter.type_named(name)
-            if found is not None:
+            found = self._of_codec(name)
+            for source in self._sources() if found is None else ():
+                found = found or source.type_named(name)
+            if found is not None and "(" not in name:
                 self._types[name] = found
         return found
+
+    def type_names(self) -> list[str]:
+        """Return the names of all types that are known, as far as their sources can tell."""
+        found = {name for name in self._codecs.names() if name != "protobuf"}
+        for source in self._sources():
+            names = getattr(source, "type_names", None)
+            found.update(names() if callable(names) else ())
+        return sorted(found)
 
     def _name(self, key: str) -> TopicName:
         name = self._names.get(key)
         if name is None:
-            found = (adapter.topic(key) for adapter in self._adapters)
-            name = next((each for each in found if each is not None), TopicName(key))
+            call = part_of(key)
+            if call is not None:
+                name = self._part(*call)
+            else:
+                found = (adapter.topic(key) for adapter in self._adapters)
+                name = next((each for each in found if each is not None), TopicName(key))
             _remember(self._names, key, name)
         return name
+
+    def _part(self, key: str, part: str) -> TopicName:
+        """Return how people call a part of a service's calls, and its type."""
+        name = self._name(key)
+        types = [each.call_type(name.type_name, part) for each in self.servings() if name.type_name is not None]
+        return TopicName(f"{name.name}/{part}", next((each for each in types if each is not None), None))
 
     def _settle(self, key: str) -> MessageType | None:
         name = self._name(key)
@@ -181,12 +243,60 @@ class TypeRegistry:
         for pattern, declared in self._declared.items():
             if self.matches(pattern, key):
                 return declared
-        by_key = self.type_named(name.type_name) if name.type_name is not None else None
-        return by_key or self._from_logs.get(key) or self._from_logs.get(name.name)
+        return self._from_logs.get(key) or self._by_key(key, name) or self._from_logs.get(name.name)
+
+    def _by_key(self, key: str, name: TopicName) -> MessageType | None:
+        if name.type_name is None:
+            return None
+        keyed = (adapter.type_of_key(key) for adapter in self._adapters if isinstance(adapter, Keyed))
+        return next((found for found in keyed if found is not None), None) or self.type_named(name.type_name)
 
     def _by_encoding(self, encoding: str) -> MessageType | None:
-        base, _, schema = encoding.partition(";")
-        return _ENCODINGS.get(base) or (self.type_named(schema) if schema else None)
+        try:
+            return self._encoded[encoding]
+        except KeyError:
+            base, _, schema = encoding.partition(";")
+            codec = self._codecs.of_encoding(base)
+            found = codec if isinstance(codec, MessageType) else None
+            if found is None and schema:
+                found = self._named_by_peer(schema)
+            _remember(self._encoded, encoding, found)
+            return found
+
+    def _named_by_peer(self, name: str) -> MessageType | None:
+        """Return the type that a message says it has; None also if that makes no sense."""
+        try:
+            return self.type_named(name)
+        except ConfigError:
+            return None
+
+    def _of_codec(self, name: str) -> MessageType | None:
+        codec = self._codecs.of_type(name)
+        if isinstance(codec, TypeSource) and "(" in name:
+            return codec.type_named(name)
+        return codec if isinstance(codec, MessageType) and codec.name == name else None
+
+    def _sources(self) -> list[TypeSource]:
+        return [*self._adapters, *(each for each in self._codecs.loaded() if isinstance(each, TypeSource))]
+
+    def _load(self, definitions: Sequence[Path]) -> None:
+        others = []
+        for file in definitions:
+            source = self._codecs.of_file(file)
+            if source is None:
+                others.append(file)
+            else:
+                source.load([file])
+        for adapter in self._adapters if others else ():
+            adapter.load(others)
+
+    def _infer(self, payload: bytes) -> MessageType | None:
+        if is_container(payload):
+            return self.type_named("msgpack")
+        if payload.lstrip(b" \t\r\n")[:1] in (b"{", b"["):
+            found = self.type_named("json")
+            return found if found is not None and found.opaque(payload) is None else None
+        return None
 
 
 def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:
@@ -195,47 +305,55 @@ def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:
     cache[key] = value
 
 
-def _infer(payload: bytes) -> MessageType | None:
-    if is_container(payload):
-        return _MSGPACK
-    if payload.lstrip(b" \t\r\n")[:1] in (b"{", b"["):
-        try:
-            _JSON.leaves(payload, elements=0)
-        except PayloadError:
-            return None
-        return _JSON
-    return None
+def chosen_adapters(otherwise: Iterable[str] | None = None) -> list[str] | None:
+    """Return the adapters that the environment's `RIOT_ADAPTERS` names, separated by commas.
+
+    Args:
+        otherwise: What riot.toml names; None for all that are loaded unasked.
+    """
+    named = [name.strip() for name in os.environ.get(_VARIABLE, "").split(",") if name.strip()]
+    return named or (None if otherwise is None else list(otherwise))
 
 
 def load_adapters(names: Iterable[str] | None = None) -> list[Adapter]:
     """Load adapters by the entry points `riot_bus.adapters`.
 
     Args:
-        names: Which; None for all whose dependencies are installed.
+        names: Which, as `NAME` or `NAME:ARGUMENT`; None for those that `RIOT_ADAPTERS` names, else for all whose
+            dependencies are installed and that do not ask to be named (`on_request`).
 
     Raises:
         ConfigError: A named adapter does not exist, or cannot be loaded.
         MissingExtraError: A named adapter lacks its optional dependency.
     """
     targets = _BUILT_IN | {point.name: point.value for point in entry_points(group=_GROUP)}
+    named = chosen_adapters() if names is None else list(names)
     loaded: list[Adapter] = []
-    for name in sorted(targets) if names is None else names:
+    for text in sorted(targets) if named is None else named:
+        name, _, argument = text.partition(":")
         if name not in targets:
             raise ConfigError(f"unknown adapter {name!r}", hint=did_you_mean(name, targets))
+        made = _adapter_class(name, targets[name])
+        if named is None and getattr(made, "on_request", False):
+            continue
         try:
-            loaded.append(_load(name, targets[name]))
+            loaded.append(made(argument) if argument else made())
         except MissingExtraError:
-            if names is not None:
+            if named is not None:
                 raise
+        except TypeError as error:
+            if not argument:
+                raise
+            raise ConfigError(f"adapter {name!r} does not take {argument!r}", hint=f"write {name} alone") from error
     return loaded
 
 
-def _load(name: str, target: str) -> Adapter:
+def _adapter_class(name: str, target: str) -> Callable[..., Adapter]:
     module, _, attribute = target.partition(":")
     try:
-        adapter: Adapter = getattr(import_module(module), attribute)()
+        made: Callable[..., Adapter] = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise ConfigError(
             f"adapter {name!r} cannot be loaded: {error}", where=target, hint="mend or uninstall the package"
         ) from error
-    return adapter
+    return made

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -22,6 +22,7 @@ class RouterProcess:
         arguments: Options.
         endpoints: Where segments listen, by name; by default two on free ports.
         cwd: Working folder.
+        environment: Further variables.
     """
 
     def __init__(
@@ -30,6 +31,7 @@ class RouterProcess:
         endpoints: dict[str, str] | None = None,
         cwd: Path | str | None = None,
         segments: bool = True,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         self.endpoints = endpoints or {"system": free_endpoint(), "unit": free_endpoint()}
         named = [f"--segment={name}={endpoint}" for name, endpoint in self.endpoints.items()] if segments else []
@@ -38,7 +40,7 @@ class RouterProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env=ENVIRONMENT,
+            env={**ENVIRONMENT, **(environment or {})},
             cwd=cwd,
         )
         assert self.process.stdout is not None
@@ -57,10 +59,13 @@ class RouterProcess:
         self.process.communicate(timeout=10)
 
 
-def riot(*arguments: str, cwd: Path | str | None = None) -> tuple[int, str, str]:
+def riot(
+    *arguments: str, cwd: Path | str | None = None, environment: Mapping[str, str] | None = None
+) -> tuple[int, str, str]:
     """Run a command to its end; return exit code, stdout and stderr."""
+    variables = {**ENVIRONMENT, **(environment or {})}
     done = subprocess.run(
-        [*RIOT, *arguments], capture_output=True, text=True, timeout=60, env=ENVIRONMENT, cwd=cwd, check=False
+        [*RIOT, *arguments], capture_output=True, text=True, timeout=60, env=variables, cwd=cwd, check=False
     )
     return done.returncode, done.stdout, done.stderr
 

@@ -14,6 +14,7 @@ from riot_bus.bus.graph.watch import GraphWatch
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
 from riot_bus.errors import EnvironmentFaultError
+from riot_bus.types.registry import TypeRegistry, load_adapters
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -74,7 +75,7 @@ def test_components_are_named_with_process_and_metadata(bus: Bus) -> None:
 
 def test_ros_tokens_tell_nodes_publishers_and_subscribers(bus: Bus) -> None:
     with (
-        GraphWatch(Watched(bus), period=0.05) as watch,
+        GraphWatch(Watched(bus), registry=TypeRegistry(load_adapters(["ros2"])), period=0.05) as watch,
         ZenohProcess("client", bus.endpoint("outside")) as talker,
         ZenohProcess("client", bus.endpoint("inside")) as listener,
     ):

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from riot_bus.bus.runtime import wait_until
+from riot_bus.log.reader import LogReader
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode, install
@@ -194,3 +195,53 @@ def test_graph_names_the_nodes_and_their_topics(python: Path, tmp_path: Path) ->
         assert wait_until(shown, 15, interval=0.1), graph
         (topic,) = [each for each in graph["topics"] if each["key"] == key]
         assert (topic["name"], topic["type_name"], topic["intercepted"]) == ("/chatter", "std_msgs/msg/String", True)
+
+
+SERVICE_PLAN = """
+[[inject]]
+topic = "/add/@request"
+field = "a"
+value = 1000
+where = "b == 3"
+
+[[inject]]
+topic = "/add/@reply"
+field = "sum"
+value = -1
+where = "sum == 5"
+"""
+
+
+@MODES
+@pytest.mark.parametrize("by_plan", [True, False], ids=["by plan", "by option"])
+def test_services_are_intercepted_by_name_and_recorded(
+    python: Path, tmp_path: Path, *, mode: str, by_plan: bool
+) -> None:
+    log, plan = tmp_path / "calls.mcap", tmp_path / "plan.toml"
+    plan.write_text(SERVICE_PLAN)
+    options = [f"--inject={plan}"] if by_plan else ["--intercept-services=/add"]
+    with (
+        RouterProcess(*options, f"--record={log}") as router,
+        nodes(python, router, tmp_path, mode) as (system, unit),
+    ):
+        assert "/add/@request" in router.ready
+        unit.do("serve", "/add")
+        assert wait_until(lambda: "/add" in system.do("services"), 10)
+        found = [system.do("call", "/add", a=1, b=b) for b in (2, 3, 4, 5)]
+        assert found == ([3, 1003, -1, 6] if by_plan else [3, 4, 5, 6])
+        assert system.do("services")["/add"] == ["example_interfaces/srv/AddTwoInts"]
+        assert system.errors() + unit.errors() == ""
+        code, out, err = router.end(signal.SIGTERM)
+        assert (code, err) == (0, "")
+    counts = {line.split()[0]: line.split()[1:] for line in out.splitlines()[1:]}
+    assert counts["/add/@request"][3] == counts["/add/@reply"][3] == counts["/add/@request"][0]
+    with LogReader(log) as reader:
+        types = {topic: schema.name for topic, (schema, _) in reader.schemas.items()}
+        calls = list(reader.messages(topics=["/add/@request", "/add/@reply"]))[-8:]
+    assert types["/add/@request"] == "example_interfaces/srv/AddTwoInts_Request"
+    assert types["/add/@reply"] == "example_interfaces/srv/AddTwoInts_Response"
+    for request, reply in zip(calls[::2], calls[1::2], strict=True):
+        assert request.sequence == reply.sequence
+        assert request.attachment is not None
+        assert reply.attachment is not None
+        assert request.attachment[:8] == reply.attachment[:8]  # the client's own number

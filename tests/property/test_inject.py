@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from riot_bus.errors import ConfigError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.plan import plan_to_toml, read_plan
-from riot_bus.injection import Injection, Signal
+from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.message import Message
 from riot_bus.predicate import parse_predicate
 from riot_bus.types.registry import TypeRegistry
@@ -19,7 +19,7 @@ injections = st.lists(
             Injection,
             topic=st.sampled_from(["a", "b", "*"]),
             field=st.just("x"),
-            value=st.floats(allow_nan=False) | signals,
+            value=st.floats(allow_nan=False) | signals | st.just(Formula("n * 2.0 + x")),
             first=st.integers(0, 5),
             where=st.none() | st.just("n > 3"),
             probability=st.floats(0, 1),

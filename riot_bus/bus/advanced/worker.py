@@ -102,7 +102,7 @@ class Worker:
             except AbandonedError:
                 return
             except Exception:
-                _LOG.exception("an advanced publisher could not be looked after")
+                _LOG.exception("a job of %s failed", self._name)
             with self._changed:
                 if generation == self._generation:
                     self._current = None

@@ -108,6 +108,7 @@ class Selection:
 
     def _take(self, sample: zenoh.Sample) -> None:
         kind: Any = sample.kind
+        self._registry.announcement(str(sample.key_expr))  # which may tell a key's type
         with self._lock:
             if int(kind) != 0:
                 self._tokens.discard(str(sample.key_expr))

@@ -150,7 +150,7 @@ class CaptureService:
                 from riot_bus.bus.graph.watch import GraphWatch
 
                 network = Network(session, lambda: self._intakes)
-                watch = GraphWatch(network, self._take_graph, senders=network.senders, name=self.registry.topic)
+                watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
                 stack.enter_context(watch)
             if options.control:
                 self.name = _free_name(session, options.name)

@@ -6,16 +6,18 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.graph.model import Component, Edge, Graph, Role, Topic, Unknown
+from riot_bus.bus.graph.model import Component, Edge, Graph, Topic, Unknown
 from riot_bus.selector import key_matches
+from riot_bus.types.announcement import Announcement
 
 if TYPE_CHECKING:
     from riot_bus.bus.graph.observations import Observations
-    from riot_bus.bus.graph.tokens import Token
+    from riot_bus.types.announcement import Role
 
 __all__ = ["build"]
 
 _ONLY = "only component"
+_UNTOLD = Announcement("", None, "", "", "", "", "")
 _DECLARED_ROLES: dict[str, Role] = {
     "publisher": "publishes",
     "subscriber": "subscribes",
@@ -153,16 +155,16 @@ class _Builder:
         return result
 
     def topics(self) -> list[Topic]:
-        tokens: dict[str, Token] = {}
+        told: dict[str, Announcement] = {}
         for token in sorted(self.seen.tokens, key=lambda each: (each.type_name, each.topic, each.key)):
-            tokens[token.key] = token
+            told[token.key] = token
         result = []
         for key in {edge.topic for edge in self.edges.values()}:
-            known = tokens.get(key)
+            token = told.get(key, _UNTOLD)
             name = self.seen.name(key)
-            name = known.topic if known is not None and known.topic and name == key else name
-            type_name = known.type_name if known is not None else ""
-            result.append(Topic(key, name, type_name, "*" not in key and self.seen.intercepted(key)))
+            name = token.topic if token.topic and name == key else name
+            intercepted = "*" not in key and self.seen.intercepted(key)
+            result.append(Topic(key, name, token.type_name, intercepted, token.action, token.action_type))
         return result
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping
 
-__all__ = ["Change", "Component", "Edge", "Graph", "Role", "Topic", "Unknown"]
+    from riot_bus.types.announcement import Role
 
-Role = Literal["publishes", "subscribes", "serves", "calls"]
+__all__ = ["Change", "Component", "Edge", "Graph", "Topic", "Unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,16 @@ class Topic:
         name: What people call it.
         type_name: Message type, as far as an announcement tells.
         intercepted: Whether its messages go through the pipeline.
+        action: Name of the action that it belongs to.
+        action_type: Type of that action, as far as its announcement tells.
     """
 
     key: str
     name: str
     type_name: str = ""
     intercepted: bool = False
+    action: str = ""
+    action_type: str = ""
 
 
 @dataclass(frozen=True, slots=True)

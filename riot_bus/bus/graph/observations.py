@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.declarations import Declared
     from riot_bus.bus.graph.processes import Process
-    from riot_bus.bus.graph.tokens import Token
+    from riot_bus.types.announcement import Announcement
 
 __all__ = ["Observations"]
 
@@ -50,7 +50,7 @@ class Observations:
     addresses: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
     owners: Mapping[str, Process] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)
-    tokens: Collection[Token] = ()
+    tokens: Collection[Announcement] = ()
     flows: Mapping[tuple[str, str], int] = field(default_factory=dict)
     rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
     senders: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)

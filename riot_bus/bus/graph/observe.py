@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.declarations import Declared
     from riot_bus.bus.graph.processes import Process
+    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Observer", "WatchedBus"]
 
@@ -60,7 +61,7 @@ class Observer:
         bus: The bus, open.
         changed: Called after each event of Zenoh's.
         senders: Returns the ids that stamped messages, by key and source segment.
-        name: What people call a key.
+        registry: Names keys, and understands tokens.
         processes: Whether to look for the components' processes on this host.
         clock: Seconds that only grow.
     """
@@ -71,15 +72,17 @@ class Observer:
         changed: Callable[[], None],
         *,
         senders: Callable[[], Mapping[Key, Collection[str]]],
-        name: Callable[[str], str],
+        registry: TypeRegistry,
         processes: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.declared: list[Declared] = []
         self._bus = bus
-        self._sources = {segment: SegmentSource(session, changed) for segment, session in bus.sessions.items()}
+        self._sources = {
+            segment: SegmentSource(session, registry, changed) for segment, session in bus.sessions.items()
+        }
         self._senders = senders
-        self._name = name
+        self._name = registry.topic
         self._processes = processes
         self._clock = clock
         self._flows: dict[Key, int] = {}

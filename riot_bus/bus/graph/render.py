@@ -6,6 +6,8 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from riot_bus.bus.graph.folding import folded, names
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -17,6 +19,7 @@ VERSION = 1
 """Version of the JSON format."""
 
 _OUTWARDS = ("publishes", "calls")
+_QUESTIONS = ("serves", "calls")
 
 
 def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
@@ -55,20 +58,21 @@ def changes_json(graph: Graph, changes: Sequence[Change], *, time: int) -> str:
 
 
 def text(graph: Graph) -> str:
-    """Return the graph in columns."""
+    """Return the graph in columns; an action is one topic."""
+    about, graph = names(graph.topics), folded(graph)
     components = [
         (_plain(c.segment) or "-", _plain(c.label), c.mode or "-", _plain(c.zid)[:8], str(c.pid or "-"), _ends(c))
         for c in graph.components
     ]
-    names = {topic.key: topic for topic in graph.topics}
+    topics, called = {topic.key: topic for topic in graph.topics}, names(graph.topics)
     edges = []
     for edge in graph.edges:
-        topic = names.get(edge.topic)
-        name = topic.name if topic is not None else edge.topic
+        topic = topics.get(edge.topic)
+        name = called.get(edge.topic, edge.topic)
         count = f"{edge.messages} ({edge.rate:.1f}/s)" if edge.messages else ""
         who = (_plain(_who(graph, edge)), edge.role, _plain(name), _plain(topic.type_name if topic else ""))
         edges.append((_plain(edge.segment) or "-", *who, count, ", ".join(edge.evidence)))
-    unknown = [(_plain(each.about) or "-", _plain(each.text)) for each in graph.unknown]
+    unknown = [(_plain(about.get(each.about, each.about)) or "-", _plain(each.text)) for each in graph.unknown]
     blocks = [
         _columns(("SEGMENT", "COMPONENT", "MODE", "ID", "PID", "ADDRESS"), components),
         _columns(("SEGMENT", "COMPONENT", "ROLE", "TOPIC", "TYPE", "MESSAGES", "EVIDENCE"), edges),
@@ -78,7 +82,10 @@ def text(graph: Graph) -> str:
 
 
 def mermaid(graph: Graph) -> str:
-    """Return the graph as a Mermaid flowchart: components are boxes in their segments, topics are round."""
+    """Return the graph as a Mermaid flowchart: components are boxes in their segments, topics are round.
+
+    Services and actions are hexagons.
+    """
     drawing = _Drawing(graph)
     lines = ["flowchart LR"]
     for number, (segment, nodes) in enumerate(drawing.segments()):
@@ -87,13 +94,17 @@ def mermaid(graph: Graph) -> str:
         lines += [f'    {node}["{_html(label)}"]' for node, label in nodes]
         if segment:
             lines.append("  end")
-    lines += [f'  {node}(["{_html(label)}"])' for node, label in drawing.topics()]
+    for node, label, asked in drawing.topics():
+        lines.append(f'  {node}{{{{"{_html(label)}"}}}}' if asked else f'  {node}(["{_html(label)}"])')
     lines += [f"  {source} --> {target}" for source, target in drawing.arrows()]
     return "\n".join(lines) + "\n"
 
 
 def dot(graph: Graph) -> str:
-    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses."""
+    """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses.
+
+    Services and actions are hexagons.
+    """
     drawing = _Drawing(graph)
     lines = ["digraph riot {", "  rankdir=LR;"]
     for number, (segment, nodes) in enumerate(drawing.segments()):
@@ -102,7 +113,8 @@ def dot(graph: Graph) -> str:
         lines += [f"    {node} [shape=box, label={_quoted(label)}];" for node, label in nodes]
         if segment:
             lines.append("  }")
-    lines += [f"  {node} [shape=ellipse, label={_quoted(label)}];" for node, label in drawing.topics()]
+    for node, label, asked in drawing.topics():
+        lines.append(f"  {node} [shape={'hexagon' if asked else 'ellipse'}, label={_quoted(label)}];")
     lines += [f"  {source} -> {target};" for source, target in drawing.arrows()]
     return "\n".join([*lines, "}"]) + "\n"
 
@@ -111,7 +123,7 @@ class _Drawing:
     """Nodes under made-up ids, so that no name is ever read as syntax."""
 
     def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+        self.graph = graph = folded(graph)
         self._topic = {topic.key: f"t{number}" for number, topic in enumerate(graph.topics)}
         self._node: dict[tuple[str, str], str] = {}
         self._labels: dict[tuple[str, str], str] = {}
@@ -129,8 +141,10 @@ class _Drawing:
         names = sorted({segment for segment, _ in self._node})
         return [(n, [(self._node[w], self._labels[w]) for w in self._node if w[0] == n]) for n in names]
 
-    def topics(self) -> list[tuple[str, str]]:
-        return [(self._topic[topic.key], topic.name) for topic in self.graph.topics]
+    def topics(self) -> list[tuple[str, str, bool]]:
+        called = names(self.graph.topics)
+        asked = {edge.topic for edge in self.graph.edges if edge.role in _QUESTIONS}
+        return [(self._topic[topic.key], called[topic.key], topic.key in asked) for topic in self.graph.topics]
 
     def arrows(self) -> list[tuple[str, str]]:
         arrows: dict[tuple[str, str], None] = {}

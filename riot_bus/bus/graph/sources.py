@@ -15,13 +15,16 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.graph.tokens import EXPRESSIONS, Token, parse_token
+from riot_bus.bus.graph.tokens import expressions, parse_token
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     import zenoh
+
+    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["AdminView", "SegmentSource", "admin_views"]
 
@@ -97,17 +100,19 @@ class SegmentSource:
 
     Args:
         session: The segment's own session.
+        registry: Understands tokens.
         changed: Called on a thread of Zenoh's after each event; must return at once.
     """
 
-    def __init__(self, session: zenoh.Session, changed: Callable[[], None]) -> None:
+    def __init__(self, session: zenoh.Session, registry: TypeRegistry, changed: Callable[[], None]) -> None:
         self.session = session
+        self._registry = registry
         self.zid = str(session.info.zid())
         self._changed = changed
         self._lock = threading.Lock()
         self._modes: dict[str, str] = {}
         self._addresses: defaultdict[str, set[str]] = defaultdict(set)
-        self._tokens: dict[str, Token] = {}
+        self._tokens: dict[str, Announcement] = {}
         self._publishers: dict[str, Any] = {}
         self._listeners: list[Any] = []
 
@@ -117,7 +122,7 @@ class SegmentSource:
         self._listeners = [
             info.declare_transport_events_listener(self._transport, history=True),
             info.declare_link_events_listener(self._link, history=True),
-            *(liveliness.declare_subscriber(each, self._token, history=True) for each in EXPRESSIONS),
+            *(liveliness.declare_subscriber(each, self._token, history=True) for each in expressions(self._registry)),
         ]
 
     def stop(self) -> None:
@@ -137,7 +142,7 @@ class SegmentSource:
         with self._lock:
             return {zid: sorted(ends) for zid, ends in self._addresses.items() if ends}
 
-    def tokens(self) -> list[Token]:
+    def tokens(self) -> list[Announcement]:
         """Return what is announced, in this segment and whatever is joined to it."""
         with self._lock:
             return list(self._tokens.values())
@@ -177,7 +182,7 @@ class SegmentSource:
 
     def _token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        token = parse_token(key)
+        token = parse_token(key, self._registry)
         if token is None:
             return
         with self._lock:

@@ -12,6 +12,7 @@ from riot_bus.bus.graph.declarations import declarations
 from riot_bus.bus.graph.model import Graph
 from riot_bus.bus.graph.observe import Observer
 from riot_bus.errors import EnvironmentFaultError
+from riot_bus.types.registry import TypeRegistry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -39,7 +40,7 @@ class GraphWatch:
         callback: Called with each new graph and what changed, one call at a time; what it raises is logged.
         senders: Returns the ids that stamped messages, by key and source segment. A component stamps its messages if
             its configuration says `timestamping/enabled`; each stamp holds its id.
-        name: What people call a key.
+        registry: Names keys, and understands tokens.
         period: Seconds.
         processes: Whether to look for the components' processes on this host.
     """
@@ -50,14 +51,16 @@ class GraphWatch:
         callback: Callable[[Graph, tuple[Change, ...]], None] | None = None,
         *,
         senders: Callable[[], Mapping[tuple[str, str], Collection[str]]] = dict,
-        name: Callable[[str], str] = str,
+        registry: TypeRegistry | None = None,
         period: float = 1.0,
         processes: bool = True,
     ) -> None:
         self._bus = bus
         self._callback = callback
         self._period = period
-        self._observer = Observer(bus, self._event, senders=senders, name=name, processes=processes)
+        self._observer = Observer(
+            bus, self._event, senders=senders, registry=registry or TypeRegistry(), processes=processes
+        )
         self._graph = Graph()
         self._new = threading.Condition()
         self._wake = threading.Event()

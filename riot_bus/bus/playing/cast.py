@@ -10,6 +10,7 @@ from riot_bus.bus.runtime import canonical
 from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.log.naming import means, parse_remaps, renamed
 from riot_bus.types.offer import Offer, Offering
+from riot_bus.types.serve import part_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -86,7 +87,7 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
 
 
 def _is_wanted(topic: RecordedTopic, options: PlayOptions) -> bool:
-    if options.topics and not any(means(text, topic) for text in options.topics):
+    if part_of(topic.key) is not None or (options.topics and not any(means(text, topic) for text in options.topics)):
         return False
     return not any(means(text, topic) for text in options.exclude)
 
@@ -96,6 +97,9 @@ def _check_known(texts: Iterable[str], topics: Sequence[RecordedTopic], where: s
         if topics and not any(means(text, topic) for topic in topics):
             hint = did_you_mean(text, {topic.name for topic in topics})
             raise ConfigError(f"the logs have no topic {text!r}", where=where, hint=hint)
+        if part_of(text) is not None and where == "--topics":
+            hint = "they are kept to be read; a player has nobody to answer"
+            raise ConfigError(f"requests and replies are not played: {text}", where=where, hint=hint)
 
 
 def _offer(topic: RecordedTopic, name: str | None, domain: int | None, offering: Sequence[Offering]) -> Offer:

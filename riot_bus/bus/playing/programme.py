@@ -57,9 +57,8 @@ class Programme:
             ]
             self.readers = [reader for recording in self._recordings for reader in recording]
             adapters = load_adapters()
-            for adapter in adapters if options.definitions else ():
-                adapter.load(options.definitions)
-            self.registry = TypeRegistry(adapters, declared=parse_types(options.types))
+            declared = parse_types(options.types)
+            self.registry = TypeRegistry(adapters, declared=declared, definitions=options.definitions)
             self.cast: Cast = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
             self._learn_types()
             merged = self._merged(options)

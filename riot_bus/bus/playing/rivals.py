@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.graph.tokens import EXPRESSIONS, parse_token
+from riot_bus.bus.graph.tokens import expressions, parse_token
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     import zenoh
+
+    from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Rivals"]
 
@@ -25,11 +27,18 @@ class Rivals:
     Args:
         session: Of the player; its own tokens and messages do not count.
         keys: What shall be played.
+        registry: Understands tokens.
         found: Called once for each key with a publisher, with the key and who that is.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Collection[str], found: Callable[[str, str], None]) -> None:
-        self._session, self._keys, self._found = session, keys, found
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Collection[str],
+        registry: TypeRegistry,
+        found: Callable[[str, str], None],
+    ) -> None:
+        self._session, self._keys, self._registry, self._found = session, keys, registry, found
         self._zid = str(session.info.zid())
         self._known: set[str] = set()
         self._lock = threading.Lock()
@@ -41,7 +50,7 @@ class Rivals:
         """Ask for tokens and begin to listen."""
         import zenoh
 
-        for expression in EXPRESSIONS:
+        for expression in expressions(self._registry):
             for reply in self._session.liveliness().get(expression, timeout=_ASK_S):
                 if reply.ok is not None:
                     self._token(str(reply.ok.key_expr))
@@ -60,7 +69,7 @@ class Rivals:
         release(*subscribers)
 
     def _token(self, text: str) -> None:
-        token = parse_token(text)
+        token = parse_token(text, self._registry)
         if token is not None and token.role == "publishes" and token.zid != self._zid and token.key in self._keys:
             self._add(token.key, token.node or f"session {token.zid}")
 

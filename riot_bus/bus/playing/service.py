@@ -145,7 +145,7 @@ class PlayService:
             config = client_config(options.endpoint, extra={**_CONFIG, **options.config})
             session = open_session(config, purpose="player")
             stack.callback(release, session)
-            rivals = Rivals(session, set(cast.offers), self._rival)
+            rivals = Rivals(session, set(cast.offers), self.programme.registry, self._rival)
             rivals.look()
             stack.callback(rivals.close)
             offers = {**cast.offers, **({cast.clock.offer.key: cast.clock.offer} if cast.clock is not None else {})}

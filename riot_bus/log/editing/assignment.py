@@ -1,6 +1,6 @@
 """How fields are changed: `TOPIC:FIELD = VALUE`, or `+=`, `-=`, `*=`, `/=` a number; conditions may follow.
 
-Integers wrap to the bits of their type and floats become infinite when they overflow, as `MessageType.patch` says.
+Integers wrap to the bits of their type and floats become infinite when they overflow, as `MessageType.rebuild` says.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ class Assignment:
     def applied(self, kind: MessageType, payload: bytes) -> bytes:
         """Return the payload with the field changed; raises PayloadError if it has none or the value does not fit."""
         if "[*]" not in self.field:
-            return kind.patch(payload, {self.field: self._changed(kind.read(payload, self.field))})
+            return kind.rebuild(payload, {self.field: self._changed(kind.read(payload, self.field))})
         pattern = _elements(self.field)
         leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
         if not leaves:
             kind.read(payload, f"len({self.field.partition('[*]')[0]})")  # raises if there is no such array
             return payload
-        return kind.patch(payload, {leaf.path: self._changed(leaf.value) for leaf in leaves})
+        return kind.rebuild(payload, {leaf.path: self._changed(leaf.value) for leaf in leaves})
 
     def shortcut(self, kind: MessageType, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return what does the same faster if all messages get one value at one place, else None.

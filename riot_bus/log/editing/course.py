@@ -13,6 +13,7 @@ from riot_bus.types.registry import TypeRegistry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from riot_bus.log.editing.assignment import Assignment
     from riot_bus.log.editing.result import TopicCounts
@@ -90,15 +91,19 @@ class Kinds:
     Args:
         adapters: Returns the adapters; they are not loaded before.
         declared: Type names by topic.
+        definitions: Files that define types.
     """
 
-    def __init__(self, adapters: Callable[[], Sequence[Adapter]], declared: dict[str, str]) -> None:
+    def __init__(
+        self, adapters: Callable[[], Sequence[Adapter]], declared: dict[str, str], definitions: Sequence[Path]
+    ) -> None:
         self._adapters = adapters
         self._declared = declared
+        self._definitions = definitions
 
     def of(self, topic: RecordedTopic, encoding: str, payload: bytes) -> MessageType:
         """Return the type of a channel; raises PayloadError if nothing tells."""
-        registry = TypeRegistry(self._adapters(), declared=self._declared)
+        registry = TypeRegistry(self._adapters(), declared=self._declared, definitions=self._definitions)
         for name in {topic.key, topic.name}:
             if topic.schema.name or topic.encoding:
                 registry.add_schema(name, topic.schema, topic.encoding)

@@ -167,7 +167,7 @@ def _message(batch: Batch, row: int, head: Any, course: Course) -> Message:
     if batch.extras is not None and batch.extras[row] is not None:
         layout.apply_extras(fields, batch.extras[row])
     payload = bytes(batch.buffer[int(batch.start[row]) + MESSAGE_HEAD : int(batch.end[row])])
-    return Message(time, course.topic.key, payload, **fields)
+    return layout.message_of(time, course.topic.key, payload, fields)
 
 
 def _of_items(items: Sequence[tuple[int, _Item]]) -> Batch:

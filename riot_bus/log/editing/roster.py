@@ -60,7 +60,7 @@ class Roster:
         self._changes = [Step(each.selection, each) for each in design.changes]
         self.steps = [*self._keep, *self._drop, *self._changes]
         self._targets = Targets()
-        self._kinds = Kinds(lambda: self.adapters, dict(options.types))
+        self._kinds = Kinds(lambda: self.adapters, dict(options.types), options.definitions)
         self._counts: dict[str, TopicCounts] = {}
         self._numbers: dict[str, list[int]] = {}
         self._by_key: dict[str, int] = {}
@@ -73,16 +73,15 @@ class Roster:
 
     @cached_property
     def adapters(self) -> list[Adapter]:
-        """All that are installed."""
+        """All that are installed; they know the definitions that the user named."""
         found = load_adapters()
-        for adapter in found if self._options.definitions else ():
-            adapter.load(self._options.definitions)
+        TypeRegistry(found, definitions=self._options.definitions)
         return found
 
     @cached_property
     def registry(self) -> TypeRegistry:
         """Knows topics and types by the keys of the inputs."""
-        found = TypeRegistry(self.adapters, declared=self._options.types)
+        found = TypeRegistry(self.adapters, declared=self._options.types, definitions=self._options.definitions)
         for course in self.courses:
             topic = course.topic
             for name in {topic.key, topic.name}:

@@ -40,6 +40,7 @@ def found(values: Any, path: str) -> Any:
 
 
 def main(port: int, folder: Path, name: str) -> None:
+    import numpy
     import zenoh_ros2_sdk as sdk
 
     def define(definitions: dict[str, str]) -> None:
@@ -67,23 +68,33 @@ def main(port: int, folder: Path, name: str) -> None:
 
         return take
 
-    def filled(values: dict[str, Any]) -> dict[str, Any]:
-        vector = sdk.get_message_class("geometry_msgs/msg/Vector3") if "linear" in values else dict
-        return {name: vector(**value) if isinstance(value, dict) else value for name, value in values.items()}
+    def filled(values: dict[str, Any], types: dict[str, str], path: str = "") -> dict[str, Any]:
+        result = {}
+        for each, value in values.items():
+            inner = f"{path}.{each}".strip(".")
+            if isinstance(value, dict):
+                kind = sdk.get_message_class(types.get(inner, "geometry_msgs/msg/Vector3"))
+                result[each] = kind(**filled(value, types, inner))
+            elif isinstance(value, list) and all(isinstance(one, float) for one in value):
+                result[each] = numpy.array(value, dtype=numpy.float64)
+            else:
+                result[each] = value
+        return result
 
     def add(request: Any) -> Any:
         return servers[0].response_msg_class(sum=request.a + request.b)
 
     def run(order: dict[str, Any]) -> Any:
         topic = order.get("topic", "")
-        endpoint = {"topic": topic, "msg_type": order.get("type", "std_msgs/msg/String"), **common}
+        kind = order.get("type", "std_msgs/msg/String")
+        endpoint = {"topic": topic, "msg_type": kind, "domain_id": order.get("domain", 0), **common}
         match order["do"]:
             case "advertise":
                 publishers[topic] = sdk.ROS2Publisher(**endpoint)
                 return publishers[topic].keyexpr
             case "publish":
                 for values in order["messages"]:
-                    publishers[topic].publish(**filled(values))
+                    publishers[topic].publish(**filled(values, order.get("types", {})))
             case "subscribe":
                 qos = LATCHED if order.get("latched") else None
                 subscribers.append(sdk.ROS2Subscriber(callback=collect(topic), qos=qos, **endpoint))
@@ -106,6 +117,8 @@ def main(port: int, folder: Path, name: str) -> None:
                     return [values for where, values in received if where == topic]
             case "serve":
                 servers.append(sdk.ROS2ServiceServer(topic, callback=add, **service))
+            case "ask":
+                servers.append(sdk.ROS2ServiceClient(topic, **service))
             case "call":
                 client = sdk.ROS2ServiceClient(topic, timeout=order.get("timeout", 10.0), **service)
                 answer = client.call(a=order["a"], b=order["b"])

@@ -4,7 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.assemble import RouterOptions, interceptor_list, interceptors_of, parse_types, plan_of, settings_of
+from riot_bus.bus.assemble import (
+    RouterOptions,
+    interceptor_list,
+    interceptors_of,
+    parse_types,
+    plan_of,
+    registry_of,
+    settings_of,
+)
 from riot_bus.bus.component import client_cfg
 from riot_bus.bus.flags import RouterFlags
 from riot_bus.bus.settings import RouterSettings
@@ -63,3 +71,30 @@ def test_settings_of_clients_are_keys_and_values(tmp_path: Path) -> None:
     }
     with pytest.raises(ConfigError, match="write KEY=VALUE"):
         client_cfg(["nonsense"])
+
+
+def test_types_and_adapters_of_riot_toml_count_for_the_router(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    message = tmp_path / "my_msgs/msg/Odd.msg"
+    message.parent.mkdir(parents=True)
+    message.write_text("float64 x\n")
+    (tmp_path / "riot.toml").write_text(
+        "[system]\nadapters = ['ros2dds']\nmessages = ['my_msgs/msg/Odd.msg']\n"
+        "types = { '/odd' = 'my_msgs/msg/Odd', '/odom' = 'nav_msgs/msg/Path' }\n"
+    )
+    registry = registry_of(RouterOptions(system=tmp_path / "riot.toml", types=["/odom=nav_msgs/msg/Odometry"]))
+    assert registry.key_expression("/odd") == "odd"
+    names = [kind.name for key in ("odd", "odom") if (kind := registry.type_of(key)) is not None]
+    assert names == ["my_msgs/msg/Odd", "nav_msgs/msg/Odometry"]
+    monkeypatch.chdir(tmp_path)
+    assert registry_of(RouterOptions()).topic("odd") == "/odd"
+    monkeypatch.setenv("RIOT_ADAPTERS", "ros2")
+    assert registry_of(RouterOptions()).topic("odd") == "odd"
+
+
+@pytest.mark.parametrize(
+    "text", ["system = 1", "[system]\ntypes = 1", "[system]\nmessages = [1]", "[system]\nadapters = 'x'"]
+)
+def test_what_is_not_usable_in_riot_toml(tmp_path: Path, text: str) -> None:
+    (tmp_path / "riot.toml").write_text(text)
+    with pytest.raises(ConfigError, match="not usable"):
+        registry_of(RouterOptions(system=tmp_path / "riot.toml"))

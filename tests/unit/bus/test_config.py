@@ -86,3 +86,12 @@ def test_tokens_that_may_cross_are_not_denied() -> None:
     assert [rule["key_exprs"] for rule in rules if rule["id"] == "cut-tokens"] == [["b/@adv/pub/**"]]
     acl = access_control(["a"], tokens=[])["access_control"]
     assert acl["policies"][0]["rules"] == ["control", "cut", "cut-caches"]
+
+
+def test_selected_services_are_neither_seen_nor_asked_across() -> None:
+    acl = access_control(["a"], services=["calc/*"])["access_control"]
+    (rule,) = [each for each in acl["rules"] if each["id"] == "cut-services"]
+    assert (rule["key_exprs"], rule["permission"]) == (["calc/*"], "deny")
+    assert set(rule["messages"]) == {"query", "reply", "declare_queryable"}
+    assert "cut-services" in acl["policies"][0]["rules"]
+    assert "cut-services" not in access_control(["a"])["access_control"]["policies"][0]["rules"]

@@ -11,7 +11,9 @@ from riot_bus.bus.graph.observations import Observations
 from riot_bus.bus.graph.observe import Observer
 from riot_bus.bus.graph.processes import Process, endpoint_of
 from riot_bus.bus.graph.sources import AdminView
-from riot_bus.bus.graph.tokens import Token, parse_token
+from riot_bus.bus.graph.tokens import ADVANCED, expressions, parse_token
+from riot_bus.types.announcement import Announcement
+from riot_bus.types.registry import TypeRegistry, load_adapters
 
 A, B, C = "aa", "bb", "cc"
 TWO = ("in", "out")
@@ -25,56 +27,34 @@ def texts(graph: Graph) -> str:
     return "\n".join(each.text for each in graph.unknown)
 
 
-def test_ros_tokens_give_nodes_keys_and_types() -> None:
+def test_tokens_are_those_of_adapters_and_of_advanced_publishers() -> None:
+    registry = TypeRegistry(load_adapters(["ros2"]))
+    assert expressions(registry) == ["**/@ros2_lv/**", "@/*/@ros2_lv/**", ADVANCED]
+    assert expressions(TypeRegistry()) == [ADVANCED]
     entity = "@ros2_lv/7/3f2a/0/11/MS/%/%robot1/nav/%robot1%odom/nav_msgs::msg::dds_::Odometry_/RIHS01_ab/::,10:,:,:,,"
-    assert parse_token(entity) == Token(
-        zid="3f2a",
-        role="subscribes",
-        key="7/robot1/odom/nav_msgs::msg::dds_::Odometry_/RIHS01_ab",
-        node="/robot1/nav",
-        topic="/robot1/odom",
-        type_name="nav_msgs/msg/Odometry",
-        source="ros2 token",
-    )
-    node = parse_token("@ros2_lv/0/3f2a/0/0/NN/%/%/talker")
-    assert node is not None
-    assert (node.role, node.node) == (None, "/talker")
-    spaced = parse_token("rb/x/" + entity)
-    assert spaced is not None
-    assert spaced.key.startswith("rb/x/7/robot1/odom/")
-    for kind, role in (("MP", "publishes"), ("SS", "serves"), ("SC", "calls")):
-        other = parse_token(entity.replace("/MS/", f"/{kind}/") + "/backend:metadata")
-        assert other is not None
-        assert other.role == role
-
-
-def test_other_tokens_and_rubbish() -> None:
-    advanced = parse_token("a/**/@adv/sub/3f/12/_")
-    assert advanced is not None
-    assert (advanced.key, advanced.role, advanced.zid) == ("a/**", "subscribes", "3f")
-    bridge = parse_token("@/3f/@ros2_lv/MP/robot§odom/nav_msgs§msg§Odometry/:::,")
+    found = parse_token(entity, registry)
+    assert found is not None
+    assert (found.role, found.node, found.topic) == ("subscribes", "/robot1/nav", "/robot1/odom")
+    assert parse_token(entity, TypeRegistry()) is None
+    bridge = parse_token("@/3f/@ros2_lv/MP/robot§odom/nav_msgs§msg§Odometry/:::,", registry)
     assert bridge is not None
     assert (bridge.key, bridge.type_name) == ("robot/odom", "nav_msgs/msg/Odometry")
-    for text in (
-        "",
-        "a/b",
-        "@ros2_lv",
-        "@ros2_lv/0/3f/0/0/XX/%/%/n/t/y/h",
-        "@ros2_lv/0/3f/0/0/MP/%/%/n",
-        "x/@adv/y/3f/1/_",
-    ):
-        assert parse_token(text) is None
+    advanced = parse_token("a/**/@adv/sub/3f/12/_", registry)
+    assert advanced is not None
+    assert (advanced.key, advanced.role, advanced.zid) == ("a/**", "subscribes", "3f")
+    for text in ("", "a/b", "@ros2_lv", "x/@adv/y/3f/1/_"):
+        assert parse_token(text, registry) is None
 
 
 def test_announced_edges_and_components() -> None:
-    token = Token(A, "publishes", "k", "/talker", "/k", "pkg/msg/T", "ros2 token")
+    token = Announcement(A, "publishes", "k", "/talker", "/k", "pkg/msg/T", "ros2 token")
     seen = Observations(
         segments=TWO,
         sessions={("out", A): "peer", ("in", B): "client"},
         addresses={("out", A): ["tcp/127.0.0.1:5"]},
         owners={"tcp/127.0.0.1:5": Process(17, "talker")},
         names={B: "unit"},
-        tokens={token, Token(C, "subscribes", "k", "", "", "", "advanced token")},
+        tokens={token, Announcement(C, "subscribes", "k", "", "", "", "advanced token")},
         flows={("k", "out"): 12},
         rates={("k", "out"): 3.0},
         intercepted=lambda key: key == "k",
@@ -131,7 +111,7 @@ def test_receivers_are_known_as_far_as_matching_tells() -> None:
 
 
 def test_key_expressions_count_for_the_topics_they_include() -> None:
-    token = Token(A, "subscribes", "a/**", "", "", "", "advanced token")
+    token = Announcement(A, "subscribes", "a/**", "", "", "", "advanced token")
     seen = Observations(TWO, {("in", A): "peer"}, tokens={token}, flows={("a/b", "out"): 1, ("c", "out"): 1})
     graph = build(seen)
     assert [(each.topic, each.zid) for each in graph.edges if each.role == "subscribes"] == [("a/**", A), ("a/b", A)]
@@ -185,7 +165,7 @@ class Flowing:
 def test_of_too_many_keys_the_busiest_are_shown_and_they_stay() -> None:
     flows = {(f"k/{number}", "in"): 1 for number in range(5000)}
     flows["busy", "in"] = 2
-    observer = Observer(Flowing(flows), lambda: None, senders=dict, name=str, processes=False)
+    observer = Observer(Flowing(flows), lambda: None, senders=dict, registry=TypeRegistry(), processes=False)
     graph = build(observer.observe())
     assert len(graph.topics) == 2000
     assert edge(graph, "publishes", "busy")

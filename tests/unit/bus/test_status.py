@@ -113,6 +113,7 @@ def test_status_in_lines_says_all_and_obeys_nothing() -> None:
     ):
         assert part in text, text
     assert "recording: no" in status_lines(status(recording=None, plan=None, counts={}))
+    assert "intercepted services: /add, calc/*" in status_lines(status(services=["/add", "calc/*"]))
 
 
 def test_answers_in_lines() -> None:

@@ -12,7 +12,7 @@ from riot_bus.chain.testcases import load_challenge
 from riot_bus.errors import ConfigError
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
-from riot_bus.injection import Injection, Signal
+from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.log.writer import LogWriter
 from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
@@ -20,6 +20,7 @@ from riot_bus.types.registry import TypeRegistry
 INJECTIONS = (
     Injection("a", "v", math.inf, first=2, last=4, seed=7),
     Injection("a", "w", Signal(1.0, 2.0, 5, 3)),
+    Injection("a", "len(xs)", Formula("2 * n", base="part")),
     Injection("b", "data", b"\x00\xff"),
     Injection("b", fault="drop"),
 )

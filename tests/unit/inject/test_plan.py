@@ -4,7 +4,7 @@ import pytest
 
 from riot_bus.errors import ConfigError
 from riot_bus.inject.plan import plan_to_toml, read_plan
-from riot_bus.injection import Injection, Signal
+from riot_bus.injection import Formula, Injection, Signal
 
 
 @pytest.fixture
@@ -42,6 +42,10 @@ def test_everything_is_read(plan):
             fault = "delay"
             delay = 0.25
             [[inject]]
+            topic = "c"
+            field = "len(data)"
+            formula = "width * height"
+            [[inject]]
             topic = "b"
             field = "blob"
             value = { hex = "00ff" }
@@ -54,7 +58,8 @@ def test_everything_is_read(plan):
     assert injections[1].value == Signal(1.0, 2.0, 3, 7)
     assert injections[1].seed == 9
     assert injections[2] == Injection("b", fault="delay", delay=0.25, seed=7)
-    assert injections[3].value == b"\x00\xff"
+    assert injections[3] == Injection("c", "len(data)", Formula("width * height"), seed=7)
+    assert injections[4].value == b"\x00\xff"
 
 
 def test_round_trip(plan):
@@ -66,6 +71,8 @@ def test_round_trip(plan):
         Injection("a", "n", -(2**63)),
         Injection("a", "x", float("-inf")),
         Injection("a", "x", Signal(1.0, 0.5, 2, 11, integer=True)),
+        Injection("a", "len(x)", Formula("2 * len(x) + 1")),
+        Injection("a", "b[0].x", Formula("name == 'a\"b'", base="b[0]")),
         Injection("a", fault="drop", probability=0.25),
         Injection("a", fault="duplicate", copies=3),
     )
@@ -80,7 +87,7 @@ def test_round_trip(plan):
         ("[[inject]]\ntopic='a'\nfield='x'\nsignal={center=1,amplitude=1,hld=2}", "inject[0].signal.hld", "'hold'"),
         ("[[inject]]\nfield='x'\nvalue=1", "inject[0].topic", "required"),
         ("[[inject]]\ntopic='a'\nvalue=1", "inject[0]", "which field"),
-        ("[[inject]]\ntopic='a'\nfield='x'", "inject[0]", "either value or signal"),
+        ("[[inject]]\ntopic='a'\nfield='x'", "inject[0]", "either value, signal or formula"),
         ("[[inject]]\ntopic='a'\nfault='dorp'", "inject[0].fault", "did you mean 'drop'"),
         ("[[inject]]\ntopic='a'\nfault='drop'\nfield='x'", "inject[0]", "takes no field"),
         ("[[inject]]\ntopic='a'\nfault='delay'", "inject[0]", "delay = SECONDS"),
@@ -91,6 +98,9 @@ def test_round_trip(plan):
         ("[[inject]]\ntopic='a'\nfault='drop'\nwhere='mode = 2'", "inject[0].where", "="),
         ("[[inject]]\ntopic='/a:x'\nfault='drop'", "inject[0].topic", "field = "),
         ("[[inject]]\ntopic='a'\nfield='x y'\nvalue=1", "inject[0].field", "field path"),
+        ("[[inject]]\ntopic='a'\nfield='x'\nformula='y +'", "inject[0].formula", "cannot read"),
+        ("[[inject]]\ntopic='a'\nfield='x'\nformula={txt='y'}", "inject[0].formula.txt", "did you mean 'text'"),
+        ("[[inject]]\ntopic='a'\nfield='x'\nformula='y'\nvalue=1", "inject[0]", "either value, signal or formula"),
         ("[[inject]\n", "plan.toml", "not a TOML file"),
     ],
 )

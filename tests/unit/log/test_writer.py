@@ -17,6 +17,7 @@ from riot_bus.log.writer import LogWriter, LostMessagesError
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.types.serve import Request
 
 ODD = [
     Message(10, "a", b"1", sequence=1),
@@ -455,3 +456,28 @@ def test_whatever_goes_wrong_with_a_chunk_what_is_lost_is_named(tmp_path, monkey
     with LogReader(path) as reader:
         assert len(list(reader.messages())) == 2
         assert not reader.loss
+
+
+def test_calls_have_channels_of_their_own_with_names_that_are_valid_elsewhere(tmp_path):
+    path = tmp_path / "a.mcap"
+    written = [
+        Request(1, "calc/add/@request", b"a", sequence=1, parameters="x=1"),
+        Request(2, "calc/add/@request", b"b", sequence=2),
+        Message(3, "calc/add/@reply", b"", kind="delete", sequence=1, attachment=b"x"),
+        Message(4, "calc/add/@error", b"no", sequence=2),
+    ]
+    with LogWriter(path) as writer:
+        for message in written:
+            writer.write(message)
+        writer.write(written[0], role="original")
+    with path.open("rb") as file:
+        names = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
+    calls = {"riot/request/calc/add", "riot/reply/calc/add", "riot/error/calc/add"}
+    assert names == {*calls, "riot/original/riot/request/calc/add"}
+    with LogReader(path) as reader:
+        read = list(reader.messages())
+        assert read == [written[0], Message(2, "calc/add/@request", b"b", sequence=2), *written[2:]]
+        assert read[0].parameters == "x=1"
+        assert [each.key for each in reader.messages(topics=["calc/add/@reply"])] == ["calc/add/@reply"]
+        assert list(reader.messages(topics=["**"])) == []
+        assert list(reader.originals()) == written[:1]

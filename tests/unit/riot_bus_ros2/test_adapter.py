@@ -5,6 +5,8 @@ from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry
 from riot_bus_ros2 import store as store_module
 from riot_bus_ros2.adapter import Ros2Adapter
+from riot_bus_ros2.sources import HUMBLE, from_distribution
+from riot_bus_ros2.store import TypeStore
 
 UPDATE = """# part of a map
 std_msgs/Header header
@@ -37,7 +39,8 @@ def adapter():
 def test_topics_and_key_expressions(adapter):
     assert adapter.topic(ODOM) == TopicName("/odom", "nav_msgs/msg/Odometry")
     assert adapter.topic("demo/odom") is None
-    assert adapter.key_expression("/odom") == "*/odom/*/*"
+    assert adapter.topic(adapter.key_expression("/odom")) == TopicName("/odom")
+    assert adapter.key_expression("/odom") == "*/odom/$*::dds_::$*/*/**"
     assert adapter.key_expression("demo/odom") is None
 
 
@@ -45,7 +48,7 @@ def test_types_by_name(adapter):
     odometry = adapter.type_named("nav_msgs/msg/Odometry")
     assert odometry.name == "nav_msgs/msg/Odometry"
     assert adapter.type_named("nav_msgs/Odometry") is odometry
-    for unknown in ("no_such/msg/Type", "json", "std_srvs/srv/Empty", "", "a/b/c/d"):
+    for unknown in ("no_such/msg/Type", "json", "std_srvs/srv/Empty", "std_srvs/srv/No_Request", "", "a/b/c/d"):
         assert adapter.type_named(unknown) is None
 
 
@@ -83,7 +86,7 @@ def test_load_a_type_that_no_distribution_has(adapter, tmp_path):
     ).replace(b"\xff\0\x64", b"\xff\xc8\x64")
     assert update.type_hash.startswith("RIHS01_")
     assert b"int8[] data" in update.schema.data
-    longer = update.patch(UPDATE_PAYLOAD, {"header.frame_id": "odom"})
+    longer = update.rebuild(UPDATE_PAYLOAD, {"header.frame_id": "odom"})
     assert update.read(longer, "header.frame_id") == "odom"
     assert update.read(longer, "data[2]") == 100
 
@@ -155,7 +158,8 @@ def test_an_idl_schema(adapter):
     "schema",
     [
         Schema("a/msg/B", "jsonschema", b"{}"),
-        Schema("a/srv/B_Event", "ros2msg", b"int32 a\n---\nint32 b\n"),
+        Schema("a/msg/B", "ros2msg", b"int32 a\n---\nint32 b\n"),
+        Schema("a/srv/B_Event", "ros2msg", b"int32 a\n---\nint32 b\n---\nint32 c\n"),
         Schema("a/msg/B", "ros2msg", b"\xff\xfe"),
         Schema("a/msg/B\nint32 x", "ros2msg", b"int32 a\n"),
         Schema("a/msg/B", "ros2idl", b"module {"),
@@ -174,3 +178,65 @@ def test_without_rosbags(monkeypatch):
     monkeypatch.setattr(store_module, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError):
         Ros2Adapter()
+
+
+def key_of(name, wanted, topic="x"):
+    package, kind, short = name.split("/")
+    return f"0/{topic}/{package}::{kind}::dds_::{short}_/{wanted}"
+
+
+def test_a_key_names_a_type_with_its_hash(adapter):
+    kind = adapter.type_named("nav_msgs/msg/Odometry")
+    assert adapter.type_of_key(key_of(kind.name, kind.type_hash)) is kind
+    assert adapter.type_of_key(key_of("no_such/msg/Type", kind.type_hash)) is None
+    assert adapter.type_of_key("demo/odom") is None
+    assert adapter.type_of_key(key_of("std_srvs/srv/SetBool", adapter.store.type_hash("std_srvs/srv/SetBool"))) is None
+    feedback = "example_interfaces/action/Fibonacci_FeedbackMessage"
+    found = adapter.type_of_key(key_of(feedback, adapter.store.type_hash(feedback)))
+    paths = ["goal_id.uuid[*]", "len(feedback.sequence)", "feedback.sequence[*]"]
+    assert [field.path for field in found.fields()] == paths
+
+
+def test_a_key_with_another_hash_is_opaque(adapter):
+    kind = adapter.type_of_key(key_of("std_msgs/msg/Bool", "RIHS01_" + "1" * 64))
+    assert kind.name == "std_msgs/msg/Bool"
+    assert "another one than the key's" in kind.opaque(b"\0\1\0\0\1")
+    assert kind.schema.data == b""  # a log must not say otherwise
+    assert adapter.type_named("std_msgs/msg/Bool").opaque(b"\0\1\0\0\1") is None
+
+
+def test_a_key_with_the_hash_of_files_or_of_an_older_distribution(adapter, tmp_path):
+    adapter.load([write(tmp_path, "std_msgs/msg/Bool", "int8 data\n")])
+    loaded = adapter.type_named("std_msgs/msg/Bool")
+    bundled = Ros2Adapter().type_named("std_msgs/msg/Bool")
+    for expected in (loaded, bundled):
+        kind = adapter.type_of_key(key_of("std_msgs/msg/Bool", expected.type_hash))
+        assert kind.leaves(b"\0\1\0\0\1") == expected.leaves(b"\0\1\0\0\1")
+
+
+def test_a_key_without_a_hash_comes_from_humble(adapter):
+    humble = TypeStore(sources=(from_distribution(HUMBLE),))
+    differing = next(
+        name
+        for name in humble.names()
+        if humble.definition(name) is not None and humble.type_hash(name) != adapter.store.type_hash(name)
+    )
+    kind = adapter.type_of_key(key_of(differing, "TypeHashNotSupported"))
+    assert kind.type_hash == humble.type_hash(differing)
+    assert kind.type_hash != adapter.type_named(differing).type_hash
+
+
+def test_parts_of_services_are_types(adapter):
+    request = adapter.type_named("std_srvs/srv/SetBool_Request")
+    assert request.read(b"\0\1\0\0\1", "data") is True
+    assert adapter.type_named("std_srvs/srv/SetBool") is None
+    assert adapter.type_named("tf2_msgs/action/LookupTransform") is None
+    assert adapter.type_named("tf2_msgs/action/LookupTransform_SendGoal") is None
+    assert adapter.type_named("tf2_msgs/action/LookupTransform_SendGoal_Request") is not None
+
+
+def test_recorded_events_of_a_service(adapter):
+    text = b"bool data\n---\nbool success\nstring message\n"
+    kind = adapter.type_of_schema(Schema("std_srvs/srv/SetBool_Event", "ros2msg", text))
+    assert kind.type_hash == adapter.store.type_hash("std_srvs/srv/SetBool_Event")
+    assert next(field.high for field in kind.fields() if field.path == "len(request)") == 1

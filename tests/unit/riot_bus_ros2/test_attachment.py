@@ -56,3 +56,18 @@ def test_hostile_bytes(data):
 def test_numbers_that_do_not_fit(bad):
     with pytest.raises(PayloadError):
         build_attachment(bad)
+
+
+@given(
+    st.builds(
+        Attachment,
+        st.integers(-(1 << 63), (1 << 63) - 1),
+        st.integers(-(1 << 63), (1 << 63) - 1),
+        st.binary(min_size=16, max_size=16),
+        st.sampled_from([1, 2]),
+    )
+)
+def test_what_is_built_is_read(attachment):
+    data = build_attachment(attachment)
+    assert parse_attachment(data) == attachment
+    assert len(data) == {1: 77, 2: 33}[attachment.version]

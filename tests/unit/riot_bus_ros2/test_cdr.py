@@ -1,15 +1,17 @@
 import math
+import re
 import struct
 from pathlib import Path
 
 import pytest
 
 from riot_bus.errors import PayloadError
-from riot_bus.types.model import Leaf, MessageType
+from riot_bus.types.model import REBUILD, Leaf, MessageType
 from riot_bus_ros2 import cdr, cdr_layout, cdr_plan
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
-from riot_bus_ros2.store import TypeStore, parse_msg
+from riot_bus_ros2.definitions import parse_msg
+from riot_bus_ros2.store import TypeStore
 
 RECORDING = Path(__file__).parents[3].parent / "shared" / "data" / "nav2_turtlebot.mcap"
 ODOMETRY = CdrType("nav_msgs/msg/Odometry", TypeStore())
@@ -130,9 +132,13 @@ def test_padding_and_trailing_bytes_stay():
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("text", ["", "a", "hello", "hello world", "é"])
+@pytest.mark.parametrize("text", ["", "a", "hello", "hello world", "éa"])
 def test_a_string_of_another_length_realigns_the_rest(mixed, order, text):
-    patched = mixed.patch(mixed_payload(order), {"s": text, "f": 9.5, "e[0]": -4})
+    changes = {"s": text, "f": 9.5, "e[0]": -4}
+    with pytest.raises(PayloadError) as caught:
+        mixed.patch(mixed_payload(order), changes)
+    assert caught.value.hint == REBUILD
+    patched = mixed.rebuild(mixed_payload(order), changes)
     assert mixed.read(patched, "s") == text
     assert mixed.read(patched, "f") == 9.5
     assert mixed.read(patched, "e[0]") == -4
@@ -153,7 +159,7 @@ def test_strings_in_sequences_of_messages():
         ("inner[0].class", 3),
         ("last", 9),
     ]
-    patched = kind.patch(payload, {"inner[0].names[1]": "longer", "inner[0].class": -1})
+    patched = kind.rebuild(payload, {"inner[0].names[1]": "longer", "inner[0].class": -1})
     assert [leaf.value for leaf in kind.leaves(patched)] == [1, "a", "longer", 1.5, -1, 9]
 
 
@@ -254,14 +260,14 @@ def test_values_that_do_not_fit(mixed, path, value, message):
     ],
 )
 def test_hostile_bytes(mixed, payload):
-    for act in (mixed.leaves, lambda p: mixed.read(p, "f"), lambda p: mixed.patch(p, {"s": "longer text"})):
+    for act in (mixed.leaves, lambda p: mixed.read(p, "f"), lambda p: mixed.rebuild(p, {"s": "longer text"})):
         with pytest.raises(PayloadError):
             act(payload)
 
 
 def test_a_string_without_its_end(mixed):
     payload = mixed_payload().replace(b"hi\0", b"hi!")
-    for act in (mixed.leaves, lambda p: mixed.read(p, "s"), lambda p: mixed.patch(p, {"s": "hello"})):
+    for act in (mixed.leaves, lambda p: mixed.read(p, "s"), lambda p: mixed.rebuild(p, {"s": "hello"})):
         with pytest.raises(PayloadError, match="not terminated"):
             act(payload)
 
@@ -303,23 +309,46 @@ def test_other_encapsulations_are_opaque(mixed, head):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("int8 a\nwstring b\n", "wstring is not supported"),
-        ("int8 a\nAbsent b\n", "type my_pkg/msg/Absent is unknown"),
-        ("int8 a\nTest[] b\n", "contains itself"),
+        ("int8 a\nwstring b\nint8 c\n", r"opaque: wstring is not supported \(my_pkg/msg/Test: b\)"),
+        ("int8 a\nwstring<=5[2] b\nint8 c\n", "opaque: wstring is not supported"),
+        ("int8 a\nAbsent b\nint8 c\n", "opaque: type my_pkg/msg/Absent is unknown"),
+        ("int8 a\nTest[] b\nint8 c\n", "opaque: type my_pkg/msg/Test contains itself"),
     ],
 )
-def test_opaque_types(text, reason):
+def test_opaque_parts(text, reason):
     kind = define(text)
-    with pytest.raises(PayloadError, match=f"my_pkg/msg/Test is opaque: .*{reason}"):
-        kind.leaves(b"\0\1\0\0\0\0\0\0")
+    payload = b"\0\1\0\0\7\0\0\0\1\0\0\0abcd"
+    assert re.match(reason, kind.opaque(payload))
+    for act in (
+        lambda: kind.leaves(payload),
+        kind.fields,
+        lambda: kind.read(payload, "c"),
+        lambda: kind.patch(payload, {"c": 1}),
+    ):
+        with pytest.raises(PayloadError, match=reason):
+            act()
+    assert kind.read(payload, "a") == 7  # what comes before can be reached
+    assert kind.patch(payload, {"a": 1}) == payload.replace(b"\7", b"\1")
+
+
+def test_an_empty_sequence_of_opaque_parts_can_be_passed():
+    kind = define("wstring[] b\nint8 c\n")
+    assert kind.read(b"\0\1\0\0\0\0\0\0\5", "c") == 5
     with pytest.raises(PayloadError, match="opaque"):
-        kind.patch(b"\0\1\0\0\0\0\0\0", {"a": 1})
+        kind.rebuild(b"\0\1\0\0\0\0\0\0\5", {"len(b)": 1})
 
 
-def test_text_that_is_not_utf8_can_be_read(mixed):
-    assert mixed.read(mixed_payload(text=b"\xff\xfe\0"), "s") == "\udcff\udcfe"
-    with pytest.raises(PayloadError, match="does not decode"):
-        mixed.patch(mixed_payload(text=b"\xff\xfe\0"), {"s": "longer"})
+def test_an_unknown_type_is_opaque():
+    kind = CdrType("my_pkg/msg/Absent", TypeStore())
+    assert kind.opaque(b"\0\1\0\0") == "opaque: type my_pkg/msg/Absent is unknown"
+    with pytest.raises(PayloadError, match="my_pkg/msg/Absent"):
+        kind.parts()
+
+
+def test_text_that_is_not_utf8_can_be_read_and_replaced(mixed):
+    payload = mixed_payload(text=b"\xff\xfe\0")
+    assert mixed.read(payload, "s") == "\udcff\udcfe"
+    assert mixed.read(mixed.rebuild(payload, {"s": "longer"}), "s") == "longer"
 
 
 @pytest.mark.skipif(not RECORDING.exists(), reason="no real recording here")

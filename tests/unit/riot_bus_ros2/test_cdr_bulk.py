@@ -17,6 +17,7 @@ from riot_bus.types.bulk import Payloads, gather
 from riot_bus.types.fields import of_numbers
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
+from riot_bus_ros2.definitions import parse_msg
 from riot_bus_ros2.store import TypeStore
 
 ROS2 = Ros2Adapter()
@@ -238,3 +239,26 @@ def test_types_that_nest_without_end_are_listed_at_once():
     assert kind.fields() == []
     with pytest.raises(PayloadError):
         kind.leaves(b"\0\1\0\0" + bytes(100))
+
+
+def test_types_that_nest_without_end_are_passed_at_once():
+    line = "=" * 80
+    text = "".join(f"T{i} a\nT{i} b\nstring[3] s\n{line}\nMSG: pkg/T{i}\n" for i in range(40)) + "uint8 z\n"
+    kind = CdrType("pkg/msg/L0", TypeStore(get_types_from_msg(text, "pkg/msg/L0")))
+    bodies = [b"\0\1\0\0" + bytes(200)] * 3
+    path = f"b.{'a.' * 39}z"
+    found = gather(kind, payloads_of(bodies), path)
+    assert not found.valid.any()
+    with pytest.raises(PayloadError):
+        kind.read(bodies[0], path)
+
+
+def test_opaque_parts_are_left_to_read():
+    text = f"Inner[] inner\nint8 last\n{'=' * 80}\nMSG: pkg/Inner\nwstring text\n"
+    kind = CdrType("pkg/msg/L0", TypeStore(parse_msg(text, "pkg/msg/L0")))
+    bodies = [b"\0\1\0\0\0\0\0\0\5", b"\0\1\0\0\1\0\0\0\1\0\0\0a\0\0\0\5"]
+    found = gather(kind, payloads_of(bodies), "last")
+    assert found.valid.tolist() == [True, False]
+    assert found.values[0] == 5
+    with pytest.raises(PayloadError):
+        list(kind.elements(payloads_of(bodies), "inner"))

@@ -2,7 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_ros2.qos import RosQos, parse_offered
+from riot_bus_ros2.qos import AnnouncedQos, RosQos, parse_offered
+from tests.unit.riot_bus_ros2.ros_names import qos as announced
+from tests.unit.riot_bus_ros2.ros_names import relaxed
 
 NUMBERS = """- history: 1
   depth: {depth}
@@ -70,8 +72,50 @@ def test_token(qos, token):
     assert qos.token() == token
 
 
+@relaxed
 @given(st.text(st.sampled_from("-:0123456789 \nabcdehilprstuvy_"), max_size=300))
 def test_whatever_a_file_says_is_a_publisher(text):
     found = parse_offered(text)
     assert 0 < found.kept <= 65536
     assert found.token().count(":") == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("::,:,:,:,,", AnnouncedQos()),
+        ("::,10:,:,:,,", AnnouncedQos(depth=10)),
+        (":1:,1:,:,:,,", AnnouncedQos(durability=1, depth=1)),
+        ("2:1:2,7:1,5:60,3000:3,3,4", AnnouncedQos(2, 1, 2, 7, (1, 5), (60, 3000), 3, (3, 4))),
+        ("1:2:1,10:0,0:0,0:1,0,0", AnnouncedQos(1, 2, 1, 10, (0, 0), (0, 0), 1, (0, 0))),
+        ("1:2:1,10", AnnouncedQos(depth=10)),
+    ],
+)
+def test_announced(text, expected):
+    assert AnnouncedQos.parse(text) == expected
+
+
+@relaxed
+@given(announced)
+def test_what_is_announced_is_read(qos):
+    assert AnnouncedQos.parse(qos.token()) == qos
+
+
+@relaxed
+@given(announced)
+def test_what_is_announced_is_what_a_bag_offers(qos):
+    found = parse_offered(qos.profile())
+    assert (found.reliable, found.latched, found.keep_all) == (
+        qos.reliability != 2,
+        qos.durability == 1,
+        qos.history == 2,
+    )
+    again = AnnouncedQos.parse(found.token())
+    assert (again.reliability == 2, again.durability == 1) == (qos.reliability == 2, qos.durability == 1)
+
+
+@relaxed
+@given(st.text(st.sampled_from(":,0123456789x-"), max_size=40) | st.text(max_size=20))
+def test_whatever_is_announced_is_some_quality(text):
+    found = AnnouncedQos.parse(text)
+    assert AnnouncedQos.parse(found.token()) == found

@@ -6,7 +6,8 @@ import pytest
 
 from riot_bus.errors import MissingExtraError, PayloadError
 from riot_bus_ros2 import store as store_module
-from riot_bus_ros2.store import DefinitionError, TypeStore, normal_name, parse_idl, parse_msg, require_rosbags
+from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_msg
+from riot_bus_ros2.store import TypeStore, require_rosbags
 
 STORE = TypeStore()
 POINT_IDL = """module my_pkg {
@@ -97,7 +98,7 @@ def test_text_that_does_not_parse(text):
 def test_wstring_is_kept_as_a_base_type():
     own = TypeStore(parse_msg("wstring<=5 a\nwstring b\nwstring[] c\n", "my_pkg/msg/Wide"))
     assert [field.content for field in own.fields("my_pkg/msg/Wide")] == ["wstring"] * 3
-    assert own.schema("my_pkg/msg/Wide").data == b""
+    assert own.schema("my_pkg/msg/Wide").data == b"wstring<=5 a\nwstring b\nwstring[] c\n"
 
 
 def test_idl():

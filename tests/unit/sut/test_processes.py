@@ -15,7 +15,7 @@ import pytest
 
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.sut.launcher import Launcher, Process
-from riot_bus.sut.settling import activity, wait_settled
+from riot_bus.sut.settling import activity, families, wait_settled
 
 Start = Callable[[str], Process]
 
@@ -108,3 +108,13 @@ def test_settling(launcher: Launcher, start: Start) -> None:
     assert not activity([idle.pid]).busy
     assert wait_settled([busy.pid], window=0.05, timeout=20, alive=lambda: False)
     assert activity([2**22 + 1]).switches == 0
+
+
+def test_what_a_component_has_started_counts_too(start: Start) -> None:
+    busy = "import sys; print(flush=True)\nwhile True: pass"
+    code = f"import subprocess,sys,time; subprocess.Popen([sys.executable,'-S','-c',{busy!r}]); time.sleep(60)"
+    process = start(code)
+    assert wait_until(lambda: len(families([process.pid])) == 2 and process.stdout.stat().st_size > 0)
+    assert wait_settled([process.pid], window=0.05, timeout=20)
+    assert not wait_settled(families([process.pid]), window=0.05, timeout=0.5)
+    assert families([2**22 + 1]) == [2**22 + 1]

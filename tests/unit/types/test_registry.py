@@ -91,9 +91,22 @@ def test_declared_types_come_first(toys):
     assert toys.type_of("raw/a/b", encoding="application/msgpack").name == "json"
 
 
-def test_then_the_type_in_the_key(toys):
+def test_then_a_schema_of_a_log_for_the_key(toys):
     toys.add_schema("toy/odom/T", Schema("logged", "toyschema", b""), "toy")
+    assert toys.type_of("toy/odom/T").name == "logged"
+
+
+def test_then_the_type_in_the_key(toys):
+    toys.add_schema("/odom", Schema("logged", "toyschema", b""), "toy")
     assert toys.type_of("toy/odom/T").name == "T"
+
+
+def test_a_key_may_tell_more_than_a_name():
+    adapter = ToyAdapter("T")
+    adapter.type_of_key = {"toy/odom/T": Toy("T of this hash")}.get
+    types = TypeRegistry([adapter])
+    assert types.type_of("toy/odom/T").name == "T of this hash"
+    assert types.type_of("toy/other/T").name == "T"
 
 
 def test_then_a_schema_of_a_log():

@@ -145,3 +145,13 @@ def test_ros_needs_what_knows_ros():
         play(bag("/odom"))
     with pytest.raises(MissingExtraError, match="rosbags"):
         play(own("a"), clock=40.0)
+
+
+def test_requests_and_replies_are_left_out():
+    calls = own("a/x", "calc/add/@request", "calc/add/@reply", "calc/add/@error")
+    assert play(calls).keys == [{"a/x": "a/x"}]
+    with pytest.raises(ConfigError, match="nothing is left to play"):
+        play(calls[1:])
+    with pytest.raises(ConfigError, match="are not played: calc/add/@request"):
+        play(calls, topics=["calc/add/@request"])
+    assert play(calls, exclude=["calc/add/@request"]).keys == [{"a/x": "a/x"}]

@@ -1,0 +1,78 @@
+"""Tokens by which the nodes of a domain are seen on the segment, as if they were rmw_zenoh's."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+from riot_bus_ros2.gid import gid_of
+from riot_bus_ros2.tokens import Endpoint, Node, build_token
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus_ros2.bridge.plan import Announcement
+    from riot_bus_ros2.bridge.port import Closeable, Port
+    from riot_bus_ros2.keys import DataKey
+    from riot_bus_ros2.tokens import EndpointKind
+
+__all__ = ["Announcer"]
+
+
+class Announcer:
+    """Shows tokens and takes them back.
+
+    Args:
+        port: Where.
+        domain: That of the keys.
+
+    Attributes:
+        gids: For the attachments of an endpoint's messages. rclpy does not say which of several publishers has sent a
+            message, so the first stands for all.
+    """
+
+    def __init__(self, port: Port, domain: int) -> None:
+        self._port, self._domain = port, domain
+        self.gids: dict[tuple[EndpointKind, DataKey], bytes] = {}
+        self._shown: dict[Announcement, tuple[str, Closeable]] = {}
+        self._nodes: dict[str, int] = {}
+        self._numbers = itertools.count(1)
+
+    def update(self, wanted: Iterable[Announcement], *, may_show: Callable[[Announcement], bool]) -> None:
+        """Show what is wanted and nothing else.
+
+        Args:
+            wanted: What.
+            may_show: Whether what it promises works already.
+        """
+        present = {each for each in wanted if may_show(each)}
+        for gone in [each for each in self._shown if each not in present]:
+            self._shown.pop(gone)[1].close()
+        for new in sorted(present.difference(self._shown), key=_order):
+            token = self._token(new)
+            self._shown[new] = (token, self._port.announce(token))
+        gids: dict[tuple[EndpointKind, DataKey], bytes] = {}
+        for each in sorted(self._shown, key=_order):
+            if each.kind is not None and each.key is not None:
+                gids.setdefault((each.kind, each.key), gid_of(self._shown[each][0]))
+        self.gids = gids
+
+    def close(self) -> None:
+        """Take all tokens back."""
+        self.update((), may_show=lambda each: False)
+
+    def _token(self, what: Announcement) -> str:
+        if what.node not in self._nodes:
+            self._nodes[what.node] = next(self._numbers)
+        node = Node(self._domain, self._port.zid, self._nodes[what.node], what.node)
+        if what.kind is None or what.key is None:
+            return build_token(node)
+        key = what.key
+        return build_token(
+            Endpoint(node, next(self._numbers), what.kind, key.topic, key.type_name, key.type_hash, what.qos)
+        )
+
+
+def _order(each: Announcement) -> tuple[bool, str, str, str, str]:
+    """Nodes first."""
+    return each.kind is not None, each.node, each.kind or "", each.key.topic if each.key else "", each.gid

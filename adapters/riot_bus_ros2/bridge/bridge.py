@@ -1,0 +1,368 @@
+"""A bridge between a ROS domain and a segment."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import secrets
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus_ros2.bridge.announcer import Announcer
+from riot_bus_ros2.bridge.graph import DomainGraph
+from riot_bus_ros2.bridge.node import NodeProcess
+from riot_bus_ros2.bridge.options import Names
+from riot_bus_ros2.bridge.plan import Plan, plan_of
+from riot_bus_ros2.bridge.services import OfferedService, WantedService
+from riot_bus_ros2.bridge.text import summary_lines
+from riot_bus_ros2.bridge.topics import DownRoute, UpRoute
+from riot_bus_ros2.rclpy_node.frames import Frame, Kind
+from riot_bus_ros2.tokens import Endpoint, parse_token
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from riot_bus.errors import RiotError
+    from riot_bus_ros2.bridge.options import BridgeOptions
+    from riot_bus_ros2.bridge.plan import Announcement, Down, Up
+    from riot_bus_ros2.bridge.port import Port
+    from riot_bus_ros2.keys import DataKey
+
+__all__ = ["Ros2Bridge"]
+
+_LOG = logging.getLogger(__name__)
+_NODE = "riot_bridge_"
+_TOKENS = "@riot/bridge/ros2"
+_LOOK_S = 0.5
+_START_S = 60.0
+_LINGER_S = 2.0  # what the last messages of a publisher that has gone may take
+_MOST_PROBLEMS = 1000
+_MOST_ROUTES = 4096
+_GID = 16
+
+
+class Ros2Bridge:
+    """Bridges while it is open; a context manager.
+
+    One thread decides what is bridged, from what there is on both sides. Messages are carried by those who bring
+    them: the thread that listens to the node, and Zenoh's.
+
+    Args:
+        port: The segment; stays open.
+        options: What to bridge.
+        warn: Told in a line what does not work; called on other threads.
+
+    Attributes:
+        failure: Why it has ended by itself.
+
+    Raises:
+        ConfigError: An option is not usable.
+    """
+
+    def __init__(self, port: Port, options: BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning) -> None:
+        options.check()
+        self.failure: RiotError | None = None
+        self._port, self._options, self._warn = port, options, warn
+        self._names = Names(options)
+        self.name = f"{_NODE}{time.time_ns():016x}{secrets.token_hex(4)}"  # an older bridge has a smaller name
+        self._node = NodeProcess(self.name, options, self._take)
+        self._announcer = Announcer(port, options.zenoh_domain)
+        self._node_says: dict[str, Any] = {}
+        self._graph: DomainGraph | None = None
+        self._segment: dict[str, Endpoint] = {}
+        self._bridges: set[str] = set()
+        self._ups: dict[DataKey, UpRoute] = {}
+        self._downs: dict[DataKey, DownRoute] = {}
+        self._offered: dict[DataKey, OfferedService] = {}
+        self._wanted: dict[DataKey, WantedService] = {}
+        self._by_number: dict[int, UpRoute | OfferedService | WantedService] = {}
+        self._numbers = itertools.count(1)
+        self._absent: dict[int, float] = {}
+        self._gids: frozenset[bytes] = frozenset()
+        self._carried: dict[str, Counter[str]] = {"to_segment": Counter(), "to_domain": Counter(), "calls": Counter()}
+        self._lost: dict[int, tuple[str, int]] = {}
+        self._refused: Counter[str] = Counter()
+        self._problems: dict[str, None] = {}
+        self._stack = ExitStack()
+        self._changed = threading.Condition()
+        self._dirty = False
+        self._settled, self._ended = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="riot-bridge", daemon=True)
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.callback(self._node.close)
+            self._node_says = self._node.start()
+            stack.callback(self._close_routes)
+            stack.callback(self._announcer.close)
+            mine = f"{_TOKENS}/{self._options.zenoh_domain}"
+            for watched, take in (
+                (f"@ros2_lv/{self._options.zenoh_domain}/**", self._see_token),
+                (f"{mine}/*", self._see_bridge),
+            ):
+                stack.callback(self._port.watch(watched, take).close)
+            stack.callback(self._port.announce(f"{mine}/{self.name}").close)
+            self._thread.start()
+            stack.callback(self._join)
+            self._await_first_look()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def _await_first_look(self) -> None:
+        deadline = time.monotonic() + _START_S
+        while not self._settled.wait(_LOOK_S) and not self._ended.is_set():
+            if time.monotonic() > deadline:
+                raise EnvironmentFaultError("the node does not see its ROS domain", where="bridge")
+        if self.failure is not None:
+            raise self.failure
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until it is to end; return whether it is."""
+        return self._ended.wait(timeout)
+
+    def stop(self) -> None:
+        """End soon; for signal handlers, too."""
+        self._ended.set()
+
+    # -- what is going on ---------------------------------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Return what is going on, as JSON values."""
+        carried = {way: counts.copy() for way, counts in self._carried.items()}
+        for way, routes in self._routes():
+            for key, route in routes.copy().items():
+                carried[way][key.topic] += route.count
+        topics = {
+            topic: {way: carried[way][topic] for way in ("to_segment", "to_domain")}
+            for topic in sorted({*carried["to_segment"], *carried["to_domain"]})
+        }
+        return {
+            "domain": self._options.domain,
+            "zenoh_domain": self._options.zenoh_domain,
+            "endpoint": self._port.endpoint,
+            "node": self.name,
+            "rmw": self._node_says.get("rmw", ""),
+            "topics": topics,
+            "services": dict(sorted(carried["calls"].items())),
+            "lost": dict(sorted(self._losses().items())),
+            "refused": dict(sorted(self._refused.copy().items())),
+            "problems": list(self._problems),
+        }
+
+    def ready(self) -> str:
+        """Return a line that says what is bridged."""
+        options, rmw = self._options, self._node_says.get("rmw", "")
+        return f"ready: ROS domain {options.domain} ({rmw}) and {self._port.endpoint}, there {options.zenoh_domain}/..."
+
+    def summary(self) -> Sequence[str]:
+        """Return lines that say what crossed."""
+        return summary_lines(self.status())
+
+    # -- what comes in ------------------------------------------------------------------------------------------------
+
+    def _take(self, frame: Frame | None) -> None:
+        """Carry what the node sends."""
+        if frame is None:
+            if not self._ended.is_set():
+                self._fail("the ROS node of the bridge has ended", "what ROS says about it stands above")
+        elif frame.kind == Kind.DOCUMENT:
+            self._hear(frame.document())
+        else:
+            route = self._by_number.get(frame.endpoint)
+            try:
+                if isinstance(route, UpRoute):
+                    route.take(frame.number, frame.payload)
+                elif route is not None:
+                    route.take(frame)
+            except Exception as error:
+                self._problem(route.key.topic if route else "", str(error))
+
+    def _hear(self, event: dict[str, Any]) -> None:
+        if event["event"] == "graph":
+            self._graph = DomainGraph.of(event)
+            self._wake()
+        elif event["event"] == "lost":
+            self._lost[event["id"]] = (event["topic"], event["count"])
+            self._problem(event["topic"], "messages come faster than they can be carried; see --depth and --topics")
+        else:  # it could not carry out an order, or lost a message; it is told once
+            self._problem(event["topic"], event["problem"])
+
+    def _see_token(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
+        found = parse_token(token)
+        if isinstance(found, Endpoint) and found.node.zid != self._port.zid:
+            with self._changed:
+                if present:
+                    self._segment[token] = found
+                else:
+                    self._segment.pop(token, None)
+            self._wake()
+
+    def _see_bridge(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
+        name = token.rpartition("/")[2]
+        with self._changed:
+            (self._bridges.add if present else self._bridges.discard)(name)
+        self._wake()
+
+    def _wake(self) -> None:
+        with self._changed:
+            self._dirty = True
+            self._changed.notify()
+
+    # -- what is bridged ----------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            with self._changed:
+                self._changed.wait_for(lambda: self._dirty or self._ended.is_set(), _LOOK_S)
+                self._dirty = False
+                graph, segment, bridges = self._graph, list(self._segment.values()), self._bridges.copy()
+            if graph is None:
+                continue
+            try:
+                self._look_for_rivals(graph, bridges)
+                if not self._ended.is_set():
+                    self._reconcile(plan_of(graph, segment, self._names, self._options), graph)
+            except Exception as error:
+                _LOG.exception("bridge")
+                self._fail(f"the bridge has failed: {error}", None)
+            self._settled.set()
+
+    def _look_for_rivals(self, graph: DomainGraph, bridges: set[str]) -> None:
+        """Two bridges between the same domain and the same segment would carry each message in a circle."""
+        here = {name.rpartition("/")[2] for name in graph.bridges}
+        older = sorted(name for name in here & bridges if name < self.name)
+        if older:
+            domain = self._options.domain
+            text = f"another bridge ({older[0]}) relays ROS domain {domain} to this network already"
+            self._fail(text, "give this one another --domain, or end the other")
+
+    def _reconcile(self, plan: Plan, graph: DomainGraph) -> None:
+        options, node, port = self._options, self._node, self._port
+        self._drop(self._ups, "to_segment", lambda key, route: self._stays(key, route, plan.ups))
+        self._drop(self._downs, "to_domain", lambda key, route: self._stays(key, route, plan.downs))
+        self._drop(self._offered, "calls", lambda key, _: key in plan.offered)
+        self._drop(self._wanted, "calls", lambda key, _: key in plan.wanted)
+        for key in self._new(plan.ups, self._ups):
+            self._ups[key] = UpRoute(
+                next(self._numbers),
+                key,
+                plan.ups[key],
+                node=node,
+                port=port,
+                latched=options.latched,
+                changed=self._wake,
+            )
+        for key in self._new(plan.downs, self._downs):
+            self._downs[key] = DownRoute(
+                next(self._numbers),
+                key,
+                plan.downs[key],
+                node=node,
+                port=port,
+                is_own=self._is_own,
+                refused=self._refuse,
+            )
+        for key in self._new(plan.offered, self._offered):
+            self._offered[key] = OfferedService(next(self._numbers), key, node=node, port=port)
+        for key in self._new(plan.wanted, self._wanted):
+            self._wanted[key] = WantedService(next(self._numbers), key, node=node, port=port)
+        routes: list[UpRoute | OfferedService | WantedService] = []
+        routes += [*self._ups.values(), *self._offered.values(), *self._wanted.values()]
+        self._by_number = {route.number: route for route in routes}
+        for service in self._offered.values():
+            service.update(ready=service.number in graph.ready)
+        self._announcer.update(plan.announcements, may_show=self._keeps_promise)
+        gids = self._announcer.gids
+        self._gids = frozenset(gids.values())
+        for key, up in self._ups.items():
+            up.gid = gids.get(("MP", key), up.gid)
+            up.update()
+        for key, wanted in self._wanted.items():
+            wanted.gid = gids.get(("SC", key), wanted.gid)
+        for down in self._downs.values():
+            down.update(graph.matched.get(down.number))
+        for topic in plan.foreign:
+            self._problem(topic, "domain and segment have different types for it, or different versions of its type")
+
+    def _new(self, wanted: Collection[DataKey], routes: Collection[DataKey]) -> list[DataKey]:
+        found = sorted((key for key in wanted if key not in routes), key=lambda key: key.topic)
+        room = max(0, _MOST_ROUTES - len(routes))
+        if len(found) > room:
+            self._problem(found[room].topic, f"more than {_MOST_ROUTES} are not bridged")
+        return found[:room]
+
+    def _stays(self, key: DataKey, route: UpRoute | DownRoute, plans: Mapping[DataKey, Up | Down]) -> bool:
+        if key in plans:
+            self._absent.pop(route.number, None)
+            return plans[key] == route.plan
+        since = self._absent.setdefault(route.number, time.monotonic())
+        if time.monotonic() - since < _LINGER_S:
+            return True
+        del self._absent[route.number]
+        return False
+
+    def _drop(self, routes: dict[DataKey, Any], way: str, keep: Callable[[DataKey, Any], bool]) -> None:
+        for key in [key for key, route in routes.items() if not keep(key, route)]:
+            route = routes.pop(key)
+            route.close()
+            self._carried[way][key.topic] += route.count
+
+    def _keeps_promise(self, announcement: Announcement) -> bool:
+        """Servers are shown when they answer."""
+        if announcement.kind != "SS" or announcement.key is None:
+            return True
+        service = self._offered.get(announcement.key)
+        return service is not None and service.works
+
+    def _is_own(self, attachment: bytes | None) -> bool:
+        return attachment is not None and attachment[-_GID:] in self._gids
+
+    def _routes(self) -> Sequence[tuple[str, dict[DataKey, Any]]]:
+        return (
+            ("to_segment", self._ups),
+            ("to_domain", self._downs),
+            ("calls", self._offered),
+            ("calls", self._wanted),
+        )
+
+    def _close_routes(self) -> None:
+        for way, routes in self._routes():
+            self._drop(routes, way, lambda key, route: False)
+
+    def _join(self) -> None:
+        self.stop()
+        self._wake()
+        self._thread.join()
+
+    # -- what goes wrong ----------------------------------------------------------------------------------------------
+
+    def _problem(self, topic: str, text: str) -> None:
+        line = f"{topic}: {text}" if topic else text
+        if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
+            self._problems[line] = None
+            self._warn(f"warning: {line}")
+
+    def _losses(self) -> Counter[str]:
+        found: Counter[str] = Counter()
+        for topic, count in self._lost.copy().values():
+            found[topic] += count
+        return found
+
+    def _refuse(self, topic: str) -> None:
+        with self._changed:
+            self._refused[topic] += 1
+        self._problem(topic, "what is too short for a message is left out")
+
+    def _fail(self, text: str, hint: str | None) -> None:
+        if self.failure is None:
+            self.failure = EnvironmentFaultError(text, where="bridge", hint=hint)
+        self._ended.set()

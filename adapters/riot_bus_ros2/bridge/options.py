@@ -1,0 +1,126 @@
+"""What `riot bridge ros2` was asked to do, and which names it bridges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError
+from riot_bus.selector import key_matches
+from riot_bus_ros2.keys import action_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["BridgeOptions", "Names"]
+
+_LARGEST_DOMAIN = 232  # DDS computes its ports from it
+_LARGEST_ZENOH_DOMAIN = 999_999_999
+_MOST_KEPT = 1 << 20
+_OF_EVERY_NODE = frozenset(
+    {
+        "describe_parameters",
+        "get_logger_levels",
+        "get_parameter_types",
+        "get_parameters",
+        "get_type_description",
+        "list_parameters",
+        "set_logger_levels",
+        "set_parameters",
+        "set_parameters_atomically",
+    }
+)
+_OF_ALL_NODES = frozenset({"/parameter_events", "/rosout"})
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeOptions:
+    """What to bridge.
+
+    Attributes:
+        domain: `ROS_DOMAIN_ID` of the nodes.
+        zenoh_domain: First chunk of the keys on the segment; bridges that shall meet have the same.
+        topics: Only these, as names with `*` (one chunk) and `**` (any); None for all that nodes use by themselves.
+        services: Likewise.
+        exclude: Neither these topics nor these services.
+        depth: Messages that the bridge's own endpoints keep for slow peers. DDS does not tell what others keep.
+        latched: Messages that are kept for late joiners of latched topics.
+        python: Interpreter that has rclpy; None to look for it.
+        setup: Shell script that prepares ROS's environment; None if that is done.
+    """
+
+    domain: int = 0
+    zenoh_domain: int = 0
+    topics: Sequence[str] | None = None
+    services: Sequence[str] | None = None
+    exclude: Sequence[str] = ()
+    depth: int = 1000
+    latched: int = 100
+    python: str | None = None
+    setup: Path | None = None
+
+    def check(self) -> None:
+        """Raise ConfigError if an option is not usable."""
+        if not 0 <= self.domain <= _LARGEST_DOMAIN:
+            hint = f"ROS_DOMAIN_ID is a number from 0 to {_LARGEST_DOMAIN}"
+            raise ConfigError(f"{self.domain} is no ROS domain", where="--domain", hint=hint)
+        if not 0 <= self.zenoh_domain <= _LARGEST_ZENOH_DOMAIN:
+            raise ConfigError(f"{self.zenoh_domain} is no ROS domain", where="--zenoh-domain", hint="such as 0")
+        for where, number in (("--depth", self.depth), ("--latched", self.latched)):
+            if not 0 < number <= _MOST_KEPT:
+                raise ConfigError(f"cannot keep {number} messages", where=where, hint=f"1 to {_MOST_KEPT}")
+        for where, names in (("--topics", self.topics), ("--services", self.services), ("--exclude", self.exclude)):
+            for name in names or ():
+                if not name.startswith("/"):
+                    raise ConfigError(f"{name!r} is no full ROS name", where=where, hint=f"write it like /{name}")
+        if self.setup is not None and not self.setup.is_file():
+            raise ConfigError("no such file", where=f"--setup {self.setup}", hint="such as /opt/ros/jazzy/setup.bash")
+
+
+class Names:
+    """Which topics and services are bridged.
+
+    Args:
+        options: What the user says.
+    """
+
+    def __init__(self, options: BridgeOptions) -> None:
+        self._topics, self._services, self._exclude = options.topics, options.services, options.exclude
+        self._known: dict[tuple[str, bool], bool] = {}
+
+    def topic(self, name: str) -> bool:
+        """Return whether a topic is bridged: by default all but hidden ones and those of every node."""
+        return self._cached(name, service=False)
+
+    def service(self, name: str) -> bool:
+        """Return whether a service is bridged: by default all but hidden ones and those of every node.
+
+        The services and topics of actions are hidden, but bridged.
+        """
+        return self._cached(name, service=True)
+
+    def _cached(self, name: str, *, service: bool) -> bool:
+        known = self._known.get((name, service))
+        if known is None:
+            known = self._known[name, service] = self._chosen(name, service=service)
+        return known
+
+    def _chosen(self, name: str, *, service: bool) -> bool:
+        action = action_of(name)
+        names = [name] if action is None else [name, action[0]]
+        if _any_matches(self._exclude, names):
+            return False
+        if action is not None:  # is bridged as a whole
+            lists = [each for each in (self._topics, self._services) if each is not None]
+            return not lists or any(_any_matches(each, names) for each in lists)
+        wanted = self._services if service else self._topics
+        if wanted is not None:
+            return _any_matches(wanted, names)
+        chunks = name.split("/")
+        of_nodes = chunks[-1] in _OF_EVERY_NODE if service else name in _OF_ALL_NODES
+        return not of_nodes and not any(chunk.startswith("_") for chunk in chunks)
+
+
+def _any_matches(expressions: Sequence[str], names: Sequence[str]) -> bool:
+    return any(key_matches(expression, name) for expression in expressions for name in names)

@@ -1,0 +1,203 @@
+"""What a bridge ought to do, as a function of what there is in the domain and on the segment."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus_ros2.bridge.graph import (
+    AUTOMATIC,
+    BEST_EFFORT,
+    BY_TOPIC,
+    KEEP_LAST,
+    LATCHED,
+    RELIABLE,
+    VOLATILE,
+    Profile,
+    announced,
+    profile_of,
+)
+from riot_bus_ros2.keys import DataKey
+from riot_bus_ros2.qos import AnnouncedQos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Sequence
+
+    from riot_bus_ros2.bridge.graph import DomainGraph, Found
+    from riot_bus_ros2.bridge.options import BridgeOptions, Names
+    from riot_bus_ros2.tokens import Endpoint, EndpointKind
+
+__all__ = ["Announcement", "Down", "Plan", "Up", "plan_of"]
+
+_USUAL_DEPTH = 10  # of ROS; stands in tokens where DDS does not tell it
+_MOST_LATCHED = 1 << 16
+_NAMELESS = "/dds"  # publishes or subscribes without being a ROS node
+
+
+class Up(NamedTuple):
+    """A topic goes from the domain to the segment.
+
+    Attributes:
+        reader: Profile of the subscription in the domain.
+        reliable: How it is published on the segment.
+        latched: For late joiners on the segment, too.
+    """
+
+    reader: Profile
+    reliable: bool
+    latched: bool
+
+
+class Down(NamedTuple):
+    """A topic goes from the segment to the domain.
+
+    Attributes:
+        writer: Profile of the publisher in the domain.
+        latched: Fetch what publishers on the segment keep; None if they keep nothing.
+    """
+
+    writer: Profile
+    latched: int | None
+
+
+class Announcement(NamedTuple):
+    """Something of the domain that the segment is told of by a token.
+
+    Attributes:
+        kind: None for a node.
+        node: Full name of the node.
+        key: Topic or service; None for a node.
+        qos: Its quality of service.
+        gid: Tells endpoints apart that are alike otherwise.
+    """
+
+    kind: EndpointKind | None
+    node: str
+    key: DataKey | None = None
+    qos: AnnouncedQos = AnnouncedQos()
+    gid: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What ought to be.
+
+    Attributes:
+        ups: Topics that have publishers in the domain.
+        downs: Topics that have publishers on the segment or subscriptions in the domain.
+        offered: Services that have a server in the domain.
+        wanted: Services that have a server on the segment, and none in the domain.
+        announcements: All that the segment is told of.
+        foreign: Topics and services of which domain and segment have different types or type hashes.
+    """
+
+    ups: dict[DataKey, Up] = field(default_factory=dict)
+    downs: dict[DataKey, Down] = field(default_factory=dict)
+    offered: set[DataKey] = field(default_factory=set)
+    wanted: set[DataKey] = field(default_factory=set)
+    announcements: set[Announcement] = field(default_factory=set)
+    foreign: set[str] = field(default_factory=set)
+
+
+def plan_of(graph: DomainGraph, segment: Iterable[Endpoint], names: Names, options: BridgeOptions) -> Plan:
+    """Return what a bridge ought to do.
+
+    Args:
+        graph: The domain, without bridges.
+        segment: What others announce on the segment.
+        names: What is bridged at all.
+        options: How.
+    """
+
+    def key_of(found: Found) -> DataKey:
+        return DataKey(options.zenoh_domain, found.topic, found.type_name, found.type_hash)
+
+    def grouped(endpoints: Sequence[Found]) -> dict[DataKey, list[Profile]]:
+        groups: dict[DataKey, list[Profile]] = defaultdict(list)
+        for each in endpoints:
+            if names.topic(each.topic):
+                groups[key_of(each)].append(each.profile)
+        return groups
+
+    published, subscribed = grouped(graph.publishers), grouped(graph.subscriptions)
+    elsewhere: dict[DataKey, list[Profile]] = defaultdict(list)
+    served: set[DataKey] = set()
+    for endpoint in segment:
+        if endpoint.kind == "MP" and names.topic(endpoint.topic):
+            elsewhere[endpoint.data_key].append(profile_of(endpoint.qos))
+        elif endpoint.kind == "SS" and names.service(endpoint.topic):
+            served.add(endpoint.data_key)
+    offered = {key_of(each) for each in graph.servers if names.service(each.topic)}
+    here = {key.topic for key in offered}
+    return Plan(
+        {key: _up(profiles, options) for key, profiles in published.items()},
+        {key: _down(elsewhere.get(key, ()), subscribed.get(key, ()), options) for key in {*elsewhere, *subscribed}},
+        offered,
+        {key for key in served if key.topic not in here},
+        _announcements(graph, names, key_of, options),
+        _foreign(elsewhere, {*published, *subscribed}) | _foreign(served, {key_of(each) for each in graph.clients}),
+    )
+
+
+def _up(profiles: Sequence[Profile], options: BridgeOptions) -> Up:
+    """Subscribe so that all publishers match, as `ros2 bag record` does."""
+    reliable = all(each.reliability == RELIABLE for each in profiles)
+    latched = all(each.durability == LATCHED for each in profiles)
+    depth = max(options.depth, options.latched) if latched else options.depth
+    durability = LATCHED if latched else VOLATILE
+    return Up(Profile(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
+
+
+def _down(elsewhere: Sequence[Profile], subscribed: Sequence[Profile], options: BridgeOptions) -> Down:
+    """Publish as those do who publish on the segment; if they say nothing, so that all subscriptions match."""
+    profiles = elsewhere or subscribed
+    latched = any(each.durability == LATCHED for each in profiles)
+    reliable = not elsewhere or any(each.reliability == RELIABLE for each in elsewhere)
+    kept = options.latched
+    if latched and elsewhere:
+        kept = min(_MOST_LATCHED, sum(each.depth for each in elsewhere if each.durability == LATCHED))
+    writer = Profile(
+        RELIABLE if reliable else BEST_EFFORT,
+        LATCHED if latched else VOLATILE,
+        KEEP_LAST,
+        kept if latched else options.depth,
+        _shortest(each.deadline for each in profiles),
+        _longest(each.lifespan for each in elsewhere),
+        BY_TOPIC if any(each.liveliness == BY_TOPIC for each in profiles) else AUTOMATIC,
+        _shortest(each.lease for each in profiles),
+    )
+    return Down(writer, kept if latched else None)
+
+
+def _announcements(
+    graph: DomainGraph, names: Names, key_of: Callable[[Found], DataKey], options: BridgeOptions
+) -> set[Announcement]:
+    found: set[Announcement] = set()
+    kinds: list[tuple[EndpointKind, Sequence[Found], Callable[[str], bool]]] = [
+        ("MP", graph.publishers, names.topic),
+        ("MS", graph.subscriptions, names.topic),
+        ("SS", graph.servers, names.service),
+        ("SC", graph.clients, names.service),
+    ]
+    for kind, endpoints, is_bridged in kinds:
+        for each in endpoints:
+            if is_bridged(each.topic):
+                latched = each.profile.durability == LATCHED
+                qos = announced(each.profile, depth=options.latched if latched and kind == "MP" else _USUAL_DEPTH)
+                found.add(Announcement(kind, each.node or _NAMELESS, key_of(each), qos, each.gid))
+    return found | {Announcement(None, each.node) for each in found}
+
+
+def _foreign(one: Collection[DataKey], other: Collection[DataKey]) -> set[str]:
+    same = {key.topic for key in one if key in other}
+    return {key.topic for key in one} & {key.topic for key in other} - same
+
+
+def _shortest(durations: Iterable[int]) -> int:
+    return min(filter(None, durations), default=0)
+
+
+def _longest(durations: Iterable[int]) -> int:
+    found = list(durations)
+    return max(found, default=0) if all(found) else 0

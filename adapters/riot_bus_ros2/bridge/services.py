@@ -1,0 +1,120 @@
+"""Services that cross a bridge."""
+
+from __future__ import annotations
+
+import threading
+import time
+from functools import partial
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError
+from riot_bus_ros2.attachment import Attachment, build_attachment, renew_attachment
+from riot_bus_ros2.keys import build_data_key
+from riot_bus_ros2.rclpy_node.frames import Frame, Kind
+
+if TYPE_CHECKING:
+    from riot_bus_ros2.bridge.node import NodeProcess
+    from riot_bus_ros2.bridge.port import Closeable, Port, Question
+    from riot_bus_ros2.keys import DataKey
+
+__all__ = ["OfferedService", "WantedService"]
+
+
+class OfferedService:
+    """A server in the domain answers the segment.
+
+    Args:
+        number: Stands for the client in the domain.
+        key: Service.
+        node: Of the domain.
+        port: The segment.
+    """
+
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: Port) -> None:
+        self.number, self.key = number, key
+        self.count = 0
+        self._node, self._port = node, port
+        self._inlet: Closeable | None = None
+        self._open: dict[int, Question] = {}
+        self._lock = threading.Lock()
+        node.tell(do="call", id=number, topic=key.topic, type=key.type_name)
+
+    @property
+    def works(self) -> bool:
+        """Whether the segment's questions are answered."""
+        return self._inlet is not None
+
+    def update(self, *, ready: bool) -> None:
+        """Take questions as soon as the server would get them."""
+        if ready and self._inlet is None:
+            self._inlet = self._port.serve(build_data_key(self.key), self._ask)
+
+    def take(self, frame: Frame) -> None:
+        """Answer a question."""
+        with self._lock:
+            question = self._open.pop(frame.number, None)
+        if question is None:
+            return
+        if frame.kind == Kind.RESPONSE:
+            question.answer(frame.payload, _renewed(question.attachment))
+        else:
+            question.fail(frame.payload.decode(errors="replace"))
+
+    def close(self) -> None:
+        """End it; who still waits is told."""
+        if self._inlet is not None:
+            self._inlet.close()
+        self._node.tell(do="drop", id=self.number)
+        with self._lock:
+            waiting, self._open = list(self._open.values()), {}
+        for question in waiting:
+            question.fail("the server is gone")
+
+    def _ask(self, question: Question) -> None:
+        with self._lock:
+            self.count += 1
+            number = self.count
+            self._open[number] = question
+        self._node.send(Kind.REQUEST, self.number, number, question.payload)
+
+
+class WantedService:
+    """A server on the segment answers the domain.
+
+    Args:
+        number: Stands for the server in the domain.
+        key: Service.
+        node: Of the domain.
+        port: The segment.
+    """
+
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: Port) -> None:
+        self.number, self.key = number, key
+        self.gid = bytes(16)
+        self.count = 0
+        self._node, self._port = node, port
+        node.tell(do="serve", id=number, topic=key.topic, type=key.type_name)
+
+    def take(self, frame: Frame) -> None:
+        """Ask the segment."""
+        self.count += 1
+        attachment = build_attachment(Attachment(self.count, time.time_ns(), self.gid))
+        self._port.ask(build_data_key(self.key), frame.payload, attachment, partial(self._answer, frame.number))
+
+    def close(self) -> None:
+        """End it."""
+        self._node.tell(do="drop", id=self.number)
+
+    def _answer(self, number: int, payload: bytes | None) -> None:
+        kind = Kind.FAILURE if payload is None else Kind.RESPONSE
+        self._node.send(kind, self.number, number, payload or b"")
+
+
+def _renewed(attachment: bytes | None) -> bytes | None:
+    """A response has number and gid of its request, and a time of its own."""
+    if attachment is None:
+        return None
+    try:
+        return renew_attachment(attachment, source_time=time.time_ns())
+    except PayloadError:
+        return attachment

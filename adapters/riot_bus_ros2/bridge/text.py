@@ -1,0 +1,36 @@
+"""What a bridge says at its end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["summary_lines"]
+
+
+def summary_lines(status: Mapping[str, Any]) -> list[str]:
+    """Return a table of what crossed.
+
+    Args:
+        status: Of `Ros2Bridge.status`.
+    """
+    topics, services, refused = status["topics"], status["services"], status["refused"]
+    if not topics and not services:
+        return ["nothing was there to be bridged"]
+    rows = [("", "to segment", "to domain")]
+    rows += [(name, str(ways["to_segment"]), str(ways["to_domain"])) for name, ways in topics.items()]
+    rows += [(name, f"{count} calls", "") for name, count in services.items()]
+    return [
+        *(f"{name}: {count} messages of the domain were lost" for name, count in status["lost"].items()),
+        *(f"{name}: {count} messages that cannot be any were left out" for name, count in refused.items()),
+        *_table(rows),
+    ]
+
+
+def _table(rows: list[tuple[str, str, str]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return [
+        f"{name:<{widths[0]}}  {first:>{widths[1]}}  {second:>{widths[2]}}".rstrip() for name, first, second in rows
+    ]

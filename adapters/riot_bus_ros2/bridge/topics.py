@@ -1,0 +1,151 @@
+"""Topics that cross a bridge."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from riot_bus_ros2.attachment import Attachment, build_attachment
+from riot_bus_ros2.keys import build_data_key
+from riot_bus_ros2.rclpy_node.frames import Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus_ros2.bridge.node import NodeProcess
+    from riot_bus_ros2.bridge.plan import Down, Up
+    from riot_bus_ros2.bridge.port import Closeable, Port
+    from riot_bus_ros2.keys import DataKey
+
+__all__ = ["DownRoute", "UpRoute"]
+
+_LEAST = 4  # bytes of CDR's encapsulation
+
+
+class UpRoute:
+    """A topic from the domain to the segment.
+
+    What is not latched is only subscribed to while somebody on the segment subscribes to it. So publishers see a
+    subscription when there is one at the other end, and nothing is carried for nobody.
+
+    Args:
+        number: Stands for the subscription.
+        key: Topic.
+        plan: How.
+        node: Of the domain.
+        port: The segment.
+        latched: Messages to keep for late joiners.
+        changed: Called when somebody subscribes or does not any more.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        key: DataKey,
+        plan: Up,
+        *,
+        node: NodeProcess,
+        port: Port,
+        latched: int,
+        changed: Callable[[], None],
+    ) -> None:
+        self.number, self.key, self.plan = number, key, plan
+        self.gid = bytes(16)
+        self.count = 0
+        self._node = node
+        self._subscribed = self._closed = False
+        self._outlet = port.publisher(
+            build_data_key(key), reliable=plan.reliable, latched=latched if plan.latched else None, changed=changed
+        )
+
+    def update(self) -> None:
+        """Subscribe if there is reason to."""
+        wanted = self.plan.latched or self._outlet.matched()
+        if wanted and not self._subscribed:
+            topic, kind = self.key.topic, self.key.type_name
+            self._node.tell(do="subscribe", id=self.number, topic=topic, type=kind, qos=self.plan.reader)
+        elif self._subscribed and not wanted:
+            self._node.tell(do="drop", id=self.number)
+        self._subscribed = wanted
+
+    def take(self, published: int, payload: bytes) -> None:
+        """Publish what has come from the domain.
+
+        Args:
+            published: When, nanoseconds since the Unix epoch; 0 if unknown.
+            payload: The message.
+        """
+        self.count += 1
+        attachment = build_attachment(Attachment(self.count, published or time.time_ns(), self.gid))
+        try:
+            self._outlet.put(payload, attachment)
+        except Exception:
+            if not self._closed:
+                raise
+
+    def close(self) -> None:
+        """End it."""
+        self._closed = True
+        self._node.tell(do="drop", id=self.number)
+        self._outlet.close()
+
+
+class DownRoute:
+    """A topic from the segment to the domain.
+
+    What is not latched is only subscribed to while subscriptions in the domain get what is published there.
+
+    Args:
+        number: Stands for the publisher.
+        key: Topic.
+        plan: How.
+        node: Of the domain.
+        port: The segment.
+        is_own: Whether an attachment is that of a message from this bridge.
+        refused: Called with the topic of a message that cannot be one.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        key: DataKey,
+        plan: Down,
+        *,
+        node: NodeProcess,
+        port: Port,
+        is_own: Callable[[bytes | None], bool],
+        refused: Callable[[str], None],
+    ) -> None:
+        self.number, self.key, self.plan = number, key, plan
+        self.count = 0
+        self._node, self._port, self._is_own, self._refused = node, port, is_own, refused
+        self._inlet: Closeable | None = None
+        node.tell(do="publish", id=number, topic=key.topic, type=key.type_name, qos=plan.writer)
+
+    def update(self, matched: int | None) -> None:
+        """Subscribe if there is reason to.
+
+        Args:
+            matched: Subscriptions that get what is published; None while there is no publisher yet.
+        """
+        wanted = matched is not None and (matched > 0 or self.plan.latched is not None)
+        if wanted and self._inlet is None:
+            self._inlet = self._port.subscribe(build_data_key(self.key), self._take, latched=self.plan.latched)
+        elif self._inlet is not None and not wanted:
+            self._inlet.close()
+            self._inlet = None
+
+    def close(self) -> None:
+        """End it."""
+        if self._inlet is not None:
+            self._inlet.close()
+        self._node.tell(do="drop", id=self.number)
+
+    def _take(self, payload: bytes, attachment: bytes | None) -> None:
+        if self._is_own(attachment):
+            return
+        if len(payload) < _LEAST:
+            self._refused(self.key.topic)
+            return
+        self.count += 1
+        self._node.send(Kind.MESSAGE, self.number, 0, payload)

@@ -1,0 +1,51 @@
+"""Units of fields in common_interfaces, which their definitions give in comments (and REP 103)."""
+
+from __future__ import annotations
+
+__all__ = ["UNITS"]
+
+_VELOCITY = {"linear": "m/s", "angular": "rad/s"}
+_ACCELERATION = {"linear": "m/s^2", "angular": "rad/s^2"}
+_METRES = {"x": "m", "y": "m", "z": "m"}
+_TIME = {"sec": "s", "nanosec": "ns"}
+
+UNITS: dict[str, dict[str, str]] = {
+    "builtin_interfaces/msg/Duration": _TIME,
+    "builtin_interfaces/msg/Time": _TIME,
+    "geometry_msgs/msg/Accel": _ACCELERATION,
+    "geometry_msgs/msg/Inertia": {
+        "m": "kg", "com": "m", "ixx": "kg m^2", "ixy": "kg m^2", "ixz": "kg m^2", "iyy": "kg m^2", "iyz": "kg m^2",
+        "izz": "kg m^2",
+    },
+    "geometry_msgs/msg/Point": _METRES,
+    "geometry_msgs/msg/Point32": _METRES,
+    "geometry_msgs/msg/Pose2D": {"x": "m", "y": "m", "theta": "rad"},
+    "geometry_msgs/msg/Transform": {"translation": "m"},
+    "geometry_msgs/msg/Twist": _VELOCITY,
+    "geometry_msgs/msg/Wrench": {"force": "N", "torque": "Nm"},
+    "nav_msgs/msg/GridCells": {"cell_width": "m", "cell_height": "m"},
+    "nav_msgs/msg/MapMetaData": {"resolution": "m"},
+    "sensor_msgs/msg/BatteryState": {
+        "voltage": "V", "temperature": "degC", "current": "A", "charge": "Ah", "capacity": "Ah",
+        "design_capacity": "Ah", "cell_voltage": "V", "cell_temperature": "degC",
+    },
+    "sensor_msgs/msg/FluidPressure": {"fluid_pressure": "Pa"},
+    "sensor_msgs/msg/Illuminance": {"illuminance": "lx"},
+    "sensor_msgs/msg/Imu": {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"},
+    "sensor_msgs/msg/LaserScan": {
+        "angle_min": "rad", "angle_max": "rad", "angle_increment": "rad", "time_increment": "s", "scan_time": "s",
+        "range_min": "m", "range_max": "m", "ranges": "m",
+    },
+    "sensor_msgs/msg/MagneticField": {"magnetic_field": "T"},
+    "sensor_msgs/msg/MultiEchoLaserScan": {
+        "angle_min": "rad", "angle_max": "rad", "angle_increment": "rad", "time_increment": "s", "scan_time": "s",
+        "range_min": "m", "range_max": "m", "ranges": "m",
+    },
+    "sensor_msgs/msg/NavSatFix": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+    "sensor_msgs/msg/Range": {"field_of_view": "rad", "min_range": "m", "max_range": "m", "range": "m"},
+    "sensor_msgs/msg/Temperature": {"temperature": "degC"},
+    "shape_msgs/msg/SolidPrimitive": {"dimensions": "m"},
+    "stereo_msgs/msg/DisparityImage": {"t": "m", "f": "px", "min_disparity": "px", "max_disparity": "px"},
+    "visualization_msgs/msg/Marker": {"scale": "m"},
+}  # fmt: skip
+"""Unit by type and field; a field of a type that has none of its own, such as `Vector3`, takes that of where it is."""

@@ -1,0 +1,129 @@
+"""Definitions that nodes tell: the service `<node>/get_type_description`, which nodes can have since Iron.
+
+Source: REP 2016, and `type_description_interfaces`. What a node tells is believed if it has the key's hash.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import PayloadError
+from riot_bus_ros2.attachment import Attachment, build_attachment
+from riot_bus_ros2.definitions import DefinitionError, references
+from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
+from riot_bus_ros2.tokens import Endpoint, parse_token
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus_ros2.definitions import Definition
+    from riot_bus_ros2.store import TypeStore
+
+    Ask = Callable[[str, bytes, bytes], Iterable[bytes]]
+
+__all__ = ["SERVICE", "ask_nodes", "described", "question", "services_of"]
+
+SERVICE = "type_description_interfaces/srv/GetTypeDescription"
+_MOST_NODES = 8
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
+_BASES = {number: base for base, number in BASE_IDS.items() if base != "char"}
+_TEXTS = {number: base for base, number in BOUNDED.items()}
+
+
+def ask_nodes(
+    name: str, wanted: str, key: str, tokens: Iterable[str], ask: Ask, store: TypeStore
+) -> dict[str, Definition]:
+    """Ask the nodes that use a key for its type, one after the other; nothing if none knows.
+
+    Args:
+        name: The type, such as `pkg/msg/Name`.
+        wanted: Its RIHS01 hash.
+        key: Such as of a topic.
+        tokens: Liveliness tokens.
+        ask: Returns the payloads of the replies to a query, from its key, payload and attachment; in bounded time.
+        store: Knows the service's own type.
+    """
+    payload = question(name, wanted, store)
+    for service in services_of(key, tokens)[:_MOST_NODES]:
+        attachment = build_attachment(Attachment(1, time.time_ns(), os.urandom(16)))
+        for reply in ask(service, payload, attachment):
+            try:
+                return described(reply, name, wanted, store)
+            except (PayloadError, DefinitionError):
+                continue
+    return {}
+
+
+def services_of(key: str, tokens: Iterable[str]) -> list[str]:
+    """Return the keys of the services that tell the types of nodes that publish or subscribe to a key."""
+    endpoints = [each for each in map(parse_token, tokens) if isinstance(each, Endpoint)]
+    nodes = {each.node.name for each in endpoints if each.key == key}
+    return sorted(
+        {
+            each.key
+            for each in endpoints
+            if each.kind == "SS" and each.type_name == SERVICE and each.topic.rpartition("/")[0] in nodes
+        }
+    )
+
+
+def question(name: str, wanted: str, store: TypeStore) -> bytes:
+    """Return the payload of a request, without the texts of the definitions."""
+    from riot_bus_ros2.cdr import CdrType
+
+    empty = b"\0\1\0\0" + bytes(9)  # two texts and a boolean
+    return CdrType(f"{SERVICE}_Request", store).rebuild(empty, {"type_name": name, "type_hash": wanted})
+
+
+def described(reply: bytes, name: str, wanted: str, store: TypeStore) -> dict[str, Definition]:
+    """Return the definitions that a reply holds: of the type, and of all types in it.
+
+    Raises:
+        PayloadError: It is no reply of this service.
+        DefinitionError: It says that the node does not know, or describes something else than what has this hash.
+    """
+    message = store.decode(reply, f"{SERVICE}_Response")
+    if not message.successful:
+        raise DefinitionError(f"the node does not know: {message.failure_reason[:200]}")
+    description = message.type_description
+    parts = (description.type_description, *description.referenced_type_descriptions)
+    found = {_checked(each.type_name, _TYPE_NAME): _definition(each) for each in parts}
+    if name not in found or any(reference not in found for each in found.values() for reference in references(each)):
+        raise DefinitionError(f"the description of {name} is not complete")
+    told = type_hash(name, found)
+    if told != wanted:
+        raise DefinitionError(f"the description of {name} has another hash: {told}")
+    return found
+
+
+def _definition(description: Any) -> Definition:
+    return [], [(_checked(field.name, _NAME), _type(field.type)) for field in description.fields]
+
+
+def _type(kind: Any) -> Any:
+    number, capacity = int(kind.type_id), int(kind.capacity)
+    collection, base = next(
+        ((each, number - offset) for each, offset in reversed(COLLECTIONS.items()) if number > offset), ("", number)
+    )
+    inner: Any
+    if base == NESTED:
+        inner = (2, _checked(kind.nested_type_name, _TYPE_NAME))
+    elif base in _BASES:
+        inner = (1, (_BASES[base], 0))
+    elif base in _TEXTS:
+        inner = (1, (_TEXTS[base], int(kind.string_capacity)))
+    else:
+        raise DefinitionError(f"unknown number of a type: {number}")
+    if not collection:
+        return inner
+    return (3 if collection == "array" else 4), (inner, 0 if collection == "sequence" else capacity)
+
+
+def _checked(name: str, pattern: re.Pattern[str]) -> str:
+    if pattern.fullmatch(name) is None:
+        raise DefinitionError(f"{name[:200]!r} is no name")
+    return name

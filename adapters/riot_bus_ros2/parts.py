@@ -1,0 +1,38 @@
+"""The messages that a ROS 2 message is made of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.types.model import member_path
+from riot_bus.types.parts import MOST_PARTS, Part
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus_ros2.definitions import Field
+
+__all__ = ["list_parts"]
+
+_DEEPEST = 64
+
+
+def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[Part]:
+    """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
+
+    Args:
+        name: The type.
+        fields_of: Returns a type's fields; raises KeyError if it is unknown.
+
+    Raises:
+        KeyError: A type is unknown.
+    """
+    found = [Part("", name)]
+    for part in found:  # grows while it is walked through
+        if part.path.count(".") >= _DEEPEST:
+            break
+        for field in fields_of(part.type_name):
+            if field.is_message and len(found) < MOST_PARTS:
+                path = member_path(part.path, field.name)
+                found.append(Part(f"{path}[*]" if field.is_array else path, field.content))
+    return found

@@ -1,0 +1,105 @@
+"""Servers and clients of services. rclpy knows no serialized requests, so these are taken apart and put together."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from rclpy.serialization import deserialize_message, serialize_message
+
+from .frames import Kind
+from .kinds import service_type
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from .frames import Wire
+
+__all__ = ["Client", "Server"]
+
+_MOST_OPEN = 1024
+_AT_ONCE = 16
+
+
+class Server:
+    """Takes requests of the domain for a server that is elsewhere."""
+
+    def __init__(self, node: Node, number: int, topic: str, type_name: str) -> None:
+        self.topic = topic
+        self._node, self._number = node, number
+        self._kind = service_type(type_name)
+        self._service: Any = node.create_service(self._kind, topic, lambda request, response: response)
+        self.handle: Any = self._service.handle
+        self._open: dict[int, Any] = {}
+        self._next = 0
+        self._lock = threading.Lock()
+
+    def take(self, wire: Wire) -> None:
+        """Send on the requests that have come."""
+        for _ in range(_AT_ONCE):
+            request, header = self.handle.service_take_request(self._kind.Request) or (None, None)
+            if header is None:
+                return
+            with self._lock:
+                self._next += 1
+                number = self._next
+                self._open[number] = header
+                if len(self._open) > _MOST_OPEN:
+                    del self._open[next(iter(self._open))]
+            wire.send(Kind.REQUEST, self._number, number, bytes(serialize_message(request)))
+
+    def answer(self, number: int, payload: bytes | None) -> None:
+        """Send a response to whoever has asked, or forget the request."""
+        with self._lock:
+            header = self._open.pop(number, None)
+        if header is not None and payload is not None:
+            self._service.send_response(deserialize_message(payload, self._kind.Response), header)
+
+    def close(self) -> None:
+        """Destroy it."""
+        self._node.destroy_service(self._service)
+
+
+class Client:
+    """Asks a server of the domain for somebody who is elsewhere."""
+
+    def __init__(self, node: Node, number: int, topic: str, type_name: str) -> None:
+        self.topic = topic
+        self._node, self._number = node, number
+        self._kind = service_type(type_name)
+        self._client: Any = node.create_client(self._kind, topic)
+        self.handle: Any = self._client.handle
+        self._open: dict[int, int] = {}
+        self._lock = threading.Lock()
+
+    def ready(self) -> bool:
+        """Return whether the server would get a request."""
+        return bool(self._client.service_is_ready())
+
+    def ask(self, number: int, payload: bytes, wire: Wire) -> None:
+        """Send a request; what is no request of this type fails."""
+        try:
+            request = deserialize_message(payload, self._kind.Request)
+            with self._lock:
+                self._open[self.handle.send_request(request)] = number
+                lost = self._open.pop(next(iter(self._open))) if len(self._open) > _MOST_OPEN else None
+        except Exception as error:
+            wire.send(Kind.FAILURE, self._number, number, str(error).encode())
+            return
+        if lost is not None:
+            wire.send(Kind.FAILURE, self._number, lost, b"too many requests are open")
+
+    def take(self, wire: Wire) -> None:
+        """Send on the responses that have come."""
+        for _ in range(_AT_ONCE):
+            with self._lock:
+                header, response = self.handle.take_response(self._kind.Response) or (None, None)
+                if header is None:
+                    return
+                number = self._open.pop(header.request_id.sequence_number, None)
+            if number is not None:
+                wire.send(Kind.RESPONSE, self._number, number, bytes(serialize_message(response)))
+
+    def close(self) -> None:
+        """Destroy it."""
+        self._node.destroy_client(self._client)

@@ -1,0 +1,237 @@
+"""Relays serialized messages between a ROS domain and the bridge, as the bridge orders.
+
+rclpy's executors look at every entity for each message. So there is a wait set of our own, used as
+`rclpy.wait_for_message` uses it; it also lets a request be answered later than its callback returns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from .calls import Client, Server
+from .frames import Kind
+from .snapshot import Graph
+from .topics import Publisher, Subscription, Topics
+
+if TYPE_CHECKING:
+    from .frames import Frame, Wire
+
+__all__ = ["Relay"]
+
+_WAIT_NS = 1_000_000_000
+_LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02
+_BUSY_S = 1.0
+_SHARE = 20  # of the time, a twentieth goes into looking at the graph
+
+
+class Relay:
+    """The node; a bridge has one.
+
+    Args:
+        wire: To the bridge.
+        name: Of the node.
+    """
+
+    def __init__(self, wire: Wire, name: str) -> None:
+        self._wire = wire
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(
+            name,
+            context=self._context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter("start_type_description_service", value=False)],
+        )
+        self._guard: Any = self._node.create_guard_condition(lambda: None)
+        self._topics = Topics(self._node)
+        self._publishers: dict[int, Publisher] = {}
+        self._subscriptions: dict[int, Subscription] = {}
+        self._servers: dict[int, Server] = {}
+        self._clients: dict[int, Client] = {}
+        self._writers: dict[str, list[str]] = {}
+        self._gone: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._changed = threading.Event()
+        self._stopping = threading.Event()
+
+    def run(self) -> None:
+        """Relay until the bridge hangs up."""
+        rmw = rclpy.get_rmw_implementation_identifier()
+        distribution = os.environ.get("ROS_DISTRO", "")
+        self._wire.tell({"event": "ready", "rmw": rmw, "distribution": distribution})
+        threads = [threading.Thread(target=each, daemon=True) for each in (self._obey, self._watch)]
+        for thread in threads:
+            thread.start()
+        try:
+            self._spin()
+        except OSError:
+            pass  # the bridge is gone
+        finally:
+            self._stopping.set()
+            self._changed.set()
+            self._wire.hang_up()
+            for thread in threads:
+                thread.join()
+            self._node.destroy_node()
+            rclpy.shutdown(context=self._context)
+
+    # -- from the domain ----------------------------------------------------------------------------------------------
+
+    def _spin(self) -> None:
+        sizes, wait_set = (-1, -1, -1), None
+        while not self._stopping.is_set():
+            subscriptions = list(self._subscriptions.values())
+            clients, servers = list(self._clients.values()), list(self._servers.values())
+            now = (len(subscriptions), len(clients), len(servers))
+            if now != sizes or wait_set is None:
+                sizes = now
+                wait_set = rclpy_implementation.WaitSet(now[0], 1, 0, now[1], now[2], 0, self._context.handle)
+            wait_set.clear_entities()
+            wait_set.add_guard_condition(self._guard.handle)
+            for subscription in subscriptions:
+                wait_set.add_subscription(subscription.handle)
+            for client in clients:
+                wait_set.add_client(client.handle)
+            for server in servers:
+                wait_set.add_service(server.handle)
+            wait_set.wait(_WAIT_NS)
+            self._take(subscriptions, set(wait_set.get_ready_entities("subscription")))
+            self._take(clients, set(wait_set.get_ready_entities("client")))
+            self._take(servers, set(wait_set.get_ready_entities("service")))
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    self._gone.get_nowait()()
+
+    def _take(self, endpoints: list[Any], ready: set[int]) -> None:
+        for each in endpoints:
+            if each.handle.pointer in ready:
+                try:
+                    each.take(self._wire)
+                except OSError:
+                    raise
+                except Exception as error:
+                    self._tell({"event": "problem", "topic": each.topic, "problem": str(error)})
+
+    # -- from the bridge ----------------------------------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        while (frame := self._wire.receive()) is not None:
+            try:
+                if frame.kind == Kind.DOCUMENT:
+                    self._order(frame.document())
+                else:
+                    self._deliver(frame)
+            except OSError:
+                break
+            except Exception as error:
+                self._tell({"event": "problem", "topic": self._topic(frame), "problem": str(error)})
+        self._stopping.set()
+        self._changed.set()
+        self._guard.trigger()
+
+    def _deliver(self, frame: Frame) -> None:
+        if frame.kind == Kind.MESSAGE:
+            publisher = self._publishers.get(frame.endpoint)
+            if publisher is not None:
+                publisher.publish(frame.payload)
+        elif frame.kind == Kind.REQUEST:
+            client = self._clients.get(frame.endpoint)
+            if client is None:
+                self._wire.send(Kind.FAILURE, frame.endpoint, frame.number, b"the server is gone")
+            else:
+                client.ask(frame.number, frame.payload, self._wire)
+        else:
+            server = self._servers.get(frame.endpoint)
+            if server is not None:
+                server.answer(frame.number, frame.payload if frame.kind == Kind.RESPONSE else None)
+
+    def _order(self, order: dict[str, Any]) -> None:
+        number = order["id"]
+        if order["do"] == "drop":
+            self._drop(number)
+            return
+        try:
+            if order["do"] == "publish":
+                self._publishers[number] = self._topics.publisher(order["topic"], order["type"], order["qos"])
+            elif order["do"] == "subscribe":
+                subscription = self._topics.subscription(number, order["topic"], order["type"], order["qos"])
+                subscription.see(self._writers.get(subscription.topic, ()))
+                self._subscriptions[number] = subscription
+            elif order["do"] == "serve":
+                self._servers[number] = Server(self._node, number, order["topic"], order["type"])
+            else:
+                self._clients[number] = Client(self._node, number, order["topic"], order["type"])
+        except Exception as error:
+            self._tell({"event": "failed", "id": number, "topic": order["topic"], "problem": str(error)})
+        self._changed.set()
+        self._guard.trigger()
+
+    def _drop(self, number: int) -> None:
+        for endpoints in (self._publishers, self._subscriptions, self._servers, self._clients):
+            found: Any = endpoints.pop(number, None)
+            if found is not None:
+                self._gone.put(found.close)  # by the thread that may be waiting for it
+        self._guard.trigger()
+
+    # -- the graph ----------------------------------------------------------------------------------------------------
+
+    def _watch(self) -> None:
+        graph, changed = Graph(self._node), 0.0
+        last: dict[str, Any] = {}
+        told: dict[int, int] = {}
+        while not self._stopping.is_set():
+            self._changed.clear()
+            began = time.monotonic()
+            try:
+                found = graph.look()
+                found["matched"] = {str(number): each.matched() for number, each in self._publishers.copy().items()}
+                found["ready"] = [number for number, each in self._clients.copy().items() if each.ready()]
+                writers: dict[str, list[str]] = {}
+                for _, topic, *_, gid in found["publishers"]:
+                    writers.setdefault(topic, []).append(gid)
+                self._writers = writers
+                for subscription in self._subscriptions.copy().values():
+                    subscription.see(writers.get(subscription.topic, ()))
+                if found != last:
+                    last, changed = found, began
+                    self._wire.tell({"event": "graph", **found})
+                for number, each in self._subscriptions.copy().items():
+                    if each.lost != told.get(number, 0):
+                        told[number] = each.lost
+                        self._wire.tell({"event": "lost", "id": number, "topic": each.topic, "count": each.lost})
+                with contextlib.suppress(queue.Empty):
+                    while True:
+                        self._wire.tell(self._events.get_nowait())
+            except OSError:
+                return
+            except Exception as error:
+                self._tell({"event": "problem", "topic": "the graph", "problem": str(error)})
+            now = time.monotonic()
+            pause = _LOOK_OFTEN_S if now - changed < _BUSY_S else _LOOK_S
+            self._changed.wait(max(pause, _SHARE * (now - began)))
+
+    def _tell(self, event: dict[str, Any]) -> None:
+        """Let the watching thread send an event: those that relay messages must not wait for each other."""
+        self._events.put(event)
+
+    def _topic(self, frame: Frame) -> str:
+        for endpoints in (self._publishers, self._servers, self._clients):
+            found: Any = endpoints.get(frame.endpoint)
+            if found is not None:
+                return str(found.topic)
+        return "the bridge's orders"

@@ -1,0 +1,224 @@
+"""Names, tokens and attachments of zenoh-bridge-ros2dds, which joins DDS systems of ROS 2 to Zenoh.
+
+A key is the name of a topic, service or action without its first slash, behind the namespace that the bridge may have:
+no domain, type or hash. Types are told by liveliness tokens:
+
+    @/<zid>/@ros2_lv/<MP|MS>/<key>/<type>/[K]:<reliability>:<durability>:<history>,<depth>[:<user data>]
+    @/<zid>/@ros2_lv/<SS|SC|AS|AC>/<key>/<type>
+
+Slashes in keys and types are written as `§`; numbers are those of DDS; messages have no attachment. Source:
+liveliness_mgt.rs, ros2_utils.rs and route_service_srv.rs of eclipse-zenoh/zenoh-plugin-ros2dds.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from riot_bus.errors import PayloadError
+from riot_bus_ros2.qos import AnnouncedQos
+
+__all__ = [
+    "TOKENS",
+    "BridgeQos",
+    "BridgeToken",
+    "BridgeTokenKind",
+    "RequestId",
+    "build_bridge_token",
+    "build_request_id",
+    "key_of",
+    "name_of",
+    "parse_bridge_token",
+    "parse_request_id",
+]
+
+TOKENS = "@/*/@ros2_lv/**"
+"""Key expression of the tokens of all bridges."""
+
+BridgeTokenKind = Literal["MP", "MS", "SS", "SC", "AS", "AC"]
+"""Publisher, subscriber, service server, service client, action server, action client."""
+
+_KINDS: dict[str, BridgeTokenKind] = {kind: kind for kind in get_args(BridgeTokenKind)}
+_WITH_QOS = ("MP", "MS")
+_TOKEN = re.compile(r"@/(?P<zid>[0-9a-f]{1,32})/@ros2_lv/(?P<kind>[A-Z]{2})/(?P<key>[^/]+)/(?P<type>[^/]+)(?:/(.+))?")
+_NUMBER = re.compile(r"[0-9]{1,10}", re.ASCII)
+_HASH = re.compile(r"typehash=(RIHS[0-9]{2}_[0-9a-f]+)")
+_RMW_RELIABILITY = {0: 2, 1: 1}
+_RMW_DURABILITY = {0: 2, 1: 1}
+_RMW_HISTORY = {0: 1, 1: 2}
+_REQUEST = b"rqh"
+_REQUEST_SIZE = 20
+
+
+def key_of(name: str, namespace: str = "/") -> str:
+    """Return the key of a full ROS name.
+
+    Args:
+        name: Such as `/cmd_vel`.
+        namespace: The bridge's, such as `/bot1`.
+
+    Example:
+        >>> key_of("/cmd_vel", "/bot1")
+        'bot1/cmd_vel'
+    """
+    return f"{namespace.rstrip('/')}{name}"[1:]
+
+
+def name_of(key: str, namespace: str = "/") -> str:
+    """Return the full ROS name of a key; keys outside of the namespace keep all their chunks.
+
+    Args:
+        key: Such as `bot1/cmd_vel`.
+        namespace: The bridge's, such as `/bot1`.
+    """
+    return f"/{key.removeprefix(f'{namespace}/'.lstrip('/'))}"
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeQos:
+    """What a token says of quality of service, with the numbers of DDS; None where it says nothing.
+
+    Attributes:
+        keyed: Whether the DDS topic has a key, as none of ROS 2 has.
+        reliability: 0 best effort, 1 reliable.
+        durability: 0 volatile, 1 transient local.
+        history: 0 keep last, 1 keep all.
+        depth: Of the history; stands and falls with it.
+        user_data: Such as `typehash=RIHS01_...;`.
+    """
+
+    keyed: bool = False
+    reliability: int | None = None
+    durability: int | None = None
+    history: int | None = None
+    depth: int | None = None
+    user_data: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> BridgeQos | None:
+        """Read the last chunk of a token; None if it is none."""
+        parts = text.split(":", 4)
+        history, _, depth = parts[3].partition(",") if len(parts) > 3 else ("", "", "")
+        numbers = [*parts[1:3], history, depth]
+        if len(parts) < 4 or parts[0] not in ("", "K") or bool(history) != bool(depth):
+            return None
+        if any(each and _NUMBER.fullmatch(each) is None for each in numbers):
+            return None
+        reliability, durability, kind, kept = (int(each) if each else None for each in numbers)
+        return cls(bool(parts[0]), reliability, durability, kind, kept, parts[4] if len(parts) > 4 else "")
+
+    def token(self) -> str:
+        """Return the chunk of a token."""
+        history = "" if self.history is None else f"{self.history},{self.depth}"
+        parts = ["K" if self.keyed else "", _text(self.reliability), _text(self.durability), history]
+        return ":".join([*parts, self.user_data] if self.user_data else parts)
+
+    @property
+    def type_hash(self) -> str | None:
+        """Hash of the type; none before Iron."""
+        match = _HASH.search(self.user_data)
+        return None if match is None else match[1]
+
+    @property
+    def announced(self) -> AnnouncedQos:
+        """The same with rmw's numbers; what is not said is the default of a DDS writer."""
+        return AnnouncedQos(
+            reliability=_RMW_RELIABILITY.get(1 if self.reliability is None else self.reliability, 1),
+            durability=_RMW_DURABILITY.get(self.durability or 0, 1),
+            history=_RMW_HISTORY.get(self.history or 0, 1),
+            depth=1 if self.depth is None else self.depth,
+        )
+
+    @classmethod
+    def of(cls, qos: AnnouncedQos, *, type_hash: str | None = None) -> BridgeQos:
+        """Return what a bridge would say of a publisher of ROS 2."""
+        return cls(
+            reliability=0 if qos.reliability == 2 else 1,
+            durability=1 if qos.durability == 1 else 0,
+            history=1 if qos.history == 2 else 0,
+            depth=qos.depth,
+            user_data=f"typehash={type_hash};" if type_hash else "",
+        )
+
+
+def _text(number: int | None) -> str:
+    return "" if number is None else str(number)
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeToken:
+    """What a bridge announces of a node behind it.
+
+    Attributes:
+        zid: Id of the bridge's Zenoh session.
+        kind: What it is.
+        key: Where its messages go; of an action, what its five keys begin with.
+        type_name: Such as `nav_msgs/msg/Odometry`.
+        qos: Of topics alone.
+    """
+
+    zid: str
+    kind: BridgeTokenKind
+    key: str
+    type_name: str
+    qos: BridgeQos | None = None
+
+
+def parse_bridge_token(token: str) -> BridgeToken | None:
+    """Return what a bridge announces, None if this is no token of a bridge.
+
+    Example:
+        >>> parse_bridge_token("@/3f/@ros2_lv/MP/bot1§odom/nav_msgs§msg§Odometry/:1:0:0,10").key
+        'bot1/odom'
+    """
+    match = _TOKEN.fullmatch(token)
+    if match is None or match["kind"] not in _KINDS:
+        return None
+    zid, kind, key, type_name, rest = match.groups()
+    qos = BridgeQos.parse(rest) if rest is not None else None
+    if (kind in _WITH_QOS) != (qos is not None):
+        return None
+    return BridgeToken(zid, _KINDS[kind], key.replace("§", "/"), type_name.replace("§", "/"), qos)
+
+
+def build_bridge_token(token: BridgeToken) -> str:
+    """Return the token that `parse_bridge_token` reads."""
+    chunks = ["@", token.zid, "@ros2_lv", token.kind, token.key.replace("/", "§"), token.type_name.replace("/", "§")]
+    return "/".join([*chunks, token.qos.token()] if token.qos is not None else chunks)
+
+
+@dataclass(frozen=True, slots=True)
+class RequestId:
+    """What a bridge attaches to a service's request, so that the answer finds its client.
+
+    Attributes:
+        client: Id of the DDS client, 8 bytes.
+        sequence: Number of the request, 8 bytes in the byte order of the request.
+        little_endian: That byte order.
+    """
+
+    client: bytes
+    sequence: bytes
+    little_endian: bool = True
+
+
+def parse_request_id(attachment: bytes) -> RequestId:
+    """Parse the attachment of a request.
+
+    Raises:
+        PayloadError: These are not the bytes of one.
+    """
+    order = attachment[-1:]
+    if len(attachment) != _REQUEST_SIZE or not attachment.startswith(_REQUEST) or order not in (b"\0", b"\1"):
+        raise PayloadError(
+            f"{len(attachment)} bytes are no request of zenoh-bridge-ros2dds", hint="20 bytes that begin with 'rqh'"
+        )
+    return RequestId(attachment[3:11], attachment[11:19], order == b"\1")
+
+
+def build_request_id(request: RequestId) -> bytes:
+    """Return the attachment of a request; raises PayloadError if a part does not have 8 bytes."""
+    if (len(request.client), len(request.sequence)) != (8, 8):
+        raise PayloadError("client and sequence of a request have 8 bytes each")
+    return _REQUEST + request.client + request.sequence + (b"\1" if request.little_endian else b"\0")

@@ -1,0 +1,132 @@
+"""ROS 2 behind zenoh-bridge-ros2dds: the same types as over rmw_zenoh, under keys that are plain names."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+from riot_bus.errors import ConfigError
+from riot_bus.types.model import Schema, TopicName
+from riot_bus.types.offer import Identity, Offer, SimClock
+from riot_bus_ros2 import ros2dds
+from riot_bus_ros2.adapter import Ros2Adapter
+from riot_bus_ros2.announcing import announcement_of
+from riot_bus_ros2.keys import action_parts, is_topic, is_topic_expression, parse_data_key
+from riot_bus_ros2.offering import CLOCK_TOPIC, CLOCK_TYPE, clock_payload, full_name, ros_type_of
+from riot_bus_ros2.qos import RosQos, parse_offered
+from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken
+from riot_bus_ros2.stamping import profiles_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.model import MessageType
+    from riot_bus.types.offer import RecordedTopic
+    from riot_bus.types.stamp import Stamp
+
+__all__ = ["Ros2DdsAdapter"]
+
+_MOST_TYPES = 50_000
+
+
+class Ros2DdsAdapter(Ros2Adapter):
+    """The adapter `ros2dds`; takes every key for a ROS name, and therefore is loaded only where it is named.
+
+    Types are those that bridges announce, or those that the user declares.
+
+    Args:
+        namespace: The bridges' own, such as `/bot1`.
+
+    Raises:
+        ConfigError: The namespace is none.
+        MissingExtraError: rosbags is not installed.
+    """
+
+    name = "ros2dds"
+    on_request: ClassVar[bool] = True
+    tokens = ros2dds.TOKENS
+    services = ()  # they cannot be told from other keys; who is there is told by Zenoh
+
+    def __init__(self, namespace: str = "/") -> None:
+        super().__init__()
+        if namespace != "/" and not is_topic(namespace):
+            raise ConfigError(f"{namespace!r} is no namespace of ROS", where="ros2dds", hint="such as ros2dds:/bot1")
+        self._namespace = namespace
+        self._announced: dict[str, str] = {}
+
+    def topic(self, key: str) -> TopicName | None:
+        """Return `/odom` for `odom`, and the type that was announced; also the name for a key expression."""
+        name = ros2dds.name_of(key, self._namespace)
+        plain = name.replace("$*", "x").replace("**", "x").replace("*", "x")
+        return TopicName(name, self._announced.get(key)) if is_topic(plain) else None
+
+    def key_expression(self, topic: str) -> str | None:
+        """Return `odom` for `/odom`."""
+        return ros2dds.key_of(topic, self._namespace) if is_topic_expression(topic) else None
+
+    def type_of_key(self, key: str) -> MessageType | None:
+        """Return the type that was announced for a key, None if it is not known."""
+        announced = self._announced.get(key)
+        return None if announced is None else self.type_named(announced)
+
+    def announcement(self, token: str) -> Announcement | None:
+        """Return what a token says, and remember types."""
+        found = announcement_of(token, namespace=self._namespace)
+        if found is not None and found.type_name and len(self._announced) < _MOST_TYPES:
+            self._announced[found.key] = found.type_name
+            if found.action == found.topic:
+                for name, type_name in action_parts(found.action, found.type_name).items():
+                    self._announced[ros2dds.key_of(name, self._namespace)] = type_name
+        return found
+
+    def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
+        """Return how to publish a topic of a bag, of rmw_zenoh or of a bridge; domains are the bridges' affair."""
+        type_name = ros_type_of(topic)
+        if type_name is None:
+            return None
+        rmw = parse_data_key(topic.key) if topic.keyed else None
+        recorded = topic.name if rmw is None else rmw.topic
+        found = full_name(recorded if name is None else name)
+        if not is_topic(found):
+            hint = "rename it (--remap) or leave it out (--exclude)"
+            raise ConfigError(f"{found!r} is no name of a ROS topic", hint=hint)
+        qos = parse_offered(topic.details.get("offered_qos_profiles", ""))
+        return self._offer(found, type_name, qos, topic.details.get("topic_type_hash") or None)
+
+    def clock(self, topics: Sequence[RecordedTopic], *, domain: int | None) -> SimClock:
+        """Return how to publish `/clock`."""
+        offer = self._offer(CLOCK_TOPIC, CLOCK_TYPE, RosQos(reliable=False, depth=1), self.store.type_hash(CLOCK_TYPE))
+        return SimClock(CLOCK_TOPIC, offer, clock_payload)
+
+    def stamp(self, attachment: bytes) -> Stamp | None:
+        """Return None: bridges attach nothing to messages."""
+        return None
+
+    def details(self, key: str, tokens: Iterable[str]) -> Mapping[str, str]:
+        """Return the offered QoS of a topic's publishers, and the hash of its type."""
+        parsed = (ros2dds.parse_bridge_token(each) for each in sorted(tokens))
+        found = [each.qos for each in parsed if each is not None and each.qos and (each.kind, each.key) == ("MP", key)]
+        hashes = [each.type_hash for each in found if each.type_hash]
+        return {**profiles_of(each.announced for each in found), "topic_type_hash": hashes[0] if hashes else ""}
+
+    def definition(self, key: str) -> tuple[Schema, str] | None:
+        """Return the name of a topic's type if it was announced, whether it is known or not."""
+        announced = self._announced.get(key)
+        return None if announced is None else (Schema(announced, "ros2msg", b""), "cdr")
+
+    def _offer(self, name: str, type_name: str, qos: RosQos, type_hash: str | None) -> Offer:
+        key = ros2dds.key_of(name, self._namespace)
+        announced = BridgeQos.of(qos.announced, type_hash=type_hash)
+        return Offer(
+            key,
+            depth=qos.kept if qos.latched else None,
+            reliable=qos.reliable,
+            block=qos.reliable and qos.keep_all,
+            identify=partial(_identity, BridgeToken("", "MP", key, type_name, announced)),
+        )
+
+
+def _identity(token: BridgeToken, zid: str, entity: int) -> Identity:
+    own = BridgeToken(zid, token.kind, token.key, token.type_name, token.qos)
+    return Identity((f"@/{zid}/@ros2_lv", ros2dds.build_bridge_token(own)), lambda recorded, sequence, time: None)

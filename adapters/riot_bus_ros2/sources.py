@@ -1,0 +1,104 @@
+"""Where definitions come from if neither a log nor the user brings them: a ROS installation, and rosbags' stores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus_ros2.common_services import ACTIONS, SERVICES
+from riot_bus_ros2.definitions import KINDS, DefinitionError, interface_of, parse_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rosbags.typesys.store import Typestore
+
+    from riot_bus_ros2.definitions import Definition
+
+    Source = Callable[[str], Definition | None]
+
+__all__ = [
+    "DISTROS",
+    "HUMBLE",
+    "OLDER",
+    "from_ament",
+    "from_common_services",
+    "from_distribution",
+    "read_interface",
+    "rosbags_store",
+]
+
+HUMBLE = "ros2_humble"
+"""The last distribution without hashes in keys."""
+DISTROS = ("ros2_kilted", "ros2_lyrical")
+OLDER = ("ros2_jazzy", "ros2_iron", HUMBLE)
+_MOST_BYTES = 1 << 20
+_stores: dict[str, Typestore] = {}
+
+
+def read_interface(file: Path, name: str) -> dict[str, Definition]:
+    """Read what a file defines.
+
+    Args:
+        file: Such as `pkg/msg/Name.msg`.
+        name: Such as `pkg/msg/Name`.
+
+    Raises:
+        OSError: It cannot be read, or is too large.
+        UnicodeDecodeError: It is no text.
+        DefinitionError: It does not parse.
+    """
+    if file.stat().st_size > _MOST_BYTES:
+        raise OSError(f"it has over {_MOST_BYTES} bytes")
+    return parse_file(file.read_text(), name, file.suffix)
+
+
+def from_ament(name: str) -> Definition | None:
+    """Return a definition from `AMENT_PREFIX_PATH`: of `share/pkg/msg/Name.msg`, or else `.idl`."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "")
+    return _installed(prefixes, interface_of(name)).get(name) if prefixes else None
+
+
+@lru_cache(maxsize=4096)
+def _installed(prefixes: str, interface: str) -> Mapping[str, Definition]:
+    package, _, rest = interface.partition("/")
+    kind, _, short = rest.partition("/")
+    if kind not in KINDS or not package.isidentifier() or not short.isidentifier():
+        return {}
+    for prefix in filter(None, prefixes.split(os.pathsep)):
+        for suffix in (kind, "idl"):
+            try:
+                return read_interface(Path(prefix, "share", package, kind, f"{short}.{suffix}"), interface)
+            except (OSError, UnicodeDecodeError, DefinitionError):
+                continue
+    return {}
+
+
+def from_distribution(distro: str) -> Source:
+    """Return the source that one of rosbags' stores is."""
+    return lambda name: rosbags_store(distro).fielddefs.get(name)
+
+
+def rosbags_store(distro: str) -> Typestore:
+    """Return a distribution's types; they must not be changed."""
+    store = _stores.get(distro)
+    if store is None:
+        from rosbags.typesys import Stores, get_typestore
+
+        store = _stores[distro] = get_typestore(Stores(distro))
+    return store
+
+
+def from_common_services(name: str) -> Definition | None:
+    """Return a message of a service or action that every ROS installation has; rosbags knows none."""
+    return _common(interface_of(name)).get(name)
+
+
+@lru_cache(maxsize=256)
+def _common(interface: str) -> Mapping[str, Definition]:
+    if interface in SERVICES:
+        return parse_file(SERVICES[interface], interface, ".srv")
+    return parse_file(ACTIONS[interface], interface, ".action") if interface in ACTIONS else {}

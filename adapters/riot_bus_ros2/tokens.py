@@ -1,0 +1,152 @@
+"""Liveliness tokens of rmw_zenoh, by which ROS nodes and their topics and services are known.
+
+    @ros2_lv/<domain>/<zid>/<node id>/<node id>/NN/<enclave>/<namespace>/<node>
+    @ros2_lv/<domain>/<zid>/<node id>/<id>/<MP|MS|SS|SC>/<enclave>/<namespace>/<node>/<name>/<type>/<hash>/<qos>
+
+Buffer-aware endpoints (2026) append a chunk about their memory.
+
+Slashes in names are written as `%`, so that an empty namespace is `%`. Zenoh sessions with a `namespace` put that in
+front. Source: docs/design.md and liveliness_utils.cpp of ros2/rmw_zenoh.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, ros_type
+from riot_bus_ros2.qos import AnnouncedQos
+
+__all__ = ["TOKENS", "Endpoint", "EndpointKind", "Node", "build_token", "parse_token"]
+
+TOKENS = "@ros2_lv/**"
+"""Key expression of all tokens of a network without a Zenoh namespace."""
+
+EndpointKind = Literal["MP", "MS", "SS", "SC"]
+"""Publisher, subscriber, service server, service client."""
+
+_SPACE = "@ros2_lv"
+_NODE_CHUNKS = 8
+_ENDPOINT_CHUNKS = 12
+_KINDS: dict[str, EndpointKind] = {kind: kind for kind in get_args(EndpointKind)}
+_NUMBER = re.compile(r"0|[1-9][0-9]{0,8}", re.ASCII)
+_ZID = re.compile(r"[0-9a-f]{1,32}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A ROS node.
+
+    Attributes:
+        domain: `ROS_DOMAIN_ID`.
+        zid: Id of its Zenoh session.
+        number: Of the node in the session.
+        name: Full name, such as `/robot1/planner`.
+        enclave: Of SROS 2.
+        prefix: The session's Zenoh namespace.
+    """
+
+    domain: int
+    zid: str
+    number: int
+    name: str
+    enclave: str = "/"
+    prefix: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A publisher, subscriber, service server or service client of a node.
+
+    Attributes:
+        node: Whose.
+        number: In its session.
+        kind: What it is.
+        topic: Full name of the topic or service.
+        type_name: Such as `nav_msgs/msg/Odometry`.
+        type_hash: None where the distribution has none.
+        qos: Its quality of service.
+        backend: What a buffer-aware endpoint says of its memory; empty for all others.
+    """
+
+    node: Node
+    number: int
+    kind: EndpointKind
+    topic: str
+    type_name: str
+    type_hash: str | None = None
+    qos: AnnouncedQos = field(default_factory=AnnouncedQos)
+    backend: str = ""
+
+    @property
+    def data_key(self) -> DataKey:
+        """Where its messages go."""
+        return DataKey(self.node.domain, self.topic, self.type_name, self.type_hash)
+
+    @property
+    def key(self) -> str:
+        """The same as a key."""
+        key = build_data_key(self.data_key)
+        return f"{self.node.prefix}/{key}" if self.node.prefix else key
+
+
+def parse_token(token: str) -> Node | Endpoint | None:
+    """Return who announces what, None if this is no token of rmw_zenoh.
+
+    Example:
+        >>> parse_token("@ros2_lv/0/3f2a/0/0/NN/%/%/talker").name
+        '/talker'
+    """
+    prefix, found, rest = f"/{token}".partition(f"/{_SPACE}/")
+    chunks = rest.split("/")
+    if not found or len(chunks) < _NODE_CHUNKS or "" in chunks:
+        return None
+    domain, zid, node_number, number, kind, enclave, namespace, name = chunks[:_NODE_CHUNKS]
+    if _ZID.fullmatch(zid) is None or any(_NUMBER.fullmatch(each) is None for each in (domain, node_number, number)):
+        return None
+    full = f"{_slashed(namespace).rstrip('/')}/{name}"
+    node = Node(
+        int(domain),
+        zid,
+        int(node_number),
+        full if full.startswith("/") else f"/{full}",
+        _slashed(enclave),
+        prefix.strip("/"),
+    )
+    if kind == "NN":
+        return node if len(chunks) == _NODE_CHUNKS else None
+    if kind not in _KINDS or len(chunks) < _ENDPOINT_CHUNKS:
+        return None
+    topic, dds, type_hash, qos, *backend = chunks[_NODE_CHUNKS:]
+    return Endpoint(
+        node,
+        int(number),
+        _KINDS[kind],
+        _slashed(topic),
+        ros_type(dds) or dds,
+        None if type_hash == NO_HASH else type_hash,
+        AnnouncedQos.parse(qos),
+        "/".join(backend),
+    )
+
+
+def build_token(of: Node | Endpoint) -> str:
+    """Return the token that `parse_token` reads, as rmw_zenoh writes it: the gid is its hash."""
+    node = of if isinstance(of, Node) else of.node
+    namespace, _, name = node.name.rpartition("/")
+    kind = "NN" if isinstance(of, Node) else of.kind
+    chunks = [_SPACE, str(node.domain), node.zid, str(node.number), str(of.number), kind]
+    chunks += [_mangled(node.enclave or "/"), _mangled(namespace or "/"), name]
+    if isinstance(of, Endpoint):
+        chunks += [_mangled(of.topic), dds_type(of.type_name), of.type_hash or NO_HASH, of.qos.token()]
+        chunks += [of.backend] if of.backend else []
+    return "/".join([node.prefix, *chunks] if node.prefix else chunks)
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def _slashed(chunk: str) -> str:
+    return chunk.replace("%", "/")

@@ -1,0 +1,264 @@
+"""A segment in terms of bytes, for bridges: an adapter knows keys, attachments and tokens, and nothing of Zenoh."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.bus.config import client_config
+from riot_bus.bus.runtime import open_session, prepare_runtime, release
+from riot_bus.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import zenoh
+
+__all__ = ["Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
+
+_HEARTBEAT_S = 0.5
+_PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
+
+
+class Outlet:
+    """Publishes on one key; see `SegmentPort.publisher`."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        *,
+        reliable: bool,
+        latched: int | None = None,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        import zenoh
+        from zenoh import ext
+
+        settings: dict[str, Any] = {
+            "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            "allowed_destination": zenoh.Locality.REMOTE,
+        }
+        self._publisher: Any = session.declare_publisher(key, **settings)
+        self._put: Any = self._publisher.put
+        self._listener: Any = self._publisher.declare_matching_listener(lambda status: changed())
+        self._latch: Any = None
+        if latched is not None:
+            beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+            self._latch = ext.declare_advanced_publisher(
+                session,
+                key,
+                cache=ext.CacheConfig(latched),
+                sample_miss_detection=beats if reliable else None,
+                publisher_detection=True,
+                **settings,
+            )
+            self._put = self._latch.put
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish; waits for slow receivers if it is reliable."""
+        self._put(payload, attachment=attachment)
+
+    def matched(self) -> bool:
+        """Return whether somebody elsewhere subscribes."""
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        """Take it away."""
+        release(self._listener, self._publisher, *([self._latch] if self._latch is not None else []))
+
+
+class Inlet:
+    """Something that was declared, and can be taken away."""
+
+    def __init__(self, declared: Any) -> None:
+        self._declared = declared
+
+    def close(self) -> None:
+        """Take it away."""
+        release(self._declared)
+
+
+class Question:
+    """A query, to be answered once, by any thread.
+
+    Attributes:
+        payload: What is asked.
+        attachment: What was sent with it, None if nothing.
+    """
+
+    def __init__(self, key: str, query: zenoh.Query) -> None:
+        self._key, self._query = key, query
+        payload, attachment = query.payload, query.attachment
+        self.payload = b"" if payload is None else payload.to_bytes()
+        self.attachment = None if attachment is None else attachment.to_bytes()
+
+    def answer(self, payload: bytes, attachment: bytes | None) -> None:
+        """Answer."""
+        with contextlib.suppress(Exception):  # whoever has asked is gone
+            self._query.reply(self._key, payload, attachment=attachment)
+        self._end()
+
+    def fail(self, reason: str) -> None:
+        """Answer that there is no answer."""
+        with contextlib.suppress(Exception):  # whoever has asked is gone
+            self._query.reply_err(reason)
+        self._end()
+
+    def _end(self) -> None:
+        query: Any = self._query
+        query.drop()
+
+
+class SegmentPort:
+    """A client of a segment; a context manager that disconnects at its end.
+
+    Nothing that is published through a port comes back through it.
+
+    Args:
+        session: Owned by the port from now on.
+        endpoint: Where it is connected, for messages.
+    """
+
+    def __init__(self, session: zenoh.Session, endpoint: str) -> None:
+        self._session = session
+        self.endpoint = endpoint
+        self.zid = str(session.info.zid())
+
+    def publisher(
+        self,
+        key: str,
+        *,
+        reliable: bool,
+        latched: int | None = None,
+        changed: Callable[[], None] = lambda: None,
+    ) -> Outlet:
+        """Return a new publisher.
+
+        Args:
+            key: Where to.
+            reliable: Slow receivers hold it up, instead of losing messages.
+            latched: Late joiners get so many of the last messages; None if they get none.
+            changed: Called on a thread of Zenoh's when `matched` may have changed.
+        """
+        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed)
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
+        """Subscribe to what others put.
+
+        Args:
+            key: Where.
+            take: Called with payload and attachment on a thread of Zenoh's; while it waits, so does the link.
+            latched: Fetch so many of the last messages of publishers that keep them.
+        """
+        import zenoh
+        from zenoh import ext
+
+        def receive(sample: zenoh.Sample) -> None:
+            kind: Any = sample.kind
+            if int(kind) == 0:
+                attachment = sample.attachment
+                take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+
+        handler: Any = zenoh.handlers.Callback(receive, indirect=False)
+        if latched is None:
+            return Inlet(self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE))
+        return Inlet(
+            ext.declare_advanced_subscriber(
+                self._session,
+                key,
+                handler,
+                allowed_origin=zenoh.Locality.REMOTE,
+                history=ext.HistoryConfig(detect_late_publishers=True, max_samples=latched),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                subscriber_detection=True,
+            )
+        )
+
+    def announce(self, token: str) -> Inlet:
+        """Show a liveliness token."""
+        return Inlet(self._session.liveliness().declare_token(token))
+
+    def watch(self, expression: str, take: Callable[[str, bool], None]) -> Inlet:
+        """Follow the liveliness tokens of a key expression, our own among them.
+
+        Args:
+            expression: Which.
+            take: Called with a token and whether it is there, on a thread of Zenoh's.
+        """
+
+        def receive(sample: zenoh.Sample) -> None:
+            kind: Any = sample.kind
+            take(str(sample.key_expr), int(kind) == 0)
+
+        return Inlet(self._session.liveliness().declare_subscriber(expression, receive, history=True))
+
+    def serve(self, key: str, take: Callable[[Question], None]) -> Inlet:
+        """Answer the questions of others.
+
+        Args:
+            key: Which.
+            take: Called on a thread of Zenoh's; may answer later.
+        """
+        import zenoh
+
+        handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
+        return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
+
+    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> None:
+        """Ask the servers of a key.
+
+        Args:
+            key: Whom.
+            payload: What.
+            attachment: Sent with it.
+            done: Called once with the first answer, or with None if there is none.
+        """
+        import zenoh
+
+        first: list[bytes] = []
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and not first:
+                first.append(reply.ok.payload.to_bytes())
+
+        handler: Any = zenoh.handlers.Callback(take, drop=lambda: done(first[0] if first else None), indirect=False)
+        self._session.get(
+            key,
+            handler,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            payload=payload,
+            attachment=attachment,
+            timeout=_PATIENCE_S,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        release(self._session)
+
+
+def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = None) -> SegmentPort:
+    """Connect to a segment.
+
+    Args:
+        endpoints: Where it listens; the first that answers is taken.
+        config: Further Zenoh configuration.
+
+    Raises:
+        ConfigError: Zenoh refuses the configuration.
+        EnvironmentFaultError: Nobody answers there.
+    """
+    prepare_runtime()
+    extra = {"timestamping/enabled": True, **(config or {})}
+    failure: EnvironmentFaultError | None = None
+    for endpoint in endpoints:
+        try:
+            return SegmentPort(open_session(client_config(endpoint, extra=extra), purpose="bridge"), endpoint)
+        except EnvironmentFaultError as error:
+            failure = failure or error
+    raise failure or EnvironmentFaultError("the segment has no endpoint", where="bridge")

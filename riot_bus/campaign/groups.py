@@ -1,0 +1,153 @@
+"""Where the mutations of dictionaries apply in a log: to messages of their types, wherever such a one is nested."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.targets import may_change, samples_by_topic
+from riot_bus.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.inject.mutations import Mutation, mutate
+from riot_bus.injection import Injection
+from riot_bus.types.fields import Described
+from riot_bus.types.parts import Composed, Part
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from riot_bus.inject.dictionary import Dictionary
+    from riot_bus.message import Message
+    from riot_bus.types.model import MessageType
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Group", "groups_of"]
+
+_ELEMENTS = 4
+_MOST_PLACES = 16
+_MOST_BYTES = 1 << 26
+_INDEX = re.compile(r"\[\d+\]")
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A mutation at one place in the messages of a topic.
+
+    Attributes:
+        base: Path of the message in them that is mutated; empty for the whole.
+        messages: How many messages of the topic there are.
+        most: How many of them may be mutated at once, so that arrays that grow fit into memory.
+    """
+
+    topic: str
+    base: str
+    mutation: Mutation
+    messages: int
+    most: int
+
+    def injections(self, first: int, last: int, *, seed: int) -> list[Injection]:
+        """Return what changes all fields in the messages `first` to `last` of the topic."""
+        return [
+            Injection(self.topic, path, value, first=first, last=last, seed=seed)
+            for path, value in self.mutation.at(self.base)
+        ]
+
+
+def groups_of(
+    messages: Sequence[Message],
+    registry: TypeRegistry,
+    dictionary: Dictionary,
+    *,
+    leave: Iterable[str] = (),
+    include: Iterable[str] = (),
+) -> dict[str, dict[str, list[Group]]]:
+    """List the mutations that can be made in a log, by topic and by what they contradict.
+
+    Args:
+        messages: The nominal log.
+        registry: Knows the types.
+        dictionary: The mutations.
+        leave: Patterns (`topic:path`, with `*`) of fields to leave alone.
+        include: Patterns of brittle fields and of those of `opt_in` mutations that are asked for.
+
+    Raises:
+        ConfigError: A mutation of the user's names a field that its type does not have.
+    """
+    leave, include = tuple(leave), tuple(include)
+    groups: dict[str, dict[str, list[Group]]] = {}
+    for topic, (count, samples) in samples_by_topic(messages, registry).items():
+        for kind, payloads in _by_type(samples):
+            for part in _parts(kind):
+                for mutation in dictionary.mutations_for(part.type_name):
+                    _check(mutation, part, kind)
+                    for base in _places(part.path, kind, payloads):
+                        paths = [path for path, _ in mutation.at(base)]
+                        if not all(may_change(topic, p, leave, include, asked=mutation.opt_in) for p in paths):
+                            continue
+                        growth = _growth(mutation, base, kind, payloads)
+                        if growth is not None:
+                            most = max(1, min(count, _MOST_BYTES // max(1, growth)))
+                            family = f"{mutation.source} at {part.path}"
+                            group = Group(topic, base, mutation, count, most)
+                            groups.setdefault(topic, {}).setdefault(family, []).append(group)
+    return groups
+
+
+def _by_type(samples: Iterable[tuple[MessageType, bytes]]) -> Iterable[tuple[MessageType, list[bytes]]]:
+    found: dict[str, tuple[MessageType, list[bytes]]] = {}
+    for kind, payload in samples:
+        found.setdefault(kind.name, (kind, []))[1].append(payload)
+    return found.values()
+
+
+def _parts(kind: MessageType) -> Sequence[Part]:
+    if not isinstance(kind, Composed):
+        return [Part("", kind.name)]
+    try:
+        return kind.parts()
+    except PayloadError:
+        return []
+
+
+def _check(mutation: Mutation, part: Part, kind: MessageType) -> None:
+    if not mutation.own or not isinstance(kind, Described):
+        return
+    known = {_INDEX.sub("[*]", field.path) for field in kind.fields()}
+    for path, _ in mutation.at(part.path):
+        if _INDEX.sub("[*]", path) not in known:
+            hint = did_you_mean(path, known)
+            raise ConfigError(f"{kind.name} has no field {path!r}", where=mutation.source, hint=hint)
+
+
+def _places(path: str, kind: MessageType, payloads: Sequence[bytes]) -> Iterator[str]:
+    """Yield the path with numbers in place of `[*]`: the first few elements that there are in a sample."""
+    pending, found = [path], 0
+    while pending and found < _MOST_PLACES:
+        each = pending.pop(0)
+        head, star, tail = each.partition("[*]")
+        if not star:
+            found += 1
+            yield each
+            continue
+        length = max((_length(kind, payload, head) for payload in payloads), default=0)
+        pending += [f"{head}[{index}]{tail}" for index in range(min(length, _ELEMENTS))]
+
+
+def _length(kind: MessageType, payload: bytes, path: str) -> int:
+    try:
+        return int(kind.read(payload, f"len({path})"))
+    except PayloadError:
+        return 0
+
+
+def _growth(mutation: Mutation, base: str, kind: MessageType, payloads: Sequence[bytes]) -> int | None:
+    """Return by how many bytes a mutation makes a message longer at most; None if it changes none of the samples."""
+    growth: int | None = None
+    for payload in payloads:
+        try:
+            mutated = mutate(kind, payload, mutation.at(base))
+        except PayloadError:
+            continue
+        if mutated != payload:
+            growth = max(growth or 0, len(mutated) - len(payload))
+    return growth

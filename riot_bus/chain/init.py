@@ -1,0 +1,77 @@
+"""`riot init`: a first riot.toml from a live network."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.component import client_cfg
+from riot_bus.bus.graph.survey import survey
+from riot_bus.errors import ConfigError
+from riot_bus.sut.sketch import sketch
+from riot_bus.sut.sketch_text import sketch_json, sketch_toml
+from riot_bus.sut.system import SystemFile
+from riot_bus.types.registry import TypeRegistry, load_adapters
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+__all__ = ["init_ros2"]
+
+
+def init_ros2(
+    path: Path,
+    endpoint: str,
+    *,
+    seconds: float,
+    unit: str | None = None,
+    external: Sequence[str] = (),
+    cfg: Sequence[str] = (),
+    force: bool = False,
+) -> dict[str, Any]:
+    """Look at the ROS 2 nodes on a router and write a system file.
+
+    Args:
+        path: Where to.
+        endpoint: Where the router listens.
+        seconds: How long to look.
+        unit: Node to test.
+        external: Nodes that play the outside world.
+        cfg: `KEY=VALUE`, further Zenoh settings.
+        force: Whether a file that is there is replaced.
+
+    Returns:
+        What was seen and written, as JSON's kinds of values.
+
+    Raises:
+        ConfigError: The file is there already, or a node was named that was not seen.
+        EnvironmentFaultError: Nobody answers, or no nodes were seen.
+    """
+    if path.exists() and not force:
+        raise _there(path)
+    registry = TypeRegistry(load_adapters(["ros2"]))
+    seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))
+    found = sketch(
+        seen.announcements,
+        offered=seen.offered,
+        known=lambda name: registry.type_named(name) is not None,
+        unit=unit,
+        external=external,
+        started=seen.started,
+        where=endpoint,
+    )
+    text = sketch_toml(found, origin=f"what {endpoint} announced within {seconds:g} s")
+    SystemFile.model_validate({**tomllib.loads(text), "path": path.resolve()})
+    try:
+        with path.open("w" if force else "x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise _there(path) from None
+    except OSError as error:
+        raise ConfigError(f"cannot write the system file: {error.strerror}", where=str(path)) from error
+    return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
+
+
+def _there(path: Path) -> ConfigError:
+    return ConfigError("there is a system file already", where=str(path), hint="name another with -o, or use --force")

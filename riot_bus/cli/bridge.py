@@ -1,0 +1,111 @@
+"""`riot bridge`: joins other middleware to a segment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+__all__ = ["register"]
+
+Names = list[str] | None
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    bridge = typer.Typer(help="Join other middleware to a segment.", no_args_is_help=True, rich_markup_mode=None)
+    bridge.command()(ros2)
+    app.add_typer(bridge, name="bridge")
+
+
+def ros2(
+    *,
+    domain: Annotated[
+        int, typer.Option("--domain", "-d", envvar="ROS_DOMAIN_ID", help="ROS_DOMAIN_ID of the nodes.")
+    ] = 0,
+    segment: Annotated[
+        str | None,
+        typer.Option("--segment", metavar="NAME", help="Segment of riot.toml, or of a router without one."),
+    ] = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system",
+            "-s",
+            metavar="FILE",
+            envvar="RIOT_SYSTEM",
+            help="System file. [default: riot.toml, if it exists]",
+        ),
+    ] = None,
+    endpoint: Annotated[
+        str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where it listens, instead of its name.")
+    ] = None,
+    cfg: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the client; repeatable.")
+    ] = None,
+    topics: Annotated[
+        Names,
+        typer.Option(
+            metavar="NAME",
+            help="Bridge only these, such as '/camera/**'; repeatable. [default: all that are not hidden]",
+        ),
+    ] = None,
+    services: Annotated[
+        Names,
+        typer.Option(metavar="NAME", help="Likewise. [default: all but those that every node has; actions, too]"),
+    ] = None,
+    exclude: Annotated[Names, typer.Option(metavar="NAME", help="Leave these out; repeatable.")] = None,
+    zenoh_domain: Annotated[
+        int, typer.Option(help="ROS_DOMAIN_ID that stands in the keys; bridges that shall meet have the same.")
+    ] = 0,
+    depth: Annotated[int, typer.Option(help="Messages that the bridge keeps for slow peers, by topic.")] = 1000,
+    latched: Annotated[int, typer.Option(help="Messages that it keeps for late joiners of latched topics.")] = 100,
+    python: Annotated[
+        str | None,
+        typer.Option(metavar="PYTHON", envvar="RIOT_ROS_PYTHON", help="Has rclpy. [default: the first on PATH]"),
+    ] = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", envvar="RIOT_ROS_SETUP", help="Is sourced before, such as /opt/ros/jazzy/setup.bash."
+        ),
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Join a ROS 2 domain, whatever its middleware, to a segment: topics, services and actions; until Ctrl-C.
+
+    Two bridges with different domains at two segments of `riot router` put it between the nodes of these domains. ROS
+    needs nothing but its own rclpy; on the segment, its nodes look like those of rmw_zenoh.
+    """
+    from riot_bus.bus.bridge.port import open_port
+    from riot_bus.bus.bridge.running import run_bridge
+    from riot_bus.bus.component import client_cfg, segment_endpoints
+    from riot_bus.errors import ConfigError
+    from riot_bus_ros2.bridge.bridge import Ros2Bridge
+    from riot_bus_ros2.bridge.options import BridgeOptions
+
+    if (segment is None) == (endpoint is None):
+        raise ConfigError("which segment?", where="riot bridge ros2", hint="give --segment NAME or --endpoint ENDPOINT")
+    options = BridgeOptions(
+        domain=domain,
+        zenoh_domain=zenoh_domain,
+        topics=topics,
+        services=services,
+        exclude=exclude or (),
+        depth=depth,
+        latched=latched,
+        python=python,
+        setup=setup,
+    )
+    options.check()
+    config = client_cfg(cfg or ())
+    if segment is not None:
+        endpoints, config = segment_endpoints(segment, config, system=system)
+    else:
+        endpoints = [endpoint or ""]
+    with open_port(endpoints, config=config) as port:
+        bridge = Ros2Bridge(port, options, warn=lambda line: typer.echo(line, err=True))
+        run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON)

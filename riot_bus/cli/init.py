@@ -1,0 +1,67 @@
+"""`riot init`: write a first riot.toml."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.options import Format, OutputFormat
+
+__all__ = ["register"]
+
+DEFAULT_FILE = Path("riot.toml")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(init)
+
+
+def init(
+    *,
+    ros2: Annotated[bool, typer.Option("--ros2", help="From the ROS 2 nodes that are connected to a router.")] = False,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look.")] = 3.0,
+    unit: Annotated[
+        str | None, typer.Option("--unit", "-u", metavar="NODE", help="The node to test; else all that have inputs.")
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NODE", help="A node that plays the outside world; repeatable. Else those that only publish."
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_FILE,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in."""
+    from riot_bus.chain.init import init_ros2
+    from riot_bus.errors import ConfigError
+
+    if not ros2:
+        raise ConfigError("what shall the system file be made from?", where="riot init", hint="add --ros2")
+    found = init_ros2(out, endpoint, seconds=seconds, unit=unit, external=external or (), cfg=cfg or (), force=force)
+    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(_lines(found)))
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    parts = found["components"]
+    width = max(len(part["name"]) for part in parts)
+    lines = [
+        f"{part['name']:{width}}  {part['segment']:7}  {len(part['inputs'])} in, {len(part['outputs'])} out"
+        for part in parts
+    ]
+    external = ", ".join(found["external"]) or "none found"
+    lines.append(f"external topics: {external}")
+    if found["unknown_types"]:
+        lines.append(f"types without a definition here: {', '.join(found['unknown_types'])}")
+    if found["skipped"]:
+        lines.append(f"{found['skipped']} announcements were too many to look at")
+    lines.append(f"written: {found['file']}; next, fill in what it marks with FILL IN, above all the commands")
+    return lines

@@ -1,0 +1,164 @@
+"""Mutations: fields of one message that are changed together, so that they contradict each other.
+
+Part of a dictionary file (see `riot_bus.inject.dictionary`):
+
+    [[message]]
+    type = "sensor_msgs/msg/Image"                    # or a list of types that have the same fields
+    consistent = "len(data) == step * height"         # optional: holds of sound messages, and of no mutated one
+    mutations = [
+        { set = { height = "height + 1" }, reason = "one row more than there is data" },
+        { set = { step = 65536, height = 65536 }, reason = "their product wraps to 0 in 32 bits" },
+    ]
+
+A text is a formula over the message as it was before (`riot_bus.inject.formula`); literal text has quotes of its own:
+`"'rgb8'"`. A mutation holds wherever its type stands: in messages of that type, and in all messages that contain one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from riot_bus.errors import ConfigError
+from riot_bus.inject.formula import evaluate, join_path, parse_formula
+from riot_bus.inject.interceptor import fit_value, set_elements
+from riot_bus.injection import Formula
+from riot_bus.selector import parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from riot_bus.trial import Scalar
+    from riot_bus.types.model import MessageType
+
+__all__ = ["Mutation", "RawMessage", "RawMutation", "mutate", "read_mutations"]
+
+_STRICT = ConfigDict(extra="forbid", strict=True)
+
+Changes = tuple[tuple[str, "Scalar | Formula"], ...]
+"""Paths and their new values, in the order in which they are set."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mutation:
+    """Fields of one message that are changed together.
+
+    Attributes:
+        type: Type of the message that has the fields.
+        changes: What is set.
+        reason: Why this is worth trying.
+        consistent: A formula that is true of sound messages and of no mutated one; empty if it is only unusual.
+        opt_in: Whether it is only tried where the user asked for all of its fields.
+        source: Which entry of which file it is from.
+        own: Whether that is the user's own file.
+    """
+
+    type: str
+    changes: Changes
+    reason: str
+    consistent: str = ""
+    opt_in: bool = False
+    source: str = ""
+    own: bool = False
+
+    def at(self, base: str) -> Changes:
+        """Return the changes for a message of this type that stands at a path of another one."""
+        return tuple(
+            (join_path(base, path), Formula(value.text, base) if isinstance(value, Formula) else value)
+            for path, value in self.changes
+        )
+
+    def breaks(self, kind: MessageType, payload: bytes, base: str = "") -> bool:
+        """Return whether a message is not consistent, as far as this mutation tells; False if it does not.
+
+        Raises:
+            PayloadError: The message lacks a field that would tell.
+        """
+        if not self.consistent:
+            return False
+        return not evaluate(Formula(self.consistent, base), lambda path: kind.read(payload, path))
+
+
+def mutate(kind: MessageType, payload: bytes, changes: Iterable[tuple[str, Scalar | Formula]]) -> bytes:
+    """Return a payload with all changes made.
+
+    Raises:
+        PayloadError: A field is not there, or a formula has no value that it can hold.
+    """
+    original = payload
+    for path, wanted in changes:
+        value = evaluate(wanted, lambda each: kind.read(original, each)) if isinstance(wanted, Formula) else wanted
+        if "[*]" in path:
+            payload = set_elements(kind, payload, path, value)
+        else:
+            payload = kind.rebuild(payload, {path: fit_value(value, kind.read(payload, path))})
+    return payload
+
+
+class _Hex(BaseModel):
+    model_config = _STRICT
+    hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
+
+
+class RawMutation(BaseModel):
+    """One entry of `mutations`."""
+
+    model_config = _STRICT
+    set: Annotated[dict[str, bool | int | float | str | _Hex], Field(min_length=1)]
+    reason: Annotated[str, Field(min_length=1)]
+
+
+class RawMessage(BaseModel):
+    """One `[[message]]`."""
+
+    model_config = _STRICT
+    type: str | Annotated[list[str], Field(min_length=1)]
+    mutations: Annotated[list[RawMutation], Field(min_length=1)]
+    consistent: str = ""
+    opt_in: bool = False
+
+
+def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutation]:
+    """Yield the mutations of a `[[message]]`, one for each of its types.
+
+    Args:
+        raw: As the file has it.
+        where: Which one of which file.
+        own: Whether the file is the user's own.
+
+    Raises:
+        ConfigError: A path or formula does not parse.
+    """
+    if raw.consistent:
+        _check_formula(raw.consistent, f"{where}.consistent")
+    for number, each in enumerate(raw.mutations):
+        place = f"{where}.mutations[{number}]"
+        changes = tuple((_path(path, place), _value(value, place)) for path, value in each.set.items())
+        for name in [raw.type] if isinstance(raw.type, str) else raw.type:
+            yield Mutation(name, changes, each.reason, raw.consistent, raw.opt_in, where, own)
+
+
+def _path(path: str, where: str) -> str:
+    try:
+        parse_selector(f"x:{path}")
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None
+    return path
+
+
+def _value(value: float | str | _Hex, where: str) -> Scalar | Formula:
+    if isinstance(value, _Hex):
+        return bytes.fromhex(value.hex)
+    if not isinstance(value, str):
+        return value
+    literal = _check_formula(value, where)
+    return Formula(value) if literal is None else literal
+
+
+def _check_formula(text: str, where: str) -> str | None:
+    try:
+        return parse_formula(text).literal
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None

@@ -1,0 +1,122 @@
+"""Encodings by name, found by the entry points `riot_bus.types`; each is loaded when something names it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, RiotError, did_you_mean
+from riot_bus.types.model import MessageType, TypeSource
+from riot_bus.types.raw_type import OpaqueType
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["Codec", "Codecs"]
+
+Codec = MessageType | TypeSource
+"""What a codec's class makes: the type of all payloads of an encoding that describes itself, or a source of types."""
+
+_GROUP = "riot_bus.types"
+_BUILT_IN = {
+    "cbor": "riot_bus.types.cbor_type:CborType",
+    "json": "riot_bus.types.json_type:JsonType",
+    "msgpack": "riot_bus.types.msgpack_type:MsgpackType",
+    "protobuf": "riot_bus.types.protobuf.source:ProtobufTypes",
+    "raw": "riot_bus.types.raw_type:RawType",
+}
+_DEFINITIONS = {".binpb": "protobuf", ".desc": "protobuf"}
+_PREFIXES = ("application/", "text/", "vnd.", "x-", "google.")
+
+
+class Codecs:
+    """The codecs of one registry."""
+
+    def __init__(self) -> None:
+        self._targets: dict[str, str] | None = None
+        self._loaded: dict[str, Codec] = {}
+
+    def names(self) -> list[str]:
+        """Return the names of all codecs that are shipped or installed."""
+        return sorted(self._known())
+
+    def loaded(self) -> list[Codec]:
+        """Return the codecs that something has named."""
+        return list(self._loaded.values())
+
+    def load(self, name: str) -> Codec:
+        """Return a codec.
+
+        Raises:
+            ConfigError: There is none of this name, or it cannot be loaded.
+            MissingExtraError: It lacks its optional dependency.
+        """
+        found = self._loaded.get(name)
+        if found is None:
+            target = self._known().get(name)
+            if target is None:
+                raise ConfigError(f"unknown codec {name!r}", hint=did_you_mean(name, self._known()))
+            found = self._loaded[name] = _load(name, target)
+        return found
+
+    def of_encoding(self, encoding: str) -> Codec | None:
+        """Return the codec of an encoding, None if there is none.
+
+        The codec `cbor` is that of `cbor`, `application/cbor`, `application/x-cbor` and the like. One that cannot be
+        loaded is replaced by a type that says why.
+
+        Args:
+            encoding: MCAP's or Zenoh's, without a schema.
+        """
+        name = encoding.lower()
+        for prefix in _PREFIXES:
+            name = name.removeprefix(prefix)
+        if name not in self._known():
+            return None
+        try:
+            return self.load(name)
+        except RiotError as error:
+            reason = f"{error.message} ({error.hint})" if error.hint else error.message
+            self._loaded[name] = OpaqueType(name, name, reason)
+            return self._loaded[name]
+
+    def of_type(self, type_name: str) -> Codec | None:
+        """Return the codec that the name of a type begins with: `cbor`, or `raw(...)`; None if there is none.
+
+        Raises:
+            ConfigError: It cannot be loaded.
+        """
+        name = type_name.partition("(")[0]
+        return self.load(name) if name in self._loaded or (name.isidentifier() and name in self._known()) else None
+
+    def of_file(self, file: Path) -> TypeSource | None:
+        """Return the codec whose types a file defines, which its ending tells; None if it is an adapter's.
+
+        Raises:
+            ConfigError: It cannot be loaded.
+        """
+        name = _DEFINITIONS.get(file.suffix, file.suffix.removeprefix("."))
+        if name not in self._known():
+            return None
+        found = self.load(name)
+        return found if isinstance(found, TypeSource) else None
+
+    def _known(self) -> dict[str, str]:
+        if self._targets is None:
+            self._targets = _BUILT_IN | {point.name: point.value for point in entry_points(group=_GROUP)}
+        return self._targets
+
+
+def _load(name: str, target: str) -> Codec:
+    module, _, attribute = target.partition(":")
+    try:
+        made = getattr(import_module(module), attribute)()
+    except RiotError:
+        raise
+    except Exception as error:  # somebody else's package
+        hint = "mend or uninstall the package"
+        raise ConfigError(f"codec {name!r} cannot be loaded: {error}", where=target, hint=hint) from error
+    if not isinstance(made, MessageType | TypeSource):
+        raise ConfigError(f"codec {name!r} is neither a MessageType nor a TypeSource", where=target)
+    return made

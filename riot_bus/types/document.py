@@ -1,0 +1,201 @@
+"""Payloads that describe themselves in binary items: MessagePack and CBOR, walked in place.
+
+Map keys that are integers are written `[3]`; entries with keys of other kinds than string and integer, nil and what has
+no scalar value are no fields. Of duplicate keys the last one counts; a payload that is no map is called `value`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.types.model import (
+    REBUILD,
+    ROOT,
+    Leaf,
+    Schema,
+    check_size,
+    member_path,
+    parse_path,
+    wanted_length,
+    why_opaque,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.trial import Scalar
+
+__all__ = ["DocumentType", "Item"]
+
+_MAX_DEPTH = 64
+
+
+class Item(NamedTuple):
+    """One item's head: from `start`, a scalar from `body` to `end`, `entries` of a container from `body`."""
+
+    kind: str
+    start: int
+    body: int
+    end: int
+    entries: int = 0
+
+
+class DocumentType(ABC):
+    """A `MessageType` for all documents of one encoding; subclasses say how items are written.
+
+    Attributes:
+        title: What people call the encoding.
+    """
+
+    name = ""
+    encoding = ""
+    title = ""
+    schema: Schema | None = None
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """List the scalar fields in payload order."""
+        root = self.head(payload, 0)
+        if self.skip(payload, 0) != len(payload):
+            raise PayloadError(f"bytes follow the {self.title} document")
+        found: list[Leaf] = []
+        self._collect(payload, root, "" if root.kind == "map" else ROOT, elements, 0, found)
+        return found
+
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart, None if it can."""
+        return why_opaque(self, payload)
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Return one field's value (`len(path)` for the length of an array)."""
+        item = self._find(payload, path)
+        if parse_path(path).length:
+            if item.kind != "array":
+                raise PayloadError("only arrays have a length", where=path)
+            self.skip(payload, item.start)
+            return item.entries
+        value = self.value(payload, item)
+        if value is None:
+            raise PayloadError(f"{item.kind} is no scalar field", where=path)
+        return value
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced; every byte outside of them stays as it is.
+
+        Numbers keep their format where the new value fits, else they get the next wider one; integers outside of 64
+        bits wrap. A float may be written into an integer, as encoders shorten 1.0 to 1.
+        """
+        splices: dict[tuple[int, int], bytes] = {}
+        for path, value in changes.items():
+            if parse_path(path).length:
+                raise PayloadError("a length cannot be patched in place", where=path, hint=REBUILD)
+            item = self._find(payload, path)
+            if self.value(payload, item) is None:
+                raise PayloadError(f"{item.kind} is no scalar field", where=path)
+            splices[item.start, item.end] = self.encode(payload, item, value, path)
+        for (start, end), data in sorted(splices.items(), reverse=True):
+            payload = payload[:start] + data + payload[end:]
+        return payload
+
+    def rebuild(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with scalars and lengths of arrays changed; an empty array cannot grow."""
+        scalars = {}
+        for path, value in changes.items():
+            if parse_path(path).length:
+                payload = self._resized(payload, path, wanted_length(value, path))
+            else:
+                scalars[path] = value
+        return self.patch(payload, scalars) if scalars else payload
+
+    @abstractmethod
+    def head(self, payload: bytes, at: int) -> Item:
+        """Return the item that begins here; raises PayloadError if there is none."""
+
+    @abstractmethod
+    def skip(self, payload: bytes, at: int) -> int:
+        """Return where the item that begins here ends, with everything in it; raises PayloadError if it does not."""
+
+    @abstractmethod
+    def value(self, payload: bytes, item: Item) -> Scalar | None:
+        """Return a scalar's value, None if the item is none."""
+
+    @abstractmethod
+    def leaf_type(self, payload: bytes, item: Item, value: Scalar) -> str:
+        """Return the type of a scalar."""
+
+    @abstractmethod
+    def encode(self, payload: bytes, item: Item, value: Scalar, path: str) -> bytes:
+        """Return the item that replaces a scalar."""
+
+    @abstractmethod
+    def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
+        """Return the head of an array with another number of elements."""
+
+    def _collect(self, payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
+        if depth > _MAX_DEPTH:
+            raise PayloadError(f"{self.title} is nested deeper than {_MAX_DEPTH}")
+        if item.kind == "map":
+            for key, at in dict(self._members(payload, item)).items():
+                if key is not None:
+                    name = f"{path}[{key}]" if isinstance(key, int) else member_path(path, key)
+                    self._collect(payload, self.head(payload, at), name, elements, depth + 1, found)
+        elif item.kind == "array":
+            found.append(Leaf(f"len({path})", "uint32", item.entries))
+            at = item.body
+            for index in range(min(elements, item.entries)):
+                self._collect(payload, self.head(payload, at), f"{path}[{index}]", elements, depth + 1, found)
+                at = self.skip(payload, at)
+        elif (value := self.value(payload, item)) is not None:
+            found.append(Leaf(path, self.leaf_type(payload, item, value), value))
+
+    def _members(self, payload: bytes, item: Item) -> Iterator[tuple[str | int | None, int]]:
+        """Yield each entry of a map: its key (None if of another kind) and where its value begins."""
+        at = item.body
+        for _ in range(item.entries):
+            key = self.head(payload, at)
+            value = self.value(payload, key) if key.kind in ("str", "int", "uint") else None
+            at = self.skip(payload, at)
+            yield (value if isinstance(value, str | int) else None), at
+            at = self.skip(payload, at)
+
+    def _find(self, payload: bytes, path: str) -> Item:
+        item = self.head(payload, 0)
+        steps = parse_path(path).steps
+        if item.kind != "map":
+            if steps[0] != ROOT:
+                raise PayloadError(f"the payload is no map; its path begins with {ROOT!r}", where=path)
+            steps = steps[1:]
+        for step in steps:
+            if item.kind == "array" and isinstance(step, int):
+                if not 0 <= step < item.entries:
+                    raise PayloadError(f"no element {step} in an array of {item.entries}", where=path)
+                at = item.body
+                for _ in range(step):
+                    at = self.skip(payload, at)
+            else:
+                members = dict(self._members(payload, item)) if item.kind == "map" else {}
+                if step not in members:
+                    known = [key for key in members if isinstance(key, str)]
+                    raise PayloadError(f"no field {step!r}", where=path, hint=did_you_mean(str(step), known))
+                at = members[step]
+            item = self.head(payload, at)
+        return item
+
+    def _resized(self, payload: bytes, path: str, count: int) -> bytes:
+        item = self._find(payload, path)
+        if item.kind != "array":
+            raise PayloadError("only arrays have a length", where=path)
+        last = end = item.body
+        for _ in range(min(count, item.entries)):
+            last, end = end, self.skip(payload, end)
+        rest = end
+        for _ in range(count, item.entries):
+            rest = self.skip(payload, rest)
+        content = payload[item.body : end]
+        if count > item.entries:
+            if not item.entries:
+                raise PayloadError("nothing tells what the elements of an empty array are", where=path)
+            check_size(len(payload) + (count - item.entries) * (end - last), path)
+            content += payload[last:end] * (count - item.entries)
+        return payload[: item.start] + self.array_head(payload, item, count) + content + payload[rest:]

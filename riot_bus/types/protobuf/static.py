@@ -1,0 +1,80 @@
+"""What a message type says of its fields without a payload, and arrays of many payloads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.errors import PayloadError
+from riot_bus.types.fields import MOST_FIELDS, FieldType
+from riot_bus.types.model import member_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from riot_bus.types.bulk import Payloads
+    from riot_bus.types.protobuf.kind import ProtobufType
+    from riot_bus.types.protobuf.layout import Definitions, Field, Layout
+
+__all__ = ["array_values", "static_fields"]
+
+_MOST_MESSAGES = 100_000
+_MAX_DEPTH = 64
+
+
+def static_fields(definitions: Definitions, layout: Layout) -> Sequence[FieldType]:
+    """List the fields of a message in the order of the definition, `MOST_FIELDS` at most.
+
+    The values of a map are written `counts["*"]`; what is inside a message of a type that it is in itself is left out.
+    """
+    listing = _Listing(definitions)
+    listing.add(layout, "", ())
+    return listing.found[:MOST_FIELDS]
+
+
+class _Listing:
+    def __init__(self, definitions: Definitions) -> None:
+        self.found: list[FieldType] = []
+        self._definitions = definitions
+        self._messages = 0
+
+    def add(self, layout: Layout, path: str, outer: tuple[str, ...]) -> None:
+        self._messages += 1
+        enough = self._messages > _MOST_MESSAGES or len(self.found) >= MOST_FIELDS
+        if enough or layout.name in outer or len(outer) > _MAX_DEPTH:
+            return
+        for field in layout.fields.values():
+            here = member_path(path, field.name)
+            inside = None if field.kind is not None else self._definitions.inside(field)
+            if inside is not None and inside.entry and field.repeated and {1, 2} <= inside.numbers.keys():
+                self._add_one(inside.numbers[2], f'{here}["*"]', (*outer, layout.name))
+            elif field.repeated:
+                self.found.append(FieldType(f"len({here})", "uint32"))
+                self._add_one(field, f"{here}[*]", (*outer, layout.name))
+            else:
+                self._add_one(field, here, (*outer, layout.name))
+
+    def _add_one(self, field: Field, path: str, outer: tuple[str, ...]) -> None:
+        if field.kind is None:
+            self.add(self._definitions.inside(field), path, outer)
+        else:
+            self.found.append(FieldType(path, field.kind.leaf, 0, field.low, field.high, field.unit))
+
+
+def array_values(kind: ProtobufType, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
+    """Yield the elements of an array of numbers, payload by payload; what does not decode has none."""
+    field = next((each for each in kind.fields() if each.path == f"{path}[*]"), None)
+    if field is None or field.type in ("string", "bytes"):
+        raise PayloadError("there is no such array of numbers", where=f"{kind.name}: {path}")
+    return _arrays(kind, payloads, path, np.dtype(field.type))
+
+
+def _arrays(kind: ProtobufType, payloads: Payloads, path: str, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+    for payload in payloads:
+        try:
+            yield np.array(kind.array(payload, path), dtype)
+        except PayloadError:
+            continue

@@ -1,0 +1,197 @@
+"""Where the fields of a message stand: what the entries on the wire mean together.
+
+A message may come in several parts, of a scalar and of a oneof the last entry counts, and the elements of an array may
+come packed or one by one: https://protobuf.dev/programming-guides/encoding/#last-one-wins.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.errors import PayloadError
+from riot_bus.types.protobuf.wire import BYTES, GROUP, entries, read_varint
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.types.protobuf.layout import Field, Layout
+    from riot_bus.types.protobuf.wire import Entry
+
+__all__ = [
+    "Box",
+    "Found",
+    "Part",
+    "Slot",
+    "count",
+    "element",
+    "elements",
+    "fields_of",
+    "last",
+    "part_of",
+    "size",
+    "slot_of",
+    "whole",
+]
+
+_ENDS_VARINT = bytes(range(0x80))
+
+
+class Box(NamedTuple):
+    """Bytes whose number stands before them: the count from `prefix` to `body`, they themselves up to `end`."""
+
+    prefix: int
+    body: int
+    end: int
+    depth: int
+    outer: Box | None
+
+
+class Part(NamedTuple):
+    """A span of entries that belong to one message, and the innermost box around it."""
+
+    start: int
+    end: int
+    box: Box | None
+
+
+class Found(NamedTuple):
+    """One entry of a field, and the part that it stands in."""
+
+    entry: Entry
+    part: Part
+
+    @property
+    def inner(self) -> Box:
+        """The box that the entry itself is."""
+        outer = self.part.box
+        return Box(self.entry.value, self.entry.body, self.entry.end, outer.depth + 1 if outer else 0, outer)
+
+
+class Slot(NamedTuple):
+    """Where one scalar stands: without a count of bytes, which is the box's."""
+
+    start: int
+    end: int
+    box: Box | None
+
+
+def whole(data: bytes) -> tuple[Part, ...]:
+    """Return the parts of a payload's message."""
+    return (Part(0, len(data), None),)
+
+
+def fields_of(data: bytes, layout: Layout, parts: Sequence[Part]) -> dict[int, list[Found]]:
+    """Return the entries of each known field by its number, in the order of the wire; all others are passed over.
+
+    Raises:
+        PayloadError: These are no entries.
+    """
+    found: dict[int, list[Found]] = {}
+    chosen: dict[int, int] = {}
+    for part in parts:
+        for entry in entries(data, part.start, part.end):
+            field = layout.numbers.get(entry.number)
+            if field is None or not _fits(field, entry.wire):
+                continue
+            if field.oneof >= 0:
+                other = chosen.get(field.oneof, entry.number)
+                if other != entry.number:
+                    found.pop(other, None)
+                chosen[field.oneof] = entry.number
+            found.setdefault(entry.number, []).append(Found(entry, part))
+    return found
+
+
+def _fits(field: Field, wire: int) -> bool:
+    if field.kind is None:
+        return wire in (BYTES, GROUP)
+    return wire == field.kind.wire or (field.repeated and wire == BYTES)
+
+
+def part_of(one: Found) -> Part:
+    """Return the inside of a message."""
+    entry = one.entry
+    return Part(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
+
+
+def slot_of(one: Found) -> Slot:
+    """Return where a scalar stands that is not packed."""
+    entry = one.entry
+    return Slot(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
+
+
+def _packed(field: Field, one: Found) -> bool:
+    return field.kind is not None and field.kind.wire != BYTES and one.entry.wire == BYTES
+
+
+def count(data: bytes, field: Field, found: Sequence[Found]) -> int:
+    """Return how many elements an array has."""
+    return sum(size(data, field, one) for one in found)
+
+
+def size(data: bytes, field: Field, one: Found) -> int:
+    """Return how many elements of an array stand in one entry."""
+    if not _packed(field, one):
+        return 1
+    assert field.kind is not None
+    start, end = one.entry.body, one.entry.end
+    if field.kind.size:
+        number, rest = divmod(end - start, field.kind.size)
+        if rest:
+            raise PayloadError(f"{end - start} bytes are no whole number of elements", where=field.name)
+        return number
+    if end > start and data[end - 1] >= 0x80:
+        raise PayloadError(f"the last of the packed elements before byte {end} does not end", where=field.name)
+    return end - start - len(data[start:end].translate(None, _ENDS_VARINT))
+
+
+def elements(data: bytes, field: Field, found: Sequence[Found], most: int) -> Iterator[Found | Slot]:
+    """Yield the elements of an array, `most` of them: scalars as slots, messages as entries."""
+    left = most
+    for one in found:
+        if left <= 0:
+            return
+        if field.kind is None:
+            yield one
+            left -= 1
+        elif not _packed(field, one):
+            yield slot_of(one)
+            left -= 1
+        else:
+            for slot in _slots(data, field, one, 0, min(left, size(data, field, one))):
+                yield slot
+                left -= 1
+
+
+def element(data: bytes, field: Field, found: Sequence[Found], index: int) -> Found | Slot:
+    """Return one element of an array; raises PayloadError if there is none of this number."""
+    left = index
+    for one in found if index >= 0 else ():
+        here = size(data, field, one)
+        if left < here:
+            if field.kind is None:
+                return one
+            return next(_slots(data, field, one, left, 1)) if _packed(field, one) else slot_of(one)
+        left -= here
+    raise PayloadError(f"no element {index} in an array of {count(data, field, found)}")
+
+
+def last(data: bytes, field: Field, one: Found) -> Slot:
+    """Return the last element of a packed entry that is not empty."""
+    return next(_slots(data, field, one, size(data, field, one) - 1, 1))
+
+
+def _slots(data: bytes, field: Field, one: Found, first: int, number: int) -> Iterator[Slot]:
+    """Yield some elements of a packed entry, which has them."""
+    assert field.kind is not None
+    at, end, box = one.entry.body, one.entry.end, one.inner
+    width = field.kind.size
+    if width:
+        at += first * width
+        for start in range(at, at + number * width, width):
+            yield Slot(start, start + width, box)
+        return
+    for place in range(first + number):
+        start, at = at, read_varint(data, at, end)[1]
+        if place >= first:
+            yield Slot(start, at, box)

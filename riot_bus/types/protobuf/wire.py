@@ -1,0 +1,246 @@
+"""The wire format of Protocol Buffers: entries of a message, varints, scalars.
+
+Source: https://protobuf.dev/programming-guides/encoding/.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.errors import PayloadError
+from riot_bus.types.model import wrap_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from riot_bus.trial import Scalar
+
+__all__ = [
+    "BYTES",
+    "GROUP",
+    "KINDS",
+    "Entry",
+    "Kind",
+    "decode",
+    "encode",
+    "entries",
+    "read_varint",
+    "tag",
+    "varint",
+]
+
+VARINT, FIXED64, BYTES, GROUP, END_GROUP, FIXED32 = range(6)
+"""Wire types; `GROUP` is what begins one."""
+
+_MOST_GROUPS = 100
+_MAX_VARINT = 10
+
+
+class Kind(NamedTuple):
+    """A kind of scalar: its wire type, its type as in `Leaf`, and how it is packed (none: as a varint)."""
+
+    wire: int
+    leaf: str
+    form: struct.Struct | None = None
+    zigzag: bool = False
+
+    @property
+    def size(self) -> int:
+        """Bytes of a value of fixed size, 0 for others."""
+        return self.form.size if self.form is not None else 0
+
+
+KINDS = {
+    "double": Kind(FIXED64, "float64", struct.Struct("<d")),
+    "float": Kind(FIXED32, "float32", struct.Struct("<f")),
+    "int64": Kind(VARINT, "int64"),
+    "uint64": Kind(VARINT, "uint64"),
+    "int32": Kind(VARINT, "int32"),
+    "fixed64": Kind(FIXED64, "uint64", struct.Struct("<Q")),
+    "fixed32": Kind(FIXED32, "uint32", struct.Struct("<I")),
+    "bool": Kind(VARINT, "bool"),
+    "string": Kind(BYTES, "string"),
+    "bytes": Kind(BYTES, "bytes"),
+    "uint32": Kind(VARINT, "uint32"),
+    "enum": Kind(VARINT, "int32"),
+    "sfixed32": Kind(FIXED32, "int32", struct.Struct("<i")),
+    "sfixed64": Kind(FIXED64, "int64", struct.Struct("<q")),
+    "sint32": Kind(VARINT, "int32", zigzag=True),
+    "sint64": Kind(VARINT, "int64", zigzag=True),
+}
+"""By the names that .proto files use; enums are open."""
+
+
+class Entry(NamedTuple):
+    """One field on the wire.
+
+    Attributes:
+        number: Its number.
+        wire: Its wire type.
+        start: Where its tag begins.
+        value: Where what follows the tag begins; of text, bytes, messages and packed arrays the count of bytes.
+        body: Where the value itself begins.
+        end: Where it ends.
+        after: Where the next entry begins; of a group after the tag that ends it.
+    """
+
+    number: int
+    wire: int
+    start: int
+    value: int
+    body: int
+    end: int
+    after: int
+
+
+def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
+    """Return a varint of 64 bits at most, and where it ends; raises PayloadError if it does not."""
+    if at < end and data[at] < 0x80:
+        return data[at], at + 1
+    number = shift = 0
+    for place in range(at, min(end, at + _MAX_VARINT)):
+        byte = data[place]
+        number |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return number & 0xFFFF_FFFF_FFFF_FFFF, place + 1
+        shift += 7
+    raise PayloadError(f"varint at byte {at} does not end")
+
+
+def varint(number: int) -> bytes:
+    """Return the shortest varint of an integer that is not negative."""
+    packed = bytearray()
+    while number > 0x7F:
+        packed.append(number & 0x7F | 0x80)
+        number >>= 7
+    packed.append(number)
+    return bytes(packed)
+
+
+def tag(number: int, wire: int) -> bytes:
+    """Return what stands before a value."""
+    return varint(number << 3 | wire)
+
+
+def entries(data: bytes, start: int, end: int) -> Iterator[Entry]:
+    """Yield the fields of a message from `start` to `end`; raises PayloadError where they do not fit in there."""
+    at = start
+    while at < end:
+        entry = _entry(data, at, end)
+        yield entry
+        at = entry.after
+
+
+def _entry(data: bytes, start: int, end: int) -> Entry:
+    key, at = read_varint(data, start, end)
+    number, wire = key >> 3, key & 7
+    if not 0 < number < 1 << 29:
+        raise PayloadError(f"no field number at byte {start}: {number}")
+    if wire == GROUP:
+        inner, after = _end_of_group(data, at, end, number)
+        return Entry(number, wire, start, at, at, inner, after)
+    body, stop = _span(data, at, end, wire)
+    return Entry(number, wire, start, at, body, stop, stop)
+
+
+def _span(data: bytes, at: int, end: int, wire: int) -> tuple[int, int]:
+    """Return from where to where a value goes."""
+    body = at
+    if wire == VARINT:
+        stop = read_varint(data, at, end)[1]
+    elif wire in (FIXED64, FIXED32):
+        stop = at + (8 if wire == FIXED64 else 4)
+    elif wire == BYTES:
+        size, body = read_varint(data, at, end)
+        stop = body + size
+    else:
+        raise PayloadError(f"wire type {wire} at byte {at} begins nothing")
+    if stop > end:
+        raise PayloadError(f"value at byte {at} ends beyond its message, which ends at byte {end}")
+    return body, stop
+
+
+def _end_of_group(data: bytes, at: int, end: int, number: int) -> tuple[int, int]:
+    """Return where the content of a group ends, and where the tag after it does."""
+    open_ = [number]
+    while at < end:
+        start = at
+        key, at = read_varint(data, at, end)
+        if key & 7 == GROUP:
+            open_.append(key >> 3)
+            if len(open_) > _MOST_GROUPS:
+                raise PayloadError(f"groups are nested deeper than {_MOST_GROUPS}")
+        elif key & 7 == END_GROUP:
+            if open_.pop() != key >> 3:
+                raise PayloadError(f"the end of another group at byte {start}")
+            if not open_:
+                return start, at
+        else:
+            at = _span(data, at, end, key & 7)[1]
+    raise PayloadError(f"group {number} does not end")
+
+
+def decode(kind: Kind, data: bytes, body: int, end: int) -> Scalar:
+    """Return a value; text that is no UTF-8 becomes surrogates, integers are cut to the bits of their type."""
+    if kind.form is not None:
+        value: Scalar = kind.form.unpack_from(data, body)[0]
+        return value
+    if kind.wire == BYTES:
+        return data[body:end].decode(errors="surrogateescape") if kind.leaf == "string" else data[body:end]
+    number = read_varint(data, body, end)[0]
+    if kind.leaf == "bool":
+        return number != 0
+    bits = _bits(kind)
+    if kind.zigzag:
+        number &= (1 << bits) - 1
+        return number >> 1 ^ -(number & 1)
+    return wrap_integer(number, bits=bits, signed=kind.leaf[0] == "i")
+
+
+def encode(kind: Kind, value: Scalar) -> bytes:
+    """Return a value without a count of bytes; integers wrap, floats that overflow become infinite.
+
+    Raises:
+        PayloadError: The value is of another kind.
+    """
+    if kind.wire == BYTES:
+        return _text(kind, value)
+    if isinstance(value, str | bytes):
+        raise PayloadError(f"{value!r} is no {kind.leaf}")
+    if kind.leaf.startswith("float"):
+        return _packed_float(kind, value)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise PayloadError(f"{value} is no {kind.leaf}")
+    if kind.leaf == "bool":
+        return b"\1" if value else b"\0"
+    number = wrap_integer(int(value), bits=_bits(kind), signed=kind.leaf[0] == "i")
+    if kind.form is not None:
+        return kind.form.pack(number)
+    if kind.zigzag:
+        return varint(number << 1 if number >= 0 else (-number << 1) - 1)
+    return varint(number & 0xFFFF_FFFF_FFFF_FFFF)
+
+
+def _text(kind: Kind, value: Scalar) -> bytes:
+    if isinstance(value, bytes) and kind.leaf == "bytes":
+        return value
+    if not isinstance(value, str) or kind.leaf == "bytes":
+        raise PayloadError(f"{value!r} is no {kind.leaf}")
+    try:
+        return value.encode(errors="surrogateescape")
+    except UnicodeEncodeError as error:
+        raise PayloadError(f"{value!r} cannot be encoded: {error}") from error
+
+
+def _packed_float(kind: Kind, value: float) -> bytes:
+    assert kind.form is not None
+    try:
+        return kind.form.pack(float(value))
+    except OverflowError:
+        return kind.form.pack(math.inf if value > 0 else -math.inf)
+
+
+def _bits(kind: Kind) -> int:
+    return 64 if kind.leaf.endswith("64") else 32

@@ -1,0 +1,243 @@
+"""Payloads that are not taken apart, and such whose layout is written beside their name: packed C structures.
+
+`raw` are bytes without fields; `raw(uint32 seq, float32[3] gyro, int16be temperature @20)` are fields one after the
+other, or from a byte on.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.types.fields import FieldType
+from riot_bus.types.model import Leaf, Schema, parse_path, wrap_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from riot_bus.trial import Scalar
+    from riot_bus.types.bulk import Payloads
+
+__all__ = ["OpaqueType", "RawType", "StructType"]
+
+_CODES = {
+    "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q",
+    "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
+_FIELD = re.compile(r"([a-z]+[0-9]*)(be)?(?:\[([0-9]{1,6})\])? +([A-Za-z_][A-Za-z0-9_.]*)(?: *@ *([0-9]{1,8}))?")
+_MOST_PLACES = 100_000
+_EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature @20)'"
+
+
+class OpaqueType:
+    """A type whose payloads are never taken apart.
+
+    Args:
+        name: Of the type.
+        encoding: MCAP's message encoding.
+        reason: Why.
+    """
+
+    schema: Schema | None = None
+
+    def __init__(self, name: str, encoding: str, reason: str) -> None:
+        self.name = name
+        self.encoding = encoding
+        self.reason = reason
+
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart."""
+        del payload
+        return self.reason
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """Raise PayloadError."""
+        del payload, elements
+        raise self._error()
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Raise PayloadError."""
+        del payload
+        raise self._error(path)
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload if there are no changes; raise PayloadError otherwise."""
+        if changes:
+            raise self._error(next(iter(changes)))
+        return payload
+
+    rebuild = patch
+
+    def _error(self, path: str | None = None) -> PayloadError:
+        return PayloadError(self.reason, where=path)
+
+
+class RawType(OpaqueType):
+    """Bytes that nobody describes; as a source of types, such whose names describe them."""
+
+    def __init__(self) -> None:
+        super().__init__("raw", "raw", "raw bytes have no fields")
+
+    def load(self, files: Sequence[Path]) -> None:
+        """Raise ConfigError: layouts are written as names."""
+        raise ConfigError("raw types are not defined in files", where=str(files[0]) if files else None, hint=_EXAMPLE)
+
+    def type_named(self, type_name: str) -> StructType | None:
+        """Return the type of `raw(FIELDS)`, None for other names.
+
+        Raises:
+            ConfigError: The fields are not written as they should be.
+        """
+        if not (type_name.startswith("raw(") and type_name.endswith(")")):
+            return None
+        return StructType(type_name)
+
+    def type_of_schema(self, schema: Schema) -> None:
+        """Return None: logs do not describe raw bytes."""
+        del schema
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    offset: int
+    type: str
+    form: struct.Struct
+
+
+class StructType:
+    """Fields at fixed places: numbers, and arrays of them, packed without padding, little-endian unless they say `be`.
+
+    Args:
+        name: `raw(TYPE NAME, ...)`, where TYPE is bool, int8 ... uint64, float32 or float64, may end with `be`
+            for big-endian and with `[N]` for an array, and `@ BYTE` after the name says where it is.
+
+    Raises:
+        ConfigError: The name is not of this form.
+    """
+
+    encoding = "raw"
+    schema: Schema | None = None
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._fields: list[FieldType] = []
+        self._places: dict[str, _Place] = {}
+        self._lengths: dict[str, int] = {}
+        end = 0
+        for text in name[len("raw(") : -1].split(","):
+            end = self._add(text.strip(), end)
+        self._size = max((place.offset + place.form.size for place in self._places.values()), default=0)
+
+    def fields(self) -> Sequence[FieldType]:
+        """List the fields."""
+        return self._fields
+
+    def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
+        """Yield the elements of an array, as `riot_bus.types.fields.Described` says."""
+        if path not in self._lengths:
+            raise PayloadError("there is no such array", where=f"{self.name}: {path}")
+        import numpy as np
+
+        first = self._places[f"{path}[0]"]
+        dtype = np.dtype(first.form.format)
+        return (
+            np.frombuffer(payload, dtype, self._lengths[path], first.offset)
+            for payload in payloads
+            if len(payload) >= self._size
+        )
+
+    def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
+        """List the fields in the order of their description."""
+        self._check(payload)
+        found = []
+        for path, place in self._places.items():
+            if not path.endswith("]") or int(path[path.rindex("[") + 1 : -1]) < elements:
+                found.append(Leaf(path, place.type, place.form.unpack_from(payload, place.offset)[0]))
+        return found
+
+    def opaque(self, payload: bytes) -> str | None:
+        """Return why the payload cannot be taken apart, None if it can."""
+        return None if len(payload) >= self._size else self._short(payload)
+
+    def read(self, payload: bytes, path: str) -> Scalar:
+        """Return one field's value."""
+        place = self._place(path)
+        if isinstance(place, int):
+            return place
+        self._check(payload)
+        value: Scalar = place.form.unpack_from(payload, place.offset)[0]
+        return value
+
+    def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
+        """Return the payload with some scalars replaced in place."""
+        self._check(payload)
+        data = bytearray(payload)
+        for path, value in changes.items():
+            place = self._place(path)
+            if isinstance(place, int):
+                raise PayloadError("this array has a fixed length", where=path)
+            _pack(place, data, value, path)
+        return bytes(data)
+
+    rebuild = patch
+
+    def _add(self, text: str, end: int) -> int:
+        match = _FIELD.fullmatch(text)
+        kind, big, length, name, offset = match.groups() if match is not None else ("",) * 5
+        if kind not in _CODES:
+            hint = did_you_mean(kind, _CODES) if kind else _EXAMPLE
+            raise ConfigError(f"{text!r} describes no field", where=self.name, hint=hint)
+        form = struct.Struct((">" if big else "<") + _CODES[kind])
+        start = int(offset) if offset else end
+        number = int(length) if length else 1
+        if not number or len(self._places) + number > _MOST_PLACES or name in self._lengths or name in self._places:
+            raise ConfigError(f"{text!r}: no elements, too many, or a second field of this name", where=self.name)
+        if length:
+            self._lengths[name] = number
+            self._fields.append(FieldType(f"{name}[*]", kind, number))
+        else:
+            self._fields.append(FieldType(name, kind))
+        for index in range(number):
+            path = f"{name}[{index}]" if length else name
+            self._places[path] = _Place(start + index * form.size, kind, form)
+        return start + number * form.size
+
+    def _place(self, path: str) -> _Place | int:
+        place: _Place | int | None = self._places.get(path)
+        if place is None and parse_path(path).length:
+            place = self._lengths.get(path[len("len(") : -1])
+        if place is None:
+            raise PayloadError("no such field", where=f"{self.name}: {path}", hint=did_you_mean(path, self._places))
+        return place
+
+    def _check(self, payload: bytes) -> None:
+        if len(payload) < self._size:
+            raise PayloadError(self._short(payload))
+
+    def _short(self, payload: bytes) -> str:
+        return f"{len(payload)} bytes are too few for {self.name}, which has {self._size}"
+
+
+def _pack(place: _Place, data: bytearray, value: Scalar, path: str) -> None:
+    if isinstance(value, str | bytes) or (
+        not place.type.startswith("float") and isinstance(value, float) and not math.isfinite(value)
+    ):
+        raise PayloadError(f"{value!r} is no {place.type}", where=path)
+    if place.type == "bool":
+        place.form.pack_into(data, place.offset, bool(value))
+    elif place.type.startswith("float"):
+        try:
+            place.form.pack_into(data, place.offset, float(value))
+        except OverflowError:
+            place.form.pack_into(data, place.offset, math.inf if value > 0 else -math.inf)
+    else:
+        number = wrap_integer(int(value), bits=8 * place.form.size, signed=place.type[0] == "i")
+        place.form.pack_into(data, place.offset, number)

@@ -1,0 +1,163 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from riot_bus_ros2.bridge.graph import DomainGraph, Found, Profile, announced, profile_of
+from riot_bus_ros2.bridge.options import BridgeOptions, Names
+from riot_bus_ros2.bridge.plan import Announcement, plan_of
+from riot_bus_ros2.keys import DataKey
+from riot_bus_ros2.qos import AnnouncedQos
+from riot_bus_ros2.tokens import Endpoint, Node
+
+STRING, HASH = "std_msgs/msg/String", "RIHS01_aa"
+SWITCH = "std_srvs/srv/SetBool"
+RELIABLE, BEST_EFFORT = Profile(), Profile(reliability=2)
+LATCHED = Profile(durability=1)
+KEY = DataKey(0, "/chatter", STRING, HASH)
+OPTIONS = BridgeOptions(depth=1000, latched=100)
+SECOND = 10**9
+
+profiles = st.builds(
+    Profile,
+    st.sampled_from([1, 2]),
+    st.sampled_from([1, 2]),
+    st.sampled_from([1, 2, 3]),
+    st.integers(0, 5000),
+    *[st.integers(0, 10**12)] * 2,
+    st.sampled_from([1, 3]),
+    st.integers(0, 10**12),
+)
+
+
+def found(profile=RELIABLE, *, node="/talker", topic="/chatter", kind=STRING, hashed=HASH, gid="01"):
+    return Found(node, topic, kind, hashed, profile, gid)
+
+
+USUAL = AnnouncedQos()
+
+
+def token(kind="MP", qos=USUAL, *, topic="/chatter", type_name=STRING, hashed=HASH, domain=0):
+    return Endpoint(Node(domain, "ab", 0, "/far"), 1, kind, topic, type_name, hashed, qos)
+
+
+def plan(*, segment=(), options=OPTIONS, **graph):
+    return plan_of(DomainGraph(**graph), segment, Names(options), options)
+
+
+def compatible(offered, requested):
+    """DDS's rule of requested and offered quality."""
+
+    def finite(duration):
+        return duration or float("inf")
+
+    return (
+        (offered.reliability == 1 or requested.reliability == 2)
+        and (offered.durability == 1 or requested.durability == 2)
+        and finite(offered.deadline) <= finite(requested.deadline)
+        and offered.liveliness >= requested.liveliness
+        and finite(offered.lease) <= finite(requested.lease)
+    )
+
+
+def test_nothing_is_done_for_nothing():
+    assert plan() == plan_of(DomainGraph(), [], Names(OPTIONS), OPTIONS)
+    assert not any((plan().ups, plan().downs, plan().offered, plan().wanted, plan().announcements, plan().foreign))
+
+
+def test_what_the_domain_publishes_goes_up_and_is_announced():
+    wanted = plan(publishers=[found(), found(BEST_EFFORT, node="/other", gid="02")])
+    assert wanted.downs == {}
+    up = wanted.ups[KEY]
+    assert (up.reader.reliability, up.reader.durability, up.reliable, up.latched) == (2, 2, False, False)
+    qos = AnnouncedQos(depth=10)
+    assert wanted.announcements == {
+        Announcement(None, "/talker"),
+        Announcement(None, "/other"),
+        Announcement("MP", "/talker", KEY, qos, "01"),
+        Announcement("MP", "/other", KEY, AnnouncedQos(reliability=2, depth=10), "02"),
+    }
+
+
+def test_latched_topics_are_latched_on_the_segment_if_all_publishers_are():
+    up = plan(publishers=[found(LATCHED)]).ups[KEY]
+    assert up.latched
+    assert up.reader.durability == 1
+    announcement = next(each for each in plan(publishers=[found(LATCHED)]).announcements if each.kind)
+    assert (announcement.qos.durability, announcement.qos.depth) == (1, 100)
+    assert not plan(publishers=[found(LATCHED), found(gid="02")]).ups[KEY].latched
+
+
+def test_what_the_segment_publishes_comes_down_as_it_is_offered():
+    qos = AnnouncedQos(reliability=2, durability=1, depth=3, deadline=(2, 5), lifespan=(9, 0))
+    other = AnnouncedQos(reliability=2, durability=1, depth=4, deadline=(1, 0))
+    down = plan(segment=[token(qos=qos), token(qos=other)], subscriptions=[found(node="/l")]).downs[KEY]
+    assert down.writer == Profile(2, 1, 1, 7, SECOND, 0)
+    assert down.latched == 7
+    assert plan(segment=[token()]).downs[KEY].latched is None
+
+
+def test_what_only_the_domain_wants_is_offered_so_that_all_get_it():
+    down = plan(subscriptions=[found(), found(Profile(2, 1, deadline=SECOND), gid="02")]).downs[KEY]
+    assert down.writer == Profile(1, 1, 1, 100, SECOND)
+    assert down.latched == 100
+
+
+def test_hidden_and_foreign_domains_stay_where_they_are():
+    wanted = plan(publishers=[found(topic="/rosout"), found(topic="/_x")], subscriptions=[found(topic="/rosout")])
+    assert not wanted.ups
+    assert not wanted.downs
+    assert not wanted.announcements
+
+
+def test_services_are_answered_from_the_other_side():
+    key = DataKey(0, "/switch", SWITCH, HASH)
+    server = found(topic="/switch", kind=SWITCH)
+    assert plan(servers=[server]).offered == {key}
+    here = plan(servers=[server], segment=[token("SS", topic="/switch", type_name=SWITCH)])
+    assert (here.offered, here.wanted) == ({key}, set())
+    there = plan(clients=[server], segment=[token("SS", topic="/switch", type_name=SWITCH)])
+    assert (there.offered, there.wanted) == (set(), {key})
+    assert {each.kind for each in there.announcements} == {None, "SC"}
+    assert plan(segment=[token("SC", topic="/switch", type_name=SWITCH)]).wanted == set()
+
+
+def test_types_that_do_not_meet_are_named():
+    assert plan(segment=[token(hashed="RIHS01_bb")], subscriptions=[found()]).foreign == {"/chatter"}
+    assert plan(segment=[token(type_name="std_msgs/msg/Int8")], publishers=[found()]).foreign == {"/chatter"}
+    assert plan(segment=[token(hashed="RIHS01_bb"), token()], subscriptions=[found()]).foreign == set()
+
+
+def test_keys_have_the_domain_of_the_segment():
+    options = BridgeOptions(domain=7, zenoh_domain=3)
+    assert set(plan(options=options, publishers=[found()]).ups) == {DataKey(3, "/chatter", STRING, HASH)}
+
+
+def test_publishers_that_are_no_nodes_have_a_name():
+    announcements = plan(publishers=[found(node="")]).announcements
+    assert {each.node for each in announcements} == {"/dds"}
+
+
+@given(st.lists(profiles, min_size=1, max_size=5))
+def test_a_reader_gets_what_all_publishers_offer(offered):
+    up = plan(publishers=[found(each, gid=str(number)) for number, each in enumerate(offered)]).ups[KEY]
+    assert all(compatible(each, up.reader) for each in offered)
+
+
+@given(st.lists(profiles, min_size=1, max_size=5))
+def test_a_writer_without_example_serves_all_subscriptions(requested):
+    wanted = plan(subscriptions=[found(each, gid=str(number)) for number, each in enumerate(requested)])
+    assert all(compatible(wanted.downs[KEY].writer, each) for each in requested)
+
+
+@given(profiles, profiles)
+def test_who_gets_a_message_in_its_own_domain_gets_it_in_the_other(offered, requested):
+    qos = announced(offered, depth=10)
+    down = plan(segment=[token(qos=qos)], subscriptions=[found(requested)]).downs[KEY]
+    assert compatible(down.writer, requested) == compatible(offered, requested)
+
+
+@given(profiles)
+def test_profiles_survive_their_announcement(profile):
+    qos = announced(profile, depth=10)
+    again = profile_of(AnnouncedQos.parse(qos.token()))
+    history = 2 if profile.history == 2 else 1
+    assert again == profile._replace(history=history, depth=profile.depth or 10)
