@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +23,17 @@ if TYPE_CHECKING:
 
     from riot_bus.log.writer import LogWriter
 
-__all__ = ["RECORD", "BagFile", "BagTopic", "bag_file", "bag_of", "bag_record", "bag_text", "write_metadata"]
+__all__ = [
+    "RECORD",
+    "BagFile",
+    "BagTopic",
+    "bag_file",
+    "bag_of",
+    "bag_record",
+    "bag_text",
+    "files_of",
+    "write_metadata",
+]
 
 RECORD = "rosbag2"
 _FIELD = "serialized_metadata"
@@ -167,3 +180,25 @@ def _list(head: str, lines: Sequence[str]) -> list[str]:
 def _quoted(text: str) -> str:
     """Return a text as YAML takes it in double quotes, which is as in JSON."""
     return json.dumps(text, ensure_ascii=True)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag's folder, in the order of their numbers; of anything else, the path itself.
+
+    Raises:
+        ConfigError: The folder has no such files.
+    """
+    if not path.is_dir():
+        return [path]
+    found = sorted((each for each in path.glob("*.mcap") if each.is_file()), key=_natural)
+    if found:
+        return found
+    if any(path.glob("*.mcap.zstd")):
+        raise ConfigError("the files of this bag are compressed as a whole", where=str(path), hint="unzstd *.mcap.zstd")
+    hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
+    raise ConfigError("this folder holds no .mcap files", where=str(path), hint=hint)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r"([0-9]+)", path.name)
+    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
