@@ -11,13 +11,13 @@ import os
 import re
 import textwrap
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from mcap.records import Channel, Schema
 
@@ -27,6 +27,7 @@ __all__ = [
     "RECORD",
     "BagFile",
     "BagTopic",
+    "bag_epilogue",
     "bag_file",
     "bag_of",
     "bag_record",
@@ -129,6 +130,11 @@ def bag_text(files: Sequence[BagFile]) -> str:
 def bag_record(file: BagFile) -> dict[str, str]:
     """Return the mapping of the metadata record `rosbag2` of one file; there the outermost key is missing."""
     return {_FIELD: textwrap.dedent(bag_text([file]).partition("\n")[2])}
+
+
+def bag_epilogue(writer: LogWriter) -> tuple[str, dict[str, str]]:
+    """Return the metadata record that rosbag2 looks for at the end of a file; for `LogWriter`."""
+    return RECORD, bag_record(bag_file(Path(writer.path).name, writer))
 
 
 def write_metadata(folder: Path, files: Sequence[BagFile]) -> None:
