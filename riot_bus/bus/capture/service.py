@@ -103,7 +103,7 @@ class CaptureService:
         self.name = options.name
         self.registry = registry_of(RouterOptions(types=options.types, definitions=options.definitions))
         self._warn = warn
-        self._trigger = Trigger(options.dump_on, registry=self.registry)
+        self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
         self._announcements = Announcements(self.registry)
         self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
         self._tape: Tape | RingTape | None = None
@@ -395,7 +395,7 @@ class CaptureService:
 
     def _metadata(self) -> dict[str, str]:
         options = self.options
-        hidden = {"config", "notes", "definitions"}  # configuration may hold passwords
+        hidden = {"config", "notes", "definitions", "monitors"}  # configuration may hold passwords
         settings = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in hidden}
         found = {
             "recorder": self.name,
