@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
 
-__all__ = ["Console", "attend"]
+__all__ = ["Console", "Foreground"]
 
 _LOOK_S = 0.2
 
@@ -24,23 +25,44 @@ class Console(Protocol):
         ...
 
 
-def attend(
-    wait: Callable[[float], bool], console: Console | None, *, press: Callable[[str], None], line: Callable[[], str]
-) -> None:
-    """Wait for the end of something.
+class Foreground:
+    """What runs in the foreground.
 
     Args:
-        wait: Waits at most so many seconds; returns whether it has ended.
-        console: Shows progress and takes keys meanwhile; None if there is no terminal.
-        press: Called with each key.
-        line: Returns the line to show.
+        console: Shows progress and takes keys; None if there is no terminal.
+        warn: Prints a line of diagnostics.
     """
-    if console is None:
-        while not wait(_LOOK_S):
-            pass  # a signal that comes just before an endless wait begins does not end it
-        return
-    while not wait(0):
-        for key in console.keys(_LOOK_S):
-            press(key)
-        console.progress(line())
-    console.progress("")
+
+    def __init__(self, console: AbstractContextManager[Console] | None, warn: Callable[[str], None]) -> None:
+        self._console, self._warn = console, warn
+        self._shown: Console | None = None
+
+    def tell(self, line: str) -> None:
+        """Print a line of diagnostics, not behind the progress."""
+        if self._shown is not None:
+            self._shown.progress("")
+        self._warn(line)
+
+    def attend(
+        self, wait: Callable[[float], bool], *, keys: str, press: Callable[[str], None], line: Callable[[], str]
+    ) -> None:
+        """Wait for the end.
+
+        Args:
+            wait: Waits at most so many seconds; returns whether it has come.
+            keys: What keys mean, for people.
+            press: Called with each key.
+            line: Returns the progress to show.
+        """
+        if self._console is None:
+            while not wait(_LOOK_S):
+                pass  # a signal that comes just before an endless wait begins does not end it
+            return
+        with self._console as console:
+            self._warn(keys)
+            self._shown = console
+            while not wait(0):
+                for key in console.keys(_LOOK_S):
+                    press(key)
+                console.progress(line())
+            console.progress("")

@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import sys
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from riot_bus.bus.capture.service import CaptureService
 from riot_bus.bus.capture.text import progress_line, result_lines
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
-from riot_bus.bus.terminal import attend
+from riot_bus.bus.terminal import Foreground
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -58,12 +58,10 @@ def run_capture(
         EnvironmentFaultError: Nobody answers at the endpoint.
         DataLossError: Messages are lost.
     """
-    shown: list[Console] = []
+    foreground = Foreground(console, warn)
 
     def tell(line: str) -> None:
-        for each in shown:
-            each.progress("")
-        warn(plain(line) if "\n" not in line else line)
+        foreground.tell(plain(line) if "\n" not in line else line)
 
     _keep_memory()
     service = CaptureService(options, warn=tell)
@@ -71,16 +69,9 @@ def run_capture(
         try:
             with service:
                 say(_ready(service, as_json=as_json))
-                with console or nullcontext() as terminal:
-                    if terminal is not None:
-                        warn(HELP)
-                        shown.append(terminal)
-                    attend(
-                        service.wait,
-                        terminal,
-                        press=partial(press, service),
-                        line=lambda: progress_line(service.status()),
-                    )
+                foreground.attend(
+                    service.wait, keys=HELP, press=partial(press, service), line=lambda: progress_line(service.status())
+                )
         finally:
             service.close()
     _end(service.result(), say, as_json=as_json)

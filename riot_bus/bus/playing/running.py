@@ -7,7 +7,7 @@ import json
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from riot_bus.bus.playing.service import PlayService
 from riot_bus.bus.playing.text import progress_line, result_line, speed
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
-from riot_bus.bus.terminal import attend
+from riot_bus.bus.terminal import Foreground
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -58,14 +58,8 @@ def run_play(
         EnvironmentFaultError: No router answers.
         DataLossError: Messages could not be read or published.
     """
-    shown: list[Console] = []
-
-    def tell(line: str) -> None:
-        for each in shown:
-            each.progress("")
-        warn(plain(f"warning: {line}"))
-
-    service = PlayService(options, warn=tell)
+    foreground = Foreground(console, warn)
+    service = PlayService(options, warn=lambda line: foreground.tell(plain(f"warning: {line}")))
     interrupted = threading.Event()
 
     def end() -> None:
@@ -75,16 +69,9 @@ def run_play(
     try:
         with ended_by_signals(end), _punctual(), service:
             say(_ready(service, as_json=as_json))
-            with console or nullcontext() as terminal:
-                if terminal is not None:
-                    warn(HELP)
-                    shown.append(terminal)
-                attend(
-                    service.wait,
-                    terminal,
-                    press=partial(press, service),
-                    line=lambda: progress_line(service.status()),
-                )
+            foreground.attend(
+                service.wait, keys=HELP, press=partial(press, service), line=lambda: progress_line(service.status())
+            )
             result = service.result()
     finally:
         service.close()
