@@ -179,7 +179,7 @@ class Crossing:
             holder.flush()  # what came before goes out before
             self.deliver(result)
             return None
-        payload = event.new_payload if event.touched else True  # there is none to tell once somebody looks at it
+        payload = event.new_payload if event.touched else True  # before anybody looks at the whole message
         recorder = self.recorder
         if recorder is not None:
             if event.changes:

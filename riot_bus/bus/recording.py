@@ -6,6 +6,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.announcements import Announcements
 from riot_bus.bus.logfiles import claim
 from riot_bus.errors import ConfigError
 
@@ -54,6 +55,7 @@ class Recordings:
         self._name = name
         self._metadata = metadata
         self._profile = profile
+        self._announcements = Announcements(registry)
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
@@ -112,8 +114,14 @@ class Recordings:
 
     def close(self) -> None:
         """Finish the file, after the bus has closed; safe to call twice."""
+        self._announcements.close()
         if self._recorder is not None:
             self._recorder.close()
+
+    def watch(self) -> None:
+        """Take in who announces publishers: that goes into the log with their topics."""
+        for session in self._bus().sessions.values():
+            self._announcements.watch(session, wait=False)
 
     def note(self, graph: Graph) -> None:
         """Write what has changed in the graph since the log was told last."""
@@ -154,14 +162,18 @@ class Recordings:
             self._note(self._graph)
 
     def _writer(self, path: Path) -> LogWriter:
+        from riot_bus.log.rosbag2 import bag_epilogue
         from riot_bus.log.run import run_facts
         from riot_bus.log.writer import LogWriter
 
+        profile = self._profile or ("ros2" if self._announcements else None)
         return LogWriter(
             path,
             registry=self._registry,
             metadata={**run_facts(), **self._metadata()},
-            profile=self._profile,
+            profile=profile,
+            channel_metadata=self._announcements.details,
+            epilogue=bag_epilogue if profile == "ros2" else None,
             threaded=True,
             durable=True,
         )

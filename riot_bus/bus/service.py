@@ -143,6 +143,7 @@ class RouterService(Operations):
         )
         self._stack.enter_context(watches)
         self._watches = watches
+        self._recordings.watch()
 
     def shutdown(self) -> None:
         """Ask whoever runs this router to end."""

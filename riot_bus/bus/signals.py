@@ -8,23 +8,34 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from types import FrameType
 
 __all__ = ["ended_by_signals"]
 
 
+def _interrupt() -> None:
+    raise KeyboardInterrupt
+
+
 @contextmanager
-def ended_by_signals(end: Callable[[], None]) -> Iterator[None]:
+def ended_by_signals(
+    end: Callable[[], None],
+    *,
+    again: Callable[[], None] = _interrupt,
+    others: Mapping[signal.Signals, Callable[[], None]] | None = None,
+) -> Iterator[None]:
     """Let SIGINT and SIGTERM call something that ends the work, at once when it is the second.
 
     Outside of the main thread, where Python takes no signals, nothing happens.
 
     Args:
         end: Called by the first signal, between any two instructions of the main thread.
+        again: Called by further ones.
+        others: What other signals call.
 
     Raises:
-        KeyboardInterrupt: A second signal has come.
+        KeyboardInterrupt: A second signal has come, unless `again` is something else.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -33,14 +44,17 @@ def ended_by_signals(end: Callable[[], None]) -> Iterator[None]:
 
     def handler(number: int, frame: FrameType | None) -> None:
         nonlocal came
-        if came:
-            raise KeyboardInterrupt
-        came = True
-        end()
+        action, came = again if came else end, True
+        action()
 
+    def other(number: int, frame: FrameType | None) -> None:
+        actions[signal.Signals(number)]()
+
+    actions = dict(others or {})
     former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    former |= {number: signal.signal(number, other) for number in actions}
     try:
         yield
     finally:
-        for number, action in former.items():
-            signal.signal(number, action)
+        for number, before in former.items():
+            signal.signal(number, before)

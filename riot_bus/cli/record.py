@@ -58,6 +58,10 @@ def record(
         list[str] | None,
         typer.Option(metavar="'TOPIC where PREDICATE'", help="Write the ring when a message is so; repeatable."),
     ] = None,
+    monitors: Annotated[
+        Path | None,
+        typer.Option(metavar="riot.toml", help="Write the ring when one of its [[monitors]] is violated."),
+    ] = None,
     dump_after: Annotated[str, typer.Option(metavar="TIME", help="... and so much of what follows.")] = "0s",
     start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
     throttle: Annotated[
@@ -94,6 +98,7 @@ def record(
     from riot_bus.bus.component import client_cfg
     from riot_bus.cli.terminal import Terminal
     from riot_bus.errors import ConfigError
+    from riot_bus.sut.context import invariants_of
 
     if bag is not None and output is not None:
         raise ConfigError("--bag and --output both say where to", hint="choose one")
@@ -120,6 +125,7 @@ def record(
         ring_seconds=parse_seconds(ring, "--ring") if ring else 0.0,
         ring_bytes=parse_size(ring_size, "--ring-size"),
         dump_on=dump_on or (),
+        monitors=invariants_of(monitors) if monitors is not None else (),
         dump_after=parse_seconds(dump_after, "--dump-after"),
         paused=start_paused,
         throttle=throttle or (),

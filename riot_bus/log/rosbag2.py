@@ -8,19 +8,33 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import textwrap
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from mcap.records import Channel, Schema
 
     from riot_bus.log.writer import LogWriter
 
-__all__ = ["RECORD", "BagFile", "BagTopic", "bag_file", "bag_of", "bag_record", "bag_text", "write_metadata"]
+__all__ = [
+    "RECORD",
+    "BagFile",
+    "BagTopic",
+    "bag_epilogue",
+    "bag_file",
+    "bag_of",
+    "bag_record",
+    "bag_text",
+    "files_of",
+    "write_metadata",
+]
 
 RECORD = "rosbag2"
 _FIELD = "serialized_metadata"
@@ -118,6 +132,11 @@ def bag_record(file: BagFile) -> dict[str, str]:
     return {_FIELD: textwrap.dedent(bag_text([file]).partition("\n")[2])}
 
 
+def bag_epilogue(writer: LogWriter) -> tuple[str, dict[str, str]]:
+    """Return the metadata record that rosbag2 looks for at the end of a file; for `LogWriter`."""
+    return RECORD, bag_record(bag_file(Path(writer.path).name, writer))
+
+
 def write_metadata(folder: Path, files: Sequence[BagFile]) -> None:
     """Write `metadata.yaml`, all or nothing of it; raises OSError."""
     part = folder / ".metadata.yaml.part"
@@ -167,3 +186,25 @@ def _list(head: str, lines: Sequence[str]) -> list[str]:
 def _quoted(text: str) -> str:
     """Return a text as YAML takes it in double quotes, which is as in JSON."""
     return json.dumps(text, ensure_ascii=True)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag's folder, in the order of their numbers; of anything else, the path itself.
+
+    Raises:
+        ConfigError: The folder has no such files.
+    """
+    if not path.is_dir():
+        return [path]
+    found = sorted((each for each in path.glob("*.mcap") if each.is_file()), key=_natural)
+    if found:
+        return found
+    if any(path.glob("*.mcap.zstd")):
+        raise ConfigError("the files of this bag are compressed as a whole", where=str(path), hint="unzstd *.mcap.zstd")
+    hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
+    raise ConfigError("this folder holds no .mcap files", where=str(path), hint=hint)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r"([0-9]+)", path.name)
+    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]

@@ -172,6 +172,7 @@ class LogWriter:
         patience: Seconds to wait for room, where `append` is told to. Once that was in vain, nobody waits until half of
             what waits is written, so that many chunks in a row cannot stall the caller together.
         storage: Where chunks go instead of the file; then the path is only for messages.
+        epilogue: Returns a metadata record to write last, when all messages are in the file.
 
     Attributes:
         lost: Messages per topic that an MCAP file cannot hold: too many keys, or a time that is not 0 ... 2^64 - 1.
@@ -202,8 +203,10 @@ class LogWriter:
         queue_bytes: int | None = None,
         patience: float = 1.0,
         storage: Storage | None = None,
+        epilogue: Callable[[LogWriter], tuple[str, Mapping[str, str]]] | None = None,
     ) -> None:
         self.path = str(path)
+        self._epilogue = epilogue
         self.profile = profile or ""
         self.lost: Counter[str] = Counter()
         self.refused = 0
@@ -393,11 +396,15 @@ class LogWriter:
         Raises:
             LostMessagesError: The disk failed, now or before; the file is closed all the same.
         """
+        failures: list[LostMessagesError] = []
+        epilogue, self._epilogue = self._epilogue, None
+        if epilogue is not None:
+            for action in (self.flush, lambda: self.note(*epilogue(self))):
+                self._try(action, failures)
         with self._lock:
             if self._closed:
                 return
             self._closed = True
-            failures: list[LostMessagesError] = []
             try:
                 self._flush(failures)
                 for step in (self._finish, partial(self._collect, None)):

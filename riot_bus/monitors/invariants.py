@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.errors import PayloadError
 from riot_bus.selector import parse_selector
@@ -15,7 +15,21 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
 
-__all__ = ["Finite", "Range", "Rate"]
+__all__ = ["Finite", "Invariant", "Range", "Rate"]
+
+
+class Invariant(Protocol):
+    """A monitor of one topic, which can also judge while things go on.
+
+    Attributes:
+        topic: Which.
+    """
+
+    topic: str
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return what was violated."""
+        ...
 
 
 def _values(view: TrialView, field: str) -> Iterator[float]:
@@ -36,6 +50,7 @@ class Range:
 
     def __init__(self, field: str, *, low: float | None = None, high: float | None = None) -> None:
         self.field = field
+        self.topic = parse_selector(field).topic
         self.low = -math.inf if low is None else low
         self.high = math.inf if high is None else high
 
@@ -53,6 +68,7 @@ class Finite:
 
     def __init__(self, field: str) -> None:
         self.field = field
+        self.topic = parse_selector(field).topic
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value that is not finite."""

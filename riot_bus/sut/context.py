@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 from riot_bus.errors import ConfigError
 from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
-from riot_bus.selector import parse_selector
-from riot_bus.sut.system import FiniteMonitor, RangeMonitor, RateMonitor, SystemFile, load_system
+from riot_bus.sut.system import FiniteMonitor, RangeMonitor, SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from riot_bus.monitors.invariants import Invariant
     from riot_bus.monitors.model import Monitor
+    from riot_bus.sut.system import MonitorSettings
 
-__all__ = ["Context", "open_system"]
+__all__ = ["Context", "invariants_of", "open_system"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +33,7 @@ class Context:
     @property
     def watched(self) -> list[str]:
         """Topics that the invariants of riot.toml look at."""
-        settings = self.file.monitors
-        return sorted(
-            {parse_selector(one.topic if isinstance(one, RateMonitor) else one.field).topic for one in settings}
-        )
+        return sorted({_invariant(settings).topic for settings in self.file.monitors})
 
     @property
     def profile(self) -> str:
@@ -73,12 +71,17 @@ def open_system(path: Path) -> Context:
             raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
         files.append(source)
     registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
-    monitors: list[Monitor] = [CrashMonitor(), HangMonitor()]
-    for settings in file.monitors:
-        if isinstance(settings, RangeMonitor):
-            monitors.append(Range(settings.field, low=settings.min, high=settings.max))
-        elif isinstance(settings, FiniteMonitor):
-            monitors.append(Finite(settings.field))
-        else:
-            monitors.append(Rate(settings.topic, gap=settings.gap))
-    return Context(file, registry, tuple(monitors))
+    return Context(file, registry, (CrashMonitor(), HangMonitor(), *map(_invariant, file.monitors)))
+
+
+def invariants_of(path: Path) -> list[Invariant]:
+    """Return the `[[monitors]]` of a system file, for those who watch without a trial; raises as `load_system`."""
+    return list(map(_invariant, load_system(path).monitors))
+
+
+def _invariant(settings: MonitorSettings) -> Invariant:
+    if isinstance(settings, RangeMonitor):
+        return Range(settings.field, low=settings.min, high=settings.max)
+    if isinstance(settings, FiniteMonitor):
+        return Finite(settings.field)
+    return Rate(settings.topic, gap=settings.gap)

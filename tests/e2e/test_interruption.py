@@ -8,11 +8,12 @@ import random
 import shutil
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
 from e2e_support import belonging_to, command, environment
+
+from riot_bus.bus.runtime import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 
@@ -24,15 +25,6 @@ def press(tmp_path: Path) -> Path:
     """A copy of the press, so that its processes can be told from those of other tests."""
     shutil.copytree(PRESS, tmp_path / "press", ignore=shutil.ignore_patterns("__pycache__"))
     return tmp_path / "press" / "riot.toml"
-
-
-def wait_until(condition, timeout: float) -> bool:
-    deadline = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def trials(out: Path) -> int:

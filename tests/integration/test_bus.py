@@ -534,7 +534,9 @@ def test_recorder_keeps_originals_and_what_was_delivered_under_one_number() -> N
 
 @pytest.mark.parametrize("declared", [{}, {"cut/x": "json"}], ids=["inferred", "declared"])
 @pytest.mark.parametrize("recording", [False, True], ids=["", "recorded"])
-def test_injected_messages_arrive_whether_or_not_they_are_recorded(declared: dict[str, str], *, recording: bool) -> None:
+def test_injected_messages_arrive_whether_or_not_they_are_recorded(
+    declared: dict[str, str], *, recording: bool
+) -> None:
     writer = MemoryWriter()
     recorder = Recorder(writer) if recording else None
     injecting = Pipeline([Injector([Injection("cut/x", "y", 9)])], registry=TypeRegistry(declared=declared))

@@ -132,6 +132,16 @@ def test_traffic_and_matching_show_plain_components_as_far_as_can_be_known(bus: 
         assert json.loads(graph_json(watch.graph))["version"] == 1
 
 
+def test_only_a_few_of_the_keys_that_come_seldom_are_watched(bus: Bus) -> None:
+    watched = Watched(bus)
+    watched.counts.update({(f"free/{number}", "outside"): 1 for number in range(300)})
+    with GraphWatch(watched, period=0.05) as watch:
+        (unknown,) = [each.text for each in watch.refresh().unknown if "too many to watch" in each.text]
+        assert unknown == "who would receive 200 more keys: too many to watch"
+        watched.counts.update({(f"free/{number}", "outside"): 2 for number in range(300)})
+        assert watch.wait(lambda graph: not any("too many" in each.text for each in graph.unknown), 10)
+
+
 def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus) -> None:
     seen: list[str] = []
     arrived = threading.Event()

@@ -200,6 +200,46 @@ def test_a_ring_is_written_on_sigusr1_and_on_command(router: str, tmp_path: Path
     assert all(recorded(Path(tmp_path, each["path"])) == [b"1"] for each in result["files"])
 
 
+MONITORED = """
+[system]
+name = "one"
+
+[components.x]
+command = ["true"]
+outputs = ["mon/x"]
+
+[[monitors]]
+kind = "finite"
+field = "mon/x:v"
+
+[[monitors]]
+kind = "rate"
+topic = "mon/x"
+gap = 0.5
+"""
+
+
+def test_a_ring_is_written_when_a_monitor_of_riot_toml_is_violated(router: str, tmp_path: Path) -> None:
+    (tmp_path / "riot.toml").write_text(MONITORED)
+    options = ["--ring=30s", "--name=mon", "--no-graph", "--monitors=riot.toml"]
+    with recorder("mon/**", "-e", router, *options, cwd=tmp_path) as process, open_client(router) as client:
+
+        def files(number: int) -> bool:
+            put(client, "mon/x", b'{"v": 1}')
+            return len(list(tmp_path.glob("*.mcap"))) >= number
+
+        put(client, "mon/x", b'{"v": NaN}')
+        assert wait_until(lambda: files(1), 20)
+        # now nothing comes any more
+        assert wait_until(lambda: len(list(tmp_path.glob("*.mcap"))) >= 2, 20)
+        ctl(router, "stop", "--recorder=mon")
+        code, result, err = ended(process)
+    assert code == 0, err
+    assert len(result["files"]) == 2
+    assert "mon/x:v = nan" in err
+    assert "no mon/x for " in err
+
+
 def test_the_words_of_a_router_are_those_of_a_recorder_where_no_router_answers(router: str, tmp_path: Path) -> None:
     with recorder("words/**", "-e", router, "-o", str(tmp_path / "a.mcap"), "--no-graph", "--name=words") as process:
         found = ctl(router, "split", "b.mcap")
@@ -268,7 +308,8 @@ def test_a_bag_is_what_ros_2_tools_read(router: str, tmp_path: Path) -> None:
         (["-o", "no/a.mcap"], "cannot write the log"),
         (["--split-size=big"], "no size"),
         (["--ring=soon"], "no time"),
-        (["--dump-on=/x where a > 1"], "needs a ring"),
+        (["--dump-on=/x where a > 1"], "need a ring"),
+        (["--ring=3", "--monitors=none.toml"], "none.toml"),
         (["--ring=3", "--dump-on=/x"], "no condition"),
         (["--ring=3", "--dump-on=/x where a >"], "predicate"),
         (["--throttle=/x"], "how often"),

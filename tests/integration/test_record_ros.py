@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import read_log
-from tests.integration.router_process import ENVIRONMENT, RIOT
+from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess
 from tests.integration.third_party.sdk import RosNode, install
 from tests.integration.zenoh_process import ZenohProcess
 
@@ -67,3 +67,27 @@ def test_a_node_is_recorded_as_a_bag(python: Path, tmp_path: Path) -> None:
     assert channel.topic == "/chatter"
     assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
     assert channel.metadata["offered_qos_profiles"].startswith("- history: 1\n  depth: ")
+
+
+def test_a_router_records_a_node_as_ros_tools_want_it(python: Path, tmp_path: Path) -> None:
+    path = tmp_path / "router.mcap"
+    with RouterProcess("--intercept=/chatter", f"--record={path}") as router:
+        endpoint = router.endpoints["system"]
+        override = {"ZENOH_CONFIG_OVERRIDE": f'mode="client";connect/endpoints=["{endpoint}"]'}
+        with RosNode(python, endpoint, environment=override, folder=tmp_path, name="talker") as talker:
+            talker.do("advertise", "/chatter")
+            talker.do("publish", "/chatter", messages=[{"data": f"message {number}"} for number in range(20)])
+            assert wait_until(lambda: len(read_log(path)) == 20, 20, interval=0.05)
+        assert router.end(signal.SIGINT)[0] == 0
+    with AnyReader([path]) as bag:
+        texts = [bag.deserialize(raw, each.msgtype).data for each, _, raw in bag.messages()]
+    assert texts == [f"message {number}" for number in range(20)]
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        records = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert summary is not None
+    (channel,) = summary.channels.values()
+    assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+    assert channel.metadata["offered_qos_profiles"].startswith("- history: 1\n  depth: ")
+    assert "message_count: 20" in records["rosbag2"]["serialized_metadata"]

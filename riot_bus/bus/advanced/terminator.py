@@ -39,6 +39,7 @@ _MOST_ASKED = 1 << 16
 _MOST_UNASKED = 1 << 13
 _ASK_AT_ONCE = 16
 _ASK_PAUSE_S = 0.05
+_ASK_REST = 9
 _MOST_ENDED = 1 << 12
 _MOST_RELAYS = 1 << 14
 
@@ -282,13 +283,16 @@ class Terminator:
 
     def _ask(self) -> None:
         """Ask about new keys, a few at a time: a question takes the longer the more publishers there are."""
+        began, took = time.monotonic(), 0.0
         for _ in range(min(_ASK_AT_ONCE, len(self._unasked))):
             segment, key = self._unasked.popleft()
             self._search(segment, f"{key}/@adv/pub/**", again=False)
+            if (took := time.monotonic() - began) > _ASK_PAUSE_S / _ASK_REST:
+                break  # nobody publishes meanwhile
         self._asking = False
         if self._unasked:
             self._asking = True
-            self._worker.later(_ASK_PAUSE_S, self._ask, background=True)
+            self._worker.later(max(_ASK_PAUSE_S, _ASK_REST * took), self._ask, background=True)
 
     def _relay(self, source: Source) -> Relay | None:
         relay = self.keys.get(source.key, {}).get(source)

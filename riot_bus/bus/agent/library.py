@@ -6,12 +6,12 @@ import stat
 import threading
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.playing.options import files_of
 from riot_bus.errors import ConfigError, RiotError, did_you_mean
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
 from riot_bus.fleet.query import parse_query
 from riot_bus.fleet.stores import ENDING
+from riot_bus.log.rosbag2 import files_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -109,9 +109,11 @@ class Library:
             raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
         try:
             path = self._inside(self.folder / name, name)
-            files = files_of(path)
-            if path.is_dir() and files == [path]:
-                raise ConfigError(f"the folder {name!r} holds no log", where=where)
+            try:
+                files = files_of(path)
+            except ConfigError as error:
+                error.where = f"logs: {name}"  # whoever asks from afar shall not see where the folder is
+                raise
             if len(files) > _MOST_FILES:
                 raise ConfigError(f"the folder {name!r} holds {len(files)} logs", where=where, hint="name one of them")
             found = [self._inside(each, name) for each in files]

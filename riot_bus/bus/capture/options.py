@@ -7,13 +7,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.errors import ConfigError
 from riot_bus.log.mcap_file import check_compression
 from riot_bus.predicate import parse_predicate
 from riot_bus.selector import parse_selector
+
+if TYPE_CHECKING:
+    from riot_bus.monitors.invariants import Invariant
 
 __all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_seconds", "parse_size", "parse_throttles"]
 
@@ -52,6 +55,7 @@ class CaptureOptions:
         ring_seconds: Keep so much in memory and write it only when told; 0 for writing all.
         ring_bytes: Room for that in memory, compressed.
         dump_on: Selectors with predicates; a message that meets one writes the ring.
+        monitors: When one of these is violated, the ring is written as well.
         dump_after: Seconds to wait then, so that what follows is in the file as well.
         paused: Begin paused.
         throttle: `TOPIC=HZ`: at most so many messages per second.
@@ -87,6 +91,7 @@ class CaptureOptions:
     ring_seconds: float = 0.0
     ring_bytes: int = 1 << 28
     dump_on: Sequence[str] = ()
+    monitors: Sequence[Invariant] = ()
     dump_after: float = 0.0
     paused: bool = False
     throttle: Sequence[str] = ()
@@ -125,8 +130,8 @@ class CaptureOptions:
         parse_throttles(self.throttle)
 
     def _check_ring(self) -> None:
-        if not self.ring_seconds and (self.dump_on or self.dump_after):
-            raise ConfigError("--dump-on needs a ring to write", hint="such as --ring 30")
+        if not self.ring_seconds and (self.dump_on or self.monitors or self.dump_after):
+            raise ConfigError("--dump-on and --monitors need a ring to write", hint="such as --ring 30s")
         if self.ring_seconds and (self.split_bytes or self.split_seconds):
             raise ConfigError("--ring writes files when it is told to, and --split-... would have nothing to split")
         if self.max_files and not (self.split_bytes or self.split_seconds or self.ring_seconds):

@@ -7,28 +7,28 @@ import json
 import os
 import signal
 import sys
-import threading
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.capture.keys import HELP, press
 from riot_bus.bus.capture.service import CaptureService
 from riot_bus.bus.capture.text import progress_line, result_lines
+from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
+from riot_bus.bus.terminal import Foreground
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from contextlib import AbstractContextManager
-    from types import FrameType
 
     from riot_bus.bus.capture.options import CaptureOptions
     from riot_bus.bus.capture.service import CaptureResult
-    from riot_bus.bus.playing.running import Console
+    from riot_bus.bus.terminal import Console
 
 __all__ = ["run_capture"]
 
-_LOOK_S = 0.2
 _INTERRUPTED = 130
 _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD = -3, -1  # of malloc.h
 _LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28
@@ -58,27 +58,20 @@ def run_capture(
         EnvironmentFaultError: Nobody answers at the endpoint.
         DataLossError: Messages are lost.
     """
-    shown: list[Console] = []
+    foreground = Foreground(console, warn)
 
     def tell(line: str) -> None:
-        for each in shown:
-            each.progress("")
-        warn(plain(line) if "\n" not in line else line)
+        foreground.tell(plain(line) if "\n" not in line else line)
 
     _keep_memory()
     service = CaptureService(options, warn=tell)
-    with _signals(service):
+    with ended_by_signals(service.stop, again=_leave, others={signal.SIGUSR1: service.cut}):
         try:
             with service:
                 say(_ready(service, as_json=as_json))
-                with console or nullcontext() as terminal:
-                    if terminal is None:
-                        while not service.wait(_LOOK_S):
-                            pass  # a signal that comes just before an endless wait begins does not end it
-                    else:
-                        warn(HELP)
-                        shown.append(terminal)
-                        _attend(service, terminal)
+                foreground.attend(
+                    service.wait, keys=HELP, press=partial(press, service), line=lambda: progress_line(service.status())
+                )
         finally:
             service.close()
     _end(service.result(), say, as_json=as_json)
@@ -90,14 +83,6 @@ def _keep_memory() -> None:
         library = ctypes.CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
         library.mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
-
-
-def _attend(service: CaptureService, terminal: Console) -> None:
-    while not service.wait(0):
-        for key in terminal.keys(_LOOK_S):
-            press(service, key)
-        terminal.progress(progress_line(service.status()))
-    terminal.progress("")
 
 
 def _ready(service: CaptureService, *, as_json: bool) -> str:
@@ -123,30 +108,8 @@ def _end(result: CaptureResult, say: Callable[[str], None], *, as_json: bool) ->
         raise DataLossError("; ".join([*parts, *result.problems]))
 
 
-@contextmanager
-def _signals(service: CaptureService) -> Iterator[None]:
-    """Let signals end the recording, at once when it is the second; nothing outside of the main thread."""
-    interrupted = threading.Event()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        if interrupted.is_set():
-            # Not by an exception: whatever hangs, such as a disk, would be waited for.
-            sys.stderr.write("riot: ended at once; the file is readable up to its last chunk\n")
-            sys.stderr.flush()
-            os._exit(_INTERRUPTED)
-        interrupted.set()
-        service.stop()
-
-    def cut(number: int, frame: FrameType | None) -> None:
-        service.cut()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    actions = {signal.SIGINT: end, signal.SIGTERM: end, signal.SIGUSR1: cut}
-    former = {number: signal.signal(number, action) for number, action in actions.items()}
-    try:
-        yield
-    finally:
-        for number, action in former.items():
-            signal.signal(number, action)
+def _leave() -> None:
+    """End the process, but not by an exception: whatever hangs, such as a disk, would be waited for."""
+    sys.stderr.write("riot: ended at once; the file is readable up to its last chunk\n")
+    sys.stderr.flush()
+    os._exit(_INTERRUPTED)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from riot_bus.bus.capture.intake import KeyRules
 from riot_bus.bus.capture.options import parse_throttles
-from riot_bus.bus.runtime import canonical, includes, release
+from riot_bus.bus.runtime import canonical, includes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    import zenoh
+    from collections.abc import Callable
 
     from riot_bus.bus.capture.options import CaptureOptions
     from riot_bus.bus.capture.trigger import Trigger
@@ -20,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Selection"]
 
-_ANSWER_S = 2.0
-_MOST_TOKENS = 50_000
 _MOST_WARNINGS = 20
 
 
@@ -52,38 +47,7 @@ class Selection:
         self._exclude, self._bag = tuple(options.exclude), options.bag
         self._registry, self._trigger, self._warn = registry, trigger, warn
         self._throttles = {topic: round(1e9 / hertz) for topic, hertz in parse_throttles(options.throttle).items()}
-        self._lock = threading.Lock()
-        self._tokens: set[str] = set()
-        self._listeners: list[Any] = []
         self._strange: set[str] = set()
-
-    def watch(self, session: zenoh.Session) -> None:
-        """Take in who announces publishers, now and later."""
-        liveliness = session.liveliness()
-        for adapter in self._registry.stampings():
-            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S):
-                if reply.ok is not None:
-                    self._take(reply.ok)
-            self._listeners.append(liveliness.declare_subscriber(adapter.tokens, self._take, history=True))
-
-    def close(self) -> None:
-        """Listen no more; safe to call twice."""
-        listeners, self._listeners = self._listeners, []
-        release(*listeners)
-
-    @property
-    def has_tokens(self) -> bool:
-        """Whether somebody announces publishers at present."""
-        return bool(self._tokens)
-
-    def details(self, key: str) -> Mapping[str, str]:
-        """Return metadata for a key's channel."""
-        adapter = self._registry.stamping(key)
-        if adapter is None:
-            return {}
-        with self._lock:
-            tokens = list(self._tokens)
-        return adapter.details(key, tokens)
 
     def rules(self, key: str) -> KeyRules | None:
         """Return what holds for a key, None if it is not recorded."""
@@ -105,12 +69,3 @@ class Selection:
             least_ns=max(least, default=0),
             trigger=self._trigger.for_key(key),
         )
-
-    def _take(self, sample: zenoh.Sample) -> None:
-        kind: Any = sample.kind
-        self._registry.announcement(str(sample.key_expr))  # which may tell a key's type
-        with self._lock:
-            if int(kind) != 0:
-                self._tokens.discard(str(sample.key_expr))
-            elif len(self._tokens) < _MOST_TOKENS:
-                self._tokens.add(str(sample.key_expr))

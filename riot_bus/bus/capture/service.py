@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
+from riot_bus.bus.announcements import Announcements
 from riot_bus.bus.assemble import RouterOptions, registry_of
 from riot_bus.bus.capture.commands import CAPTURE_COMMANDS, UNDER
 from riot_bus.bus.capture.gaps import Gaps
@@ -102,7 +103,8 @@ class CaptureService:
         self.name = options.name
         self.registry = registry_of(RouterOptions(types=options.types, definitions=options.definitions))
         self._warn = warn
-        self._trigger = Trigger(options.dump_on, registry=self.registry)
+        self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
+        self._announcements = Announcements(self.registry)
         self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
         self._tape: Tape | RingTape | None = None
         self._intakes: list[Intake] = []
@@ -141,8 +143,8 @@ class CaptureService:
             session = open_session(client_config(options.endpoint, extra=options.config), purpose="recorder")
             stack.callback(release, session)
             self._session = session
-            self._selection.watch(session)
-            stack.callback(self._selection.close)
+            self._announcements.watch(session)
+            stack.callback(self._announcements.close)
             self._tape = self._open_tape()
             stack.callback(self._tape.close)
             self._listen(session, stack)
@@ -271,14 +273,14 @@ class CaptureService:
 
     def _open_tape(self) -> Tape | RingTape:
         options, naming = self.options, Naming(self.options)
-        profile = options.profile or ("ros2" if options.bag or self._selection.has_tokens else "")
+        profile = options.profile or ("ros2" if options.bag or self._announcements else "")
         if options.ring_seconds:
             return RingTape(
                 options,
                 registry=self.registry,
                 naming=naming,
                 metadata=self._metadata,
-                details=self._selection.details,
+                details=self._announcements.details,
                 profile=profile,
                 warn=self._warn,
                 notes=self._graph_notes,
@@ -288,7 +290,7 @@ class CaptureService:
             registry=self.registry,
             naming=naming,
             metadata=self._metadata,
-            details=self._selection.details,
+            details=self._announcements.details,
             profile=profile,
             warn=self._warn,
             began=self._note_whole,
@@ -393,7 +395,7 @@ class CaptureService:
 
     def _metadata(self) -> dict[str, str]:
         options = self.options
-        hidden = {"config", "notes", "definitions"}  # configuration may hold passwords
+        hidden = {"config", "notes", "definitions", "monitors"}  # configuration may hold passwords
         settings = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in hidden}
         found = {
             "recorder": self.name,

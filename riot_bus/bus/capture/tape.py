@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.bus.capture.books import Book, summed
 from riot_bus.errors import ConfigError
 from riot_bus.log.account import LOST, Account
-from riot_bus.log.rosbag2 import RECORD, BagFile, bag_file, bag_record, write_metadata
+from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
 from riot_bus.log.writer import LogWriter, LostMessagesError
 
 if TYPE_CHECKING:
@@ -230,6 +230,7 @@ class Tape:
             threaded=True,
             durable=options.durable,
             queue_bytes=options.queue_bytes,
+            epilogue=bag_epilogue if self._profile == "ros2" else None,
         )
         return _Reel(path, writer)
 
@@ -237,8 +238,6 @@ class Tape:
         writer = reel.writer
         self._guard(reel, writer.flush)
         file = bag_file(reel.path.name, writer)
-        if self._profile == "ros2":
-            self._guard(reel, lambda: writer.note(RECORD, bag_record(file)))
         self._guard(reel, lambda: writer.note(LOST, reel.book.account().record()))
         self._guard(reel, writer.close)
         try:

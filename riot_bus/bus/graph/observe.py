@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["Observer", "WatchedBus"]
 
 _MOST_WATCHED = 2_000
+_MOST_SELDOM = 200
+_FEW = 2
 _MOST_QUESTIONS = 5
 _MOST_FLOWS = 2_000
 _LEAST_RATE_S = 0.1
@@ -122,9 +124,10 @@ class Observer:
         tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
         self.declared = [each for each in self.declared if (each.segment, each.zid) in modes]
         self._measure(self._busiest(self._bus.flows()))
-        keys = {key for key, _ in self._flows} | {token.key for token in tokens if token.role == "publishes"}
+        keys = {key for (key, _), count in self._flows.items() if count > _FEW}
+        keys |= {token.key for token in tokens if token.role == "publishes"}
         keys |= {each.key for each in self.declared if each.kind == "publisher"}
-        skipped = self._watch({key for key in keys if key and "*" not in key})
+        skipped = self._watch(keys, _MOST_WATCHED) + self._watch({key for key, _ in self._flows} - keys, _MOST_SELDOM)
         expressions = list(self._bus.intercepted)
         return Observations(
             segments=tuple(self._sources),
@@ -161,10 +164,14 @@ class Observer:
         else:  # too soon for a rate, but what is new must show at once
             self._flows = {**flows, **{each: count for each, count in self._flows.items() if each in flows}}
 
-    def _watch(self, keys: set[str]) -> int:
-        """Watch who would receive these keys; return how many are too many."""
-        new = sorted(keys - self._watched)
-        room = max(0, _MOST_WATCHED // max(1, len(self._sources)) - len(self._watched))
+    def _watch(self, keys: set[str], most: int) -> int:
+        """Watch who would receive these keys, as long as not so many are watched; return how many are too many.
+
+        Each costs: whatever is published on a key that nobody has declared takes Zenoh the longer the more are declared
+        beside it.
+        """
+        new = sorted(key for key in keys - self._watched if key and "*" not in key)
+        room = max(0, most // max(1, len(self._sources)) - len(self._watched))
         for source in self._sources.values():
             source.watch_matching(new[:room])
         self._watched.update(new[:room])

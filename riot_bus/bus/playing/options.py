@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,7 @@ from riot_bus.errors import ConfigError
 from riot_bus.log.naming import parse_remaps, parse_time
 from riot_bus.log.player import check_rate
 
-__all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "files_of", "parse_latched", "parse_remaps", "parse_until"]
+__all__ = ["DEFAULT_ENDPOINT", "PlayOptions", "parse_latched", "parse_remaps", "parse_until"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _LONGEST_S = 1e9
@@ -105,17 +104,6 @@ class PlayOptions:
         if not self.name or not all(each.isalnum() or each in "-_." for each in self.name):
             hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/play"
             raise ConfigError(f"{self.name!r} is no name", where="--name", hint=hint)
-
-
-def files_of(log: Path) -> list[Path]:
-    """Return the MCAP files of a folder, those with numbers in the order of the numbers; else the path itself."""
-    found = [each for each in log.glob("*.mcap") if each.is_file()] if log.is_dir() else []
-    return sorted(found, key=_natural) or [log]
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    parts = re.split(r"([0-9]+)", path.name)
-    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
 
 
 def parse_latched(texts: Sequence[str]) -> dict[str, int]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 from riot_bus.bus.assemble import RouterOptions, interceptors_of, parse_types, plan_of
 from riot_bus.bus.interception import topics_of
 from riot_bus.bus.playing.cast import cast
-from riot_bus.bus.playing.options import files_of, parse_until
+from riot_bus.bus.playing.options import parse_until
 from riot_bus.bus.settings import RouterSettings
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.log.ahead import AheadSource
 from riot_bus.log.channels import recorded_topics, span_of
 from riot_bus.log.reader import LogReader
 from riot_bus.log.recall import RecallingSource
+from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.sources import LogSource, MergedSource, PipedSource
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters

@@ -7,15 +7,17 @@ import json
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING
 
 from riot_bus.bus.playing.keys import HELP, press
 from riot_bus.bus.playing.service import PlayService
 from riot_bus.bus.playing.text import progress_line, result_line, speed
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
+from riot_bus.bus.terminal import Foreground
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -24,23 +26,11 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.playing.options import PlayOptions
     from riot_bus.bus.playing.service import PlayResult
+    from riot_bus.bus.terminal import Console
 
-__all__ = ["Console", "run_play"]
+__all__ = ["run_play"]
 
-_LOOK_S = 0.2
 _SWITCH_S = 2e-4
-
-
-class Console(Protocol):
-    """A terminal."""
-
-    def keys(self, timeout: float) -> list[str]:
-        """Return what was pressed; waits for it at most so many seconds."""
-        ...
-
-    def progress(self, line: str) -> None:
-        """Show a line in place of the one before; the empty line ends it."""
-        ...
 
 
 def run_play(
@@ -68,14 +58,8 @@ def run_play(
         EnvironmentFaultError: No router answers.
         DataLossError: Messages could not be read or published.
     """
-    shown: list[Console] = []
-
-    def tell(line: str) -> None:
-        for each in shown:
-            each.progress("")
-        warn(plain(f"warning: {line}"))
-
-    service = PlayService(options, warn=tell)
+    foreground = Foreground(console, warn)
+    service = PlayService(options, warn=lambda line: foreground.tell(plain(f"warning: {line}")))
     interrupted = threading.Event()
 
     def end() -> None:
@@ -85,27 +69,14 @@ def run_play(
     try:
         with ended_by_signals(end), _punctual(), service:
             say(_ready(service, as_json=as_json))
-            with console or nullcontext() as terminal:
-                if terminal is None:
-                    while not service.wait(_LOOK_S):
-                        pass  # a signal that comes just before an endless wait begins does not end it
-                else:
-                    warn(HELP)
-                    shown.append(terminal)
-                    _attend(service, terminal)
+            foreground.attend(
+                service.wait, keys=HELP, press=partial(press, service), line=lambda: progress_line(service.status())
+            )
             result = service.result()
     finally:
         service.close()
     _end(service, result, say, warn, as_json=as_json)
     return not interrupted.is_set()
-
-
-def _attend(service: PlayService, terminal: Console) -> None:
-    while not service.wait(0):
-        for key in terminal.keys(_LOOK_S):
-            press(service, key)
-        terminal.progress(progress_line(service.status()))
-    terminal.progress("")
 
 
 def _ready(service: PlayService, *, as_json: bool) -> str:

@@ -12,14 +12,12 @@ import textwrap
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.rosbag2 import BagFile, bag_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-__all__ = ["FIELD", "Former", "files_of", "former_of", "metadata_text", "record_of"]
+__all__ = ["FIELD", "Former", "former_of", "metadata_text", "record_of"]
 
 FIELD = "serialized_metadata"
 _MOST_BYTES = 1 << 26
@@ -44,23 +42,6 @@ class Former:
     mapping: Mapping[str, str] = field(default_factory=dict)
     distro: str = ""
     custom: str = "custom_data: ~"
-
-
-def files_of(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag's folder, in the order of their numbers; of anything else, the path itself.
-
-    Raises:
-        ConfigError: The folder has no such files.
-    """
-    if not path.is_dir():
-        return [path]
-    found = sorted((each for each in path.glob("*.mcap") if each.is_file()), key=_natural)
-    if found:
-        return found
-    if any(path.glob("*.mcap.zstd")):
-        raise ConfigError("the files of this bag are compressed as a whole", where=str(path), hint="unzstd *.mcap.zstd")
-    hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
-    raise ConfigError("this folder holds no .mcap files", where=str(path), hint=hint)
 
 
 def former_of(mapping: Mapping[str, str]) -> Former:
@@ -99,8 +80,3 @@ def record_of(file: BagFile, former: Former) -> dict[str, str]:
 
 def _listed(qos: str) -> str:
     return "\n" + textwrap.indent(qos.strip("\n"), " " * 10) if qos.strip() else " []"
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    parts = re.split(r"([0-9]+)", path.name)
-    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]

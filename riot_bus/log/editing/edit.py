@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.errors import ConfigError
-from riot_bus.log.editing.bags import files_of
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
 from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.editing.latched import Latched
@@ -20,6 +19,7 @@ from riot_bus.log.editing.result import EditResult
 from riot_bus.log.editing.roster import Roster
 from riot_bus.log.editing.sorting import Sorter
 from riot_bus.log.naming import parse_time
+from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
 
 if TYPE_CHECKING:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.log.rosbag2 import RECORD, BagFile, BagTopic, bag_file, bag_record, bag_text, write_metadata
+from riot_bus.errors import ConfigError
+from riot_bus.log.rosbag2 import RECORD, BagFile, BagTopic, bag_file, bag_record, bag_text, files_of, write_metadata
 from riot_bus.log.writer import LogWriter
 from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -59,3 +60,13 @@ def test_texts_are_quoted() -> None:
     assert '    - "b: #.mcap"\n' in text
     assert "    nanoseconds: 4\n" in text
     assert text.count("message_count: 2") == 3
+
+
+def test_a_folder_is_its_files_in_the_order_of_their_numbers(tmp_path):
+    for name in ("bag_10.mcap", "bag_2.mcap", "bag_1.mcap", "metadata.yaml", "7.mcap"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder.mcap").mkdir()
+    assert [file.name for file in files_of(tmp_path)] == ["7.mcap", "bag_1.mcap", "bag_2.mcap", "bag_10.mcap"]
+    assert files_of(tmp_path / "none.mcap") == [tmp_path / "none.mcap"]
+    with pytest.raises(ConfigError, match=r"no \.mcap files"):
+        files_of(tmp_path / "folder.mcap")

@@ -6,18 +6,19 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 
+from riot_bus.bus.runtime import wait_until
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.sut.launcher import Launcher, Process
 from riot_bus.sut.settling import activity, families, wait_settled
 
 Start = Callable[[str], Process]
+WAIT_S = 20.0
 
 
 @pytest.fixture
@@ -34,15 +35,6 @@ def start(launcher: Launcher, tmp_path: Path) -> Start:
         )
 
     return run
-
-
-def wait_until(condition: Callable[[], bool], timeout: float = 20.0) -> bool:
-    deadline = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.005)
-    return True
 
 
 def test_exit_status_and_output(launcher: Launcher, start: Start) -> None:
@@ -68,7 +60,7 @@ def test_command_that_does_not_exist(launcher: Launcher, tmp_path: Path) -> None
 def test_kill_all_takes_grandchildren_along(launcher: Launcher, start: Start, tmp_path: Path) -> None:
     code = "import subprocess,time; subprocess.Popen(['sleep','97.5'], start_new_session=True); time.sleep(60)"
     process = start(code)
-    assert wait_until(lambda: bool(psutil.Process(process.pid).children()))
+    assert wait_until(lambda: bool(psutil.Process(process.pid).children()), WAIT_S)
     (grandchild,) = psutil.Process(process.pid).children()
     launcher.kill_all()
     assert not psutil.pid_exists(process.pid)
@@ -96,7 +88,7 @@ def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
     owner.kill()
     owner.wait()
     owner.stdout.close()
-    assert wait_until(lambda: not psutil.pid_exists(pid))
+    assert wait_until(lambda: not psutil.pid_exists(pid), WAIT_S)
 
 
 def test_settling(launcher: Launcher, start: Start) -> None:

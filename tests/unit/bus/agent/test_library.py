@@ -67,7 +67,7 @@ def test_what_is_inside_is_found(library: Library, folder: Path, name: str, file
         ("mixed", "is outside of the folder"),
         ("pipe.mcap", "is no log"),
         ("notes.txt", "is no log"),
-        ("empty", "holds no log"),
+        ("empty", "holds no .mcap files"),
         (".", "is outside of the folder|is no log"),
         ("", "is not a path"),
         ("a\0.mcap", "is not a path"),

@@ -46,7 +46,7 @@ def test_throttles() -> None:
         ({"split_seconds": float("nan")}, "is no number"),
         ({"queue_bytes": -1}, "less than 0"),
         ({"name": "a/b"}, "is no name"),
-        ({"dump_on": ["/a where b > 1"]}, "needs a ring"),
+        ({"dump_on": ["/a where b > 1"]}, "need a ring"),
         ({"ring_seconds": 1.0, "dump_on": ["/a:b where b > 1"]}, "no condition"),
         ({"ring_seconds": 1.0, "split_bytes": 1}, "nothing to split"),
         ({"max_files": 1}, "more than one file"),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.bus.playing.options import PlayOptions, files_of, parse_latched, parse_remaps, parse_until
+from riot_bus.bus.playing.options import PlayOptions, parse_latched, parse_remaps, parse_until
 from riot_bus.errors import ConfigError
 
 SECOND = 10**9
@@ -95,12 +95,3 @@ def test_until_any_moment(moment, hours):
     moment = moment.replace(tzinfo=timezone(timedelta(hours=hours)))
     exact = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1000
     assert abs(parse_until(moment.isoformat(), 0) - exact) <= 2000
-
-
-def test_a_folder_is_its_files_in_the_order_of_their_numbers(tmp_path):
-    for name in ("bag_10.mcap", "bag_2.mcap", "bag_1.mcap", "metadata.yaml", "7.mcap"):
-        (tmp_path / name).touch()
-    (tmp_path / "folder.mcap").mkdir()
-    assert [file.name for file in files_of(tmp_path)] == ["7.mcap", "bag_1.mcap", "bag_2.mcap", "bag_10.mcap"]
-    assert files_of(tmp_path / "none.mcap") == [tmp_path / "none.mcap"]
-    assert files_of(tmp_path / "folder.mcap") == [tmp_path / "folder.mcap"]

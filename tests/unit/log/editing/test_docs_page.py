@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from riot_bus.cli.main import app
 from riot_bus.errors import RiotError
-from riot_bus.log.editing.bags import files_of
 from riot_bus.log.reader import read_log
+from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.writer import LogWriter
 from riot_bus.message import Message
 
