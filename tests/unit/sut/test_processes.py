@@ -106,7 +106,7 @@ def test_what_a_component_has_started_counts_too(start: Start) -> None:
     busy = "import sys; print(flush=True)\nwhile True: pass"
     code = f"import subprocess,sys,time; subprocess.Popen([sys.executable,'-S','-c',{busy!r}]); time.sleep(60)"
     process = start(code)
-    assert wait_until(lambda: len(families([process.pid])) == 2 and process.stdout.stat().st_size > 0)
+    assert wait_until(lambda: len(families([process.pid])) == 2 and process.stdout.stat().st_size > 0, WAIT_S)
     assert wait_settled([process.pid], window=0.05, timeout=20)
     assert not wait_settled(families([process.pid]), window=0.05, timeout=0.5)
     assert families([2**22 + 1]) == [2**22 + 1]
