@@ -232,8 +232,11 @@ def test_what_is_left_of_a_damaged_log_is_recovered(log, data):
             lost = reader.loss
         result = edit(EditOptions(inputs=[path], output=out))
         with LogReader(out) as reader:
-            assert [list(reader.messages(role=role)) for role in ("delivered", "original")] == left
+            found = [list(reader.messages(role=role)) for role in ("delivered", "original")]
             assert not reader.loss
+        if lost:  # where the head of a chunk is damaged, nobody knows its place among messages of the same time
+            found, left = ([sorted(each, key=lambda m: (m.time, repr(m))) for each in both] for both in (found, left))
+        assert found == left
         assert bool(result.losses) or not lost or lost.unsorted
         (record,) = [mapping for name, mapping in metadata(out) if name == "riot_bus.edit"]
         assert ("lost" in json.loads(record["inputs"])[0]) == bool(result.losses)

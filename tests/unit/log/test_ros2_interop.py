@@ -19,9 +19,9 @@ from riot_bus.types.registry import TypeRegistry
 from riot_bus_ros2.adapter import Ros2Adapter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-HASH = "RIHS01_" + "0" * 64
+HASH = STORE.hash_rihs01("nav_msgs/msg/Odometry")
 ODOM = f"0/odom/nav_msgs::msg::dds_::Odometry_/{HASH}"
-TEXT = f"0/robot/chatter/std_msgs::msg::dds_::String_/{HASH}"
+TEXT = f"0/robot/chatter/std_msgs::msg::dds_::String_/{STORE.hash_rihs01('std_msgs/msg/String')}"
 DATA = Path(__file__).parents[4] / "shared" / "data" / "nav2_turtlebot.mcap"
 
 
