@@ -150,11 +150,14 @@ def parse_recorded(text: str, name: str) -> dict[str, Definition]:
     if "/msg/" in name:
         return found
     interface = interface_of(name)  # its parts are called as messages are: see `schema_text`
-    package, kind, short = interface.split("/")
-    part = re.compile(rf"{package}/msg/({short}_\w+)")
+    chunks = interface.split("/")
+    if len(chunks) != 3:
+        raise DefinitionError(f"{name!r} is no name of a type")
+    package, kind, short = chunks
+    part = re.compile(rf"{re.escape(package)}/msg/({re.escape(short)}_\w+)")
 
     def rename(each: str) -> str:
-        return part.sub(rf"{package}/{kind}/\1", each)
+        return part.sub(lambda match: f"{package}/{kind}/{match[1]}", each)
 
     return {rename(each): (found[each][0], [_mended(field, rename) for field in found[each][1]]) for each in found}
 

@@ -79,6 +79,15 @@ def test_files_that_define_something_else(text, name, suffix):
         parse_file(text, name, suffix)
 
 
+@pytest.mark.parametrize("name", ["p/q/r/s/t", "p/q", "p(/srv/A_Request", "p/srv/(_Request", "/srv/"])
+def test_schemas_of_odd_names(name):
+    try:
+        found = parse_recorded("int32 a\n", name)
+    except DefinitionError:
+        return
+    assert all(isinstance(each, str) for each in found)
+
+
 def test_a_service_in_idl():
     text = """#include "other_msgs/msg/Thing.idl"
     module pkg { module srv {
