@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
+from riot_bus.bus.heap import trim_heap
 from riot_bus.bus.network import Network
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["run_router"]
 
 _LOOK_S = 0.2
+_TRIM_S = 20.0
 
 
 def run_router(
@@ -64,8 +67,11 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
         with service:
             say(_ready(service, as_json=as_json))
             service.watch()
-            while not service.stopping.wait(_LOOK_S):
-                pass  # a signal that comes just before an endless wait begins does not end it
+            trimmed = time.monotonic()
+            while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
+                if time.monotonic() - trimmed > _TRIM_S:
+                    trim_heap()
+                    trimmed = time.monotonic()
         _end(service, say, warn, as_json=as_json)
 
 
