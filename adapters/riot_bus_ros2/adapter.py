@@ -23,15 +23,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.types.announcement import Announcement
+    from riot_bus.types.learn import Ask
     from riot_bus.types.offer import Offer, RecordedTopic, SimClock
     from riot_bus.types.stamp import Stamp
-    from riot_bus_ros2.live import Ask
 
 __all__ = ["Ros2Adapter"]
 
+_CACHED = 1 << 14
+
 
 class Ros2Adapter:
-    """Implements `Adapter`, `Announcing`, `Offering`, `Serving` and `Stamping` (of `riot_bus.types`) for ROS 2.
+    """Implements `Adapter` and what adapters can do besides (`riot_bus.types`) for ROS 2.
 
     Raises:
         MissingExtraError: rosbags is not installed.
@@ -82,15 +84,16 @@ class Ros2Adapter:
         try:
             load_files([Path(file) for file in files], self.store)
         finally:
-            self._types.clear()
-            self._by_hash.clear()
+            self._forget()
 
     def type_named(self, type_name: str) -> MessageType | None:
         """Return the type `pkg/msg/Name` (or `pkg/Name`); of services and actions only parts: `pkg/srv/X_Request`."""
-        name = normal_name(type_name)
-        found = self._types.get(name)
-        if found is None and self._is_message(name, self.store):
-            found = self._types[name] = CdrType(name, self.store)
+        name, types = normal_name(type_name), self._types
+        found = types.get(name)
+        if found is None:
+            store = self.store if self.store.definition(name) is not None else self.store.told(name)
+            if store is not None and self._is_message(name, store):
+                found = types[name] = CdrType(name, store)
         return found
 
     def type_of_key(self, key: str) -> MessageType | None:
@@ -105,6 +108,13 @@ class Ros2Adapter:
         parsed = parse_data_key(key)
         return None if parsed is None else self._hashed(parsed.type_name, parsed.type_hash)
 
+    def missing(self, key: str) -> bool:
+        """Return whether a key has a type and a hash, and no definition here has that hash."""
+        parsed = parse_data_key(key)
+        if parsed is None or parsed.type_hash is None:
+            return False
+        return self.store.matching(parsed.type_name, parsed.type_hash) is None
+
     def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> MessageType | None:
         """Ask the nodes that use a key for a type that no other source knows; see `riot_bus_ros2.live.ask_nodes`."""
         parsed = parse_data_key(key)
@@ -113,9 +123,8 @@ class Ros2Adapter:
         found = ask_nodes(parsed.type_name, parsed.type_hash, key, tokens, ask, self.store)
         if not found:
             return None
-        self.store.learn(found)
-        self._types.clear()
-        self._by_hash.clear()
+        self.store.learn(parsed.type_name, found)
+        self._forget()
         return self.type_of_key(key)
 
     def type_names(self) -> list[str]:
@@ -173,9 +182,19 @@ class Ros2Adapter:
         )
 
     def _hashed(self, name: str, wanted: str | None) -> CdrType | None:
-        if (name, wanted) not in self._by_hash:
-            self._by_hash[name, wanted] = self._make_hashed(name, wanted)
-        return self._by_hash[name, wanted]
+        types = self._by_hash
+        try:
+            return types[name, wanted]
+        except KeyError:
+            found = self._make_hashed(name, wanted)
+            if len(types) >= _CACHED:  # keys are what strangers make of them
+                types.clear()
+            types[name, wanted] = found
+            return found
+
+    def _forget(self) -> None:
+        """Look types up again; whoever is at it writes what may have become wrong where nobody reads it."""
+        self._types, self._by_hash = {}, {}
 
     def _make_hashed(self, name: str, wanted: str | None) -> CdrType | None:
         if wanted is None:

@@ -14,19 +14,20 @@ from riot_bus.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.definitions import DefinitionError, references
 from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
+from riot_bus_ros2.keys import parse_data_key
 from riot_bus_ros2.tokens import Endpoint, parse_token
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
+    from riot_bus.types.learn import Ask
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.store import TypeStore
-
-    Ask = Callable[[str, bytes, bytes], Iterable[bytes]]
 
 __all__ = ["SERVICE", "ask_nodes", "described", "question", "services_of"]
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
+_ENDING = "/get_type_description"
 _MOST_NODES = 8
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
@@ -44,7 +45,7 @@ def ask_nodes(
         wanted: Its RIHS01 hash.
         key: Such as of a topic.
         tokens: Liveliness tokens.
-        ask: Returns the payloads of the replies to a query, from its key, payload and attachment; in bounded time.
+        ask: Puts a question.
         store: Knows the service's own type.
     """
     payload = question(name, wanted, store)
@@ -60,13 +61,20 @@ def ask_nodes(
 
 def services_of(key: str, tokens: Iterable[str]) -> list[str]:
     """Return the keys of the services that tell the types of nodes that publish or subscribe to a key."""
-    endpoints = [each for each in map(parse_token, tokens) if isinstance(each, Endpoint)]
+    wanted = parse_data_key(key)
+    if wanted is None:
+        return []
+    marks = f"/{wanted.topic.replace('/', '%')}/", f"{_ENDING.replace('/', '%')}/"  # most tokens need no parsing
+    likely = (each for each in tokens if any(mark in each for mark in marks))
+    endpoints = [each for each in map(parse_token, likely) if isinstance(each, Endpoint)]
     nodes = {each.node.name for each in endpoints if each.key == key}
     return sorted(
         {
             each.key
             for each in endpoints
-            if each.kind == "SS" and each.type_name == SERVICE and each.topic.rpartition("/")[0] in nodes
+            if (each.kind, each.type_name, each.node.domain) == ("SS", SERVICE, wanted.domain)
+            and each.topic.endswith(_ENDING)
+            and each.topic.removesuffix(_ENDING) in nodes
         }
     )
 

@@ -28,6 +28,7 @@ __all__ = ["TypeStore", "require_rosbags"]
 
 _LONGEST = 1 << 12
 _OF_USER = 2  # so many sources are before the distributions
+_MOST_TOLD = 1 << 12
 
 
 def require_rosbags() -> None:
@@ -50,9 +51,9 @@ class TypeStore:
     def __init__(self, recorded: Mapping[str, Definition] | None = None, *, sources: Sequence[Source] = ()) -> None:
         self._recorded: dict[str, Definition] = dict(recorded or {})
         self._files: dict[str, Definition] = {}
-        self._live: dict[str, Definition] = {}
+        self._told: dict[tuple[str, str], TypeStore] = {}
         distributions: tuple[Source, ...] = tuple(map(from_distribution, DISTROS))
-        usual: tuple[Source, ...] = (from_ament, self._files.get, *distributions, from_common_services, self._live.get)
+        usual: tuple[Source, ...] = (from_ament, self._files.get, *distributions, from_common_services)
         self._sources = tuple(sources) or usual
         self._found: dict[str, Definition] = {}
         self._typestores: dict[str, Typestore] = {}
@@ -63,9 +64,18 @@ class TypeStore:
         self._found.clear()
         self._typestores.clear()
 
-    def learn(self, definitions: Mapping[str, Definition]) -> None:
-        """Add definitions that a node has told; they count for types that are not known otherwise."""
-        self._live.update(definitions)
+    def learn(self, name: str, definitions: Mapping[str, Definition]) -> None:
+        """Add what a node has told of a type: its definition, and those of all types in it.
+
+        They count for this type alone, where no other source has a definition of the same hash (`matching`), or of the
+        same name (`told`).
+        """
+        if len(self._told) < _MOST_TOLD:
+            self._told[name, type_hash(name, definitions)] = TypeStore(definitions)
+
+    def told(self, name: str) -> TypeStore | None:
+        """Return a store with what a node has told of a type, None if none has; of several versions the last."""
+        return next((store for (each, _), store in reversed(list(self._told.items())) if each == name), None)
 
     def definition(self, name: str) -> Definition | None:
         """Return constants and fields of a type, None if it is unknown."""
@@ -88,7 +98,9 @@ class TypeStore:
 
     def names(self) -> list[str]:
         """Return the names of all types that need no search in files."""
-        return sorted({*self._recorded, *self._files, *self._live, *rosbags_store(DISTROS[0]).fielddefs})
+        return sorted(
+            {*self._recorded, *self._files, *(name for name, _ in self._told), *rosbags_store(DISTROS[0]).fielddefs}
+        )
 
     def closure(self, name: str) -> dict[str, Definition]:
         """Return the definitions of a type and of all types in it; raises KeyError with an unknown one's name."""
@@ -118,6 +130,9 @@ class TypeStore:
         Returns:
             None if no source has such a definition.
         """
+        told = self._told.get((name, wanted))
+        if told is not None:
+            return told
         older = tuple(map(from_distribution, OLDER))
         for first in (None, *self._sources, *older):
             store = self if first is None else self.preferring(first)

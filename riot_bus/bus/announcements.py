@@ -1,14 +1,15 @@
-"""Who announces publishers by liveliness tokens, and what that says of a key, for those who record."""
+"""Who announces publishers by liveliness tokens, and what that says of a key; its type, if only they know it."""
 
 from __future__ import annotations
 
 import threading
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.runtime import release
+from riot_bus.bus.learner import Learner
+from riot_bus.bus.runtime import release, wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import zenoh
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["Announcements"]
 
 _ANSWER_S = 2.0
+_TOLD_S = 3.0
+_LOOK_S = 0.01
 _MOST_TOKENS = 50_000
 
 
@@ -25,13 +28,15 @@ class Announcements:
 
     Args:
         registry: Its adapters say which tokens there are, and what they mean.
+        learnt: Called with a key when those who use it have told its type; on a thread that may take its time.
     """
 
-    def __init__(self, registry: TypeRegistry) -> None:
+    def __init__(self, registry: TypeRegistry, *, learnt: Callable[[str], None] = lambda key: None) -> None:
         self._registry = registry
         self._lock = threading.Lock()
         self._tokens: set[str] = set()
         self._listeners: list[Any] = []
+        self._learner = Learner(registry, tokens=self._present, learnt=learnt)
 
     def __bool__(self) -> bool:
         return bool(self._tokens)
@@ -41,34 +46,43 @@ class Announcements:
 
         Args:
             session: A session of the network.
-            wait: Return once present tokens are known.
+            wait: Return once present tokens are known, and what their owners have told of unknown types.
         """
         liveliness = session.liveliness()
+        self._learner.sessions.append(session)
         for adapter in self._registry.stampings():
             for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():
                 if reply.ok is not None:
                     self._take(reply.ok)
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, self._take, history=True))
+        if wait:
+            wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
 
     def close(self) -> None:
         """Listen no more; safe to call twice."""
         listeners, self._listeners = self._listeners, []
         release(*listeners)
+        self._learner.close()
 
     def details(self, key: str) -> Mapping[str, str]:
         """Return metadata for a key's channel in a log."""
         adapter = self._registry.stamping(key)
         if adapter is None:
             return {}
+        return adapter.details(key, self._present())
+
+    def _present(self) -> list[str]:
         with self._lock:
-            tokens = list(self._tokens)
-        return adapter.details(key, tokens)
+            return list(self._tokens)
 
     def _take(self, sample: zenoh.Sample) -> None:
         kind: Any = sample.kind
-        self._registry.announcement(str(sample.key_expr))  # which may tell a key's type
+        token, gone = str(sample.key_expr), int(kind) != 0
+        found = self._registry.announcement(token)  # which may tell a key's type
         with self._lock:
-            if int(kind) != 0:
-                self._tokens.discard(str(sample.key_expr))
+            if gone:
+                self._tokens.discard(token)
             elif len(self._tokens) < _MOST_TOKENS:
-                self._tokens.add(str(sample.key_expr))
+                self._tokens.add(token)
+        if found is not None and found.key and not gone:
+            self._learner.look(found.key)

@@ -50,6 +50,10 @@ class Writer(Protocol):
         """Write something else that belongs to the log."""
         ...
 
+    def renew(self, key: str) -> None:
+        """Write further messages of a key with what is known of it now."""
+        ...
+
     def tick(self) -> None:
         """Make what was written readable, if it is time."""
         ...
@@ -137,6 +141,10 @@ class Recorder:
             mapping: Keys and texts.
         """
         return self._mailbox.offer(_Note(name, mapping), sum(map(len, mapping.values())))
+
+    def renew(self, key: str) -> None:
+        """Write further messages of a key with its type, which has become known."""
+        self._writer.renew(key)
 
     def totals(self) -> tuple[int, int]:
         """Return how many messages were written so far, originals not counted, and how many were lost."""

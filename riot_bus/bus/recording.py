@@ -55,7 +55,7 @@ class Recordings:
         self._name = name
         self._metadata = metadata
         self._profile = profile
-        self._announcements = Announcements(registry)
+        self._announcements = Announcements(registry, learnt=self._learnt)
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
@@ -136,6 +136,12 @@ class Recordings:
 
             if recorder.note(_GRAPH, record(former, graph, time=time.time_ns())):
                 self._noted = graph
+
+    def _learnt(self, key: str) -> None:
+        self._bus().renew()
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.renew(key)
 
     def status(self) -> dict[str, Any] | None:
         """Return file, messages, lost and seconds of the present recording, and why it has failed if it has."""

@@ -253,6 +253,11 @@ class Bus:
             self.gate.replace(interceptors)
             self._forget()
 
+    def renew(self) -> None:
+        """Look up again what is known of keys: the type of one has become known."""
+        self.gate.change(Pipeline.forget)
+        self._forget()
+
     def _check_ways(self, stages: Iterable[Stage]) -> None:
         for stage in stages:
             for word, name in (("from", stage.when.source), ("to", stage.when.target)):

@@ -303,6 +303,15 @@ class LogWriter:
             except KeyError:
                 return self._open_channel(message, "delivered")
 
+    def renew(self, key: str) -> None:
+        """Let further messages of a key have channels of their own: its type has become known.
+
+        Whoever has a track of it asks for another one.
+        """
+        with self._lock:
+            for known in self._known.values():
+                known.pop(key, None)
+
     def refuse(self, key: str, count: int = 1) -> None:
         """Count messages that the file cannot hold."""
         with self._lock:

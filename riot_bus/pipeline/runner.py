@@ -394,6 +394,10 @@ class Pipeline:
             self._routes[key] = route
         return route
 
+    def forget(self) -> None:
+        """Look up again what concerns the messages of each key: a type has become known."""
+        self._routes.clear()
+
     def _count(self, topic: str) -> Counts:
         counts = self.counts.get(topic)
         if counts is None:

@@ -11,6 +11,7 @@ from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.selector import key_matches
 from riot_bus.types.announcement import Announcing
 from riot_bus.types.codecs import Codecs
+from riot_bus.types.learn import Learning
 from riot_bus.types.model import Keyed, MessageType, TopicName, TypeSource
 from riot_bus.types.msgpack_type import is_container
 from riot_bus.types.offer import Offering
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.types.announcement import Announcement
+    from riot_bus.types.learn import Ask
     from riot_bus.types.model import Adapter, Schema
 
 __all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
@@ -67,6 +69,7 @@ class TypeRegistry:
         self._settled: dict[str, MessageType | None] = {}
         self._inferred: dict[str, MessageType] = {}
         self._from_logs: dict[str, MessageType] = {}
+        self._named_in_logs: dict[str, MessageType] = {}
         self._encoded: dict[str, MessageType | None] = {}
         self._types: dict[str, MessageType] = {}
         self._declared: dict[str, MessageType] = {}
@@ -111,18 +114,19 @@ class TypeRegistry:
         """Return the type of the key's messages, None if nothing tells.
 
         In order: declared, from a log's schema for this key, named by the key, from a log's schema for a topic of its
-        name, named by the encoding, inferred from the payload.
+        name, named by a log that has no definition, named by the encoding, inferred from the payload.
 
         Args:
             key: Key of a message.
             payload: A sample from which JSON and MessagePack may be inferred.
             encoding: Zenoh's or MCAP's encoding string.
         """
+        known = self._settled
         try:
-            settled = self._settled[key]
+            settled = known[key]
         except KeyError:
             settled = self._settle(key)
-            _remember(self._settled, key, settled)
+            _remember(known, key, settled)
         if settled is not None:
             return settled
         if encoding not in _UNTYPED:
@@ -152,10 +156,10 @@ class TypeRegistry:
         for adapter in self._adapters:
             found = found or adapter.type_of_schema(schema)
         if found is not None:
-            self._from_logs[key_or_topic] = found
+            by_name = not schema.data and found.schema is not None and found.schema.data  # of the log there is no more
+            (self._named_in_logs if by_name else self._from_logs)[key_or_topic] = found
             self._types.setdefault(found.name, found)
-            self._settled.clear()
-            self._encoded.clear()
+            self._forget()
         return found
 
     def announcements(self) -> list[str]:
@@ -171,6 +175,32 @@ class TypeRegistry:
                 self._settled.pop(found.key, None)
                 return found
         return None
+
+    def missing(self, key: str) -> bool:
+        """Return whether the type of a key is not defined here, but those who use the key can be asked for it."""
+        if self._declared_for(key, self._name(key)) is not None:
+            return False
+        return any(each.missing(key) for each in self._adapters if isinstance(each, Learning))
+
+    def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> bool:
+        """Ask those who use a key for its type; takes long.
+
+        Args:
+            key: One that is missing.
+            tokens: Keys of all present liveliness tokens.
+            ask: Puts a question.
+
+        Returns:
+            Whether somebody has told; then `type_of` knows, for all keys that name the same type.
+        """
+        told = any(
+            each.learn(key, tokens, ask) is not None
+            for each in self._adapters
+            if isinstance(each, Learning) and each.missing(key)
+        )
+        if told:
+            self._forget()
+        return told
 
     def _announcing(self) -> list[Announcing]:
         return [each for each in self._adapters if isinstance(each, Announcing)]
@@ -237,13 +267,25 @@ class TypeRegistry:
 
     def _settle(self, key: str) -> MessageType | None:
         name = self._name(key)
+        logged, named = self._from_logs, self._named_in_logs
+        return (
+            self._declared_for(key, name)
+            or logged.get(key)
+            or self._by_key(key, name)
+            or logged.get(name.name)
+            or named.get(key)
+            or named.get(name.name)
+        )
+
+    def _declared_for(self, key: str, name: TopicName) -> MessageType | None:
         for exact in (key, name.name):
             if exact in self._declared:
                 return self._declared[exact]
-        for pattern, declared in self._declared.items():
-            if self.matches(pattern, key):
-                return declared
-        return self._from_logs.get(key) or self._by_key(key, name) or self._from_logs.get(name.name)
+        return next((found for text, found in self._declared.items() if self.matches(text, key)), None)
+
+    def _forget(self) -> None:
+        """Look types up again; whoever is at it writes what may have become wrong where nobody reads it."""
+        self._settled, self._encoded = {}, {}
 
     def _by_key(self, key: str, name: TopicName) -> MessageType | None:
         if name.type_name is None:
@@ -252,15 +294,16 @@ class TypeRegistry:
         return next((found for found in keyed if found is not None), None) or self.type_named(name.type_name)
 
     def _by_encoding(self, encoding: str) -> MessageType | None:
+        known = self._encoded
         try:
-            return self._encoded[encoding]
+            return known[encoding]
         except KeyError:
             base, _, schema = encoding.partition(";")
             codec = self._codecs.of_encoding(base)
             found = codec if isinstance(codec, MessageType) else None
             if found is None and schema:
                 found = self._named_by_peer(schema)
-            _remember(self._encoded, encoding, found)
+            _remember(known, encoding, found)
             return found
 
     def _named_by_peer(self, name: str) -> MessageType | None:

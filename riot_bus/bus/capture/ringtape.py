@@ -38,7 +38,7 @@ class RingTape:
 
     Attributes:
         lock: Held by who appends.
-        generation: Stays.
+        generation: Grows when tracks that were handed out are void.
         writer: Encodes messages for the ring.
         book: Figures since the beginning; what the ring has forgotten counts as recorded.
     """
@@ -92,6 +92,12 @@ class RingTape:
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Do nothing: what `notes` returns is written with the ring."""
+
+    def renew(self, key: str) -> None:
+        """Record further messages of a key with its type, which has become known."""
+        with self.lock:
+            self.writer.renew(key)
+            self.generation += 1
 
     def tick(self) -> None:
         """End chunks by age; call it several times a second."""

@@ -49,6 +49,15 @@ class Selection:
         self._throttles = {topic: round(1e9 / hertz) for topic, hertz in parse_throttles(options.throttle).items()}
         self._strange: set[str] = set()
 
+    def learnt(self, key: str) -> None:
+        """Say that the type of a key has become known, if the contrary was said."""
+        topic = self._registry.topic(key)
+        if topic in self._strange:
+            self._strange.discard(topic)
+            self._warn(
+                f"the type of {topic} has been told by its nodes and is recorded with its definition from now on"
+            )
+
     def rules(self, key: str) -> KeyRules | None:
         """Return what holds for a key, None if it is not recorded."""
         registry = self._registry

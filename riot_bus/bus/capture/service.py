@@ -104,7 +104,7 @@ class CaptureService:
         self.registry = registry_of(RouterOptions(types=options.types, definitions=options.definitions))
         self._warn = warn
         self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
-        self._announcements = Announcements(self.registry)
+        self._announcements = Announcements(self.registry, learnt=self._learnt)
         self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
         self._tape: Tape | RingTape | None = None
         self._intakes: list[Intake] = []
@@ -270,6 +270,11 @@ class CaptureService:
         if self._tape is None or self._done.is_set():
             raise ConfigError("nothing is being recorded", where="record")
         return self._tape
+
+    def _learnt(self, key: str) -> None:
+        if self._tape is not None:
+            self._tape.renew(key)
+            self._selection.learnt(key)
 
     def _open_tape(self) -> Tape | RingTape:
         options, naming = self.options, Naming(self.options)

@@ -76,7 +76,7 @@ class Tape:
 
     Attributes:
         lock: Held by who appends, from asking for tracks to appending.
-        generation: Grows with each file; tracks of former files are void.
+        generation: Grows with each file, and when a type becomes known; tracks that were handed out before are void.
     """
 
     def __init__(
@@ -137,6 +137,12 @@ class Tape:
         """Write a metadata record."""
         reel = self._reel
         self._guard(reel, lambda: reel.writer.note(name, mapping))
+
+    def renew(self, key: str) -> None:
+        """Record further messages of a key with its type, which has become known."""
+        with self.lock:
+            self.writer.renew(key)
+            self.generation += 1
 
     def tick(self) -> None:
         """End chunks by age, begin other files, say what goes wrong; call it several times a second."""

@@ -16,7 +16,8 @@ from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter, LostMessagesError
 from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
-from riot_bus.types.registry import TypeRegistry
+from riot_bus.types.model import Schema
+from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request
 
 ODD = [
@@ -481,3 +482,30 @@ def test_calls_have_channels_of_their_own_with_names_that_are_valid_elsewhere(tm
         assert [each.key for each in reader.messages(topics=["calc/add/@reply"])] == ["calc/add/@reply"]
         assert list(reader.messages(topics=["**"])) == []
         assert list(reader.originals()) == written[:1]
+
+
+def test_a_type_that_becomes_known_has_a_channel_of_its_own(tmp_path):
+    path = tmp_path / "a.mcap"
+    registry = TypeRegistry(load_adapters(["ros2"]))
+    key = "0/x/my_pkg::msg::dds_::Odd_/RIHS01_" + "0" * 64
+    with LogWriter(path, registry=registry) as writer:
+        writer.write(Message(1, key, b"1", sequence=1))
+        writer.write(Message(1, key, b"1", sequence=1), role="original")
+        registry.add_schema(key, Schema("my_pkg/msg/Odd", "ros2msg", b"int8 x\n"), "cdr")
+        writer.write(Message(2, key, b"2", sequence=2))  # whoever holds a track goes on with it
+        writer.renew(key)
+        writer.renew("no/such/key")
+        writer.write(Message(3, key, b"3", sequence=3))
+        writer.write(Message(3, key, b"3", sequence=3), role="original")
+        writer.write(Message(4, key, b"4", sequence=4))
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    found = [
+        (channel.topic, summary.statistics.channel_message_counts[number], summary.schemas[channel.schema_id].data)
+        for number, channel in summary.channels.items()
+    ]
+    delivered, original = found[0][0], found[1][0]
+    assert found == [(delivered, 2, b""), (original, 1, b""), (delivered, 2, b"int8 x\n"), (original, 1, b"int8 x\n")]
+    with LogReader(path) as reader:
+        assert [message.payload for message in reader.messages()] == [b"1", b"2", b"3", b"4"]
+        assert [message.payload for message in reader.originals()] == [b"1", b"3"]

@@ -120,6 +120,63 @@ def test_then_a_schema_of_a_log():
     assert types.type_of("plain").name == "json"
 
 
+class Written(Toy):
+    schema = Schema("T", "toyschema", b"text")
+
+
+def test_a_log_without_a_definition_only_names_a_type():
+    adapter = ToyAdapter("T")
+    adapter.type_of_schema = lambda schema: Written("T by name")
+    types = TypeRegistry([adapter])
+    assert types.add_schema("toy/odom/T", Schema("T", "toyschema", b""), "toy").name == "T by name"
+    assert types.type_of("toy/odom/T").name == "T"  # the key tells more: with ROS 2, the hash
+    types.add_schema("odd", Schema("T", "toyschema", b""), "toy")
+    assert types.type_of("odd").name == "T by name"
+    types.add_schema("toy/odom/T", Schema("T", "toyschema", b"text"), "toy")
+    assert types.type_of("toy/odom/T").name == "T by name"
+
+
+class Learner(ToyAdapter):
+    """Knows no types until somebody tells."""
+
+    def missing(self, key):
+        return key.startswith("toy/") and key.split("/")[2] not in self.types
+
+    def learn(self, key, tokens, ask):
+        told = list(ask(key, b"question", b""))
+        if told != [b"answer"]:
+            return None
+        name = key.split("/")[2]
+        self.types[name] = Toy(name)
+        return self.types[name]
+
+
+def test_types_that_others_tell():
+    types = TypeRegistry([Learner()], declared={"/named": "json"})
+    assert types.type_of("toy/odom/T") is types.type_of("toy/other/T") is None
+    assert [types.missing(key) for key in ("toy/odom/T", "toy/named/T", "plain")] == [True, False, False]
+    assert not types.learn("toy/odom/T", [], lambda *_: [])
+    assert types.type_of("toy/odom/T") is None
+    assert types.learn("toy/odom/T", [], lambda *_: [b"answer"])
+    assert types.type_of("toy/odom/T").name == types.type_of("toy/other/T").name == "T"
+    assert not types.missing("toy/other/T")
+    assert not types.learn("toy/other/T", [], lambda *_: pytest.fail("it is known"))
+
+
+def test_what_is_looked_up_while_somebody_tells_is_not_remembered():
+    adapter = Learner()
+    types = TypeRegistry([adapter])
+
+    def too_late(type_name):
+        found = ToyAdapter.type_named(adapter, type_name)
+        types.learn("toy/odom/T", [], lambda *_: [b"answer"])
+        return found
+
+    adapter.type_named = too_late
+    assert types.type_of("toy/odom/T") is None
+    assert types.type_of("toy/odom/T").name == "T"
+
+
 @pytest.mark.parametrize(
     ("encoding", "name"),
     [
