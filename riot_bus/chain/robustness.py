@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["dictionary_of", "test_unit", "tested"]
 
+_LOG = logging.getLogger(__name__)
+
 
 def dictionary_of(workspace: Workspace, unit: str) -> Dictionary:
     """Return the dictionaries that apply to a unit: the installed ones and those that riot.toml names."""
@@ -49,6 +52,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
     settings = workspace.context.file.unit[unit]
     log = workspace.unit_log(unit)
     dictionary = dictionary_of(workspace, unit)
+    everything = targets_of(log, registry, include=["*"])
+    for problem in dictionary.unmatched(f"{each.topic}:{each.path}" for found in everything.values() for each in found):
+        _LOG.warning("riot: %s", problem)
     schedule = Schedule(
         targets_of(log, registry, leave=settings.leave, include=settings.include),
         dictionary,

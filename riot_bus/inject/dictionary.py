@@ -22,6 +22,7 @@ Files come from the packages that the entry point group `riot_bus.dictionaries` 
 from __future__ import annotations
 
 import importlib
+import re
 import struct
 import tomllib
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from riot_bus.trial import Scalar
@@ -53,6 +54,7 @@ TYPES = ("bool", *_INTEGERS, "float32", "float64", "string", "bytes")
 
 _GROUP = "riot_bus.dictionaries"
 _BUILT_IN = "riot_bus_dictionaries"
+_INDEX = re.compile(r"\[\d+\]")
 _STRICT = ConfigDict(extra="forbid", strict=True)
 
 
@@ -71,6 +73,7 @@ class _Binding:
     entries: tuple[Entry, ...]
     only: bool
     where: str
+    own: bool
 
 
 class Dictionary:
@@ -90,7 +93,7 @@ class Dictionary:
         Args:
             text: TOML.
             where: Names it in errors.
-            own: Whether it is the user's own, so that fields that do not exist are an error.
+            own: Whether it is the user's own, so that fields that do not exist are said.
 
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
@@ -115,7 +118,7 @@ class Dictionary:
                 raise ConfigError(
                     f"no entries for {binding.path!r}", where=place, hint="add entries = [{ value = ... }]"
                 )
-            self._bindings.insert(0, _Binding(binding.path, kind, entries, binding.only, place))
+            self._bindings.insert(0, _Binding(binding.path, kind, entries, binding.only, place, own))
         for index, message in enumerate(document.message):
             for mutation in read_mutations(message, where=f"{where}: message[{index}]", own=own):
                 self._mutations.setdefault(mutation.type, []).append(mutation)
@@ -160,19 +163,18 @@ class Dictionary:
                     found.setdefault(_identity(type, entry.value), entry)
         return tuple(found.values())
 
-    def check(self, fields: Iterable[tuple[str, str]]) -> None:
-        """Look up every (path, type) of a unit's fields, so that a wrong binding is found before the first trial.
+    def unmatched(self, paths: Iterable[str]) -> Iterator[ConfigError]:
+        """Yield what to say of each `[[field]]` of the user's own that none of these fields has values from.
 
-        Raises:
-            ConfigError: A binding fits no value for one of the fields, or matches none of them.
+        Args:
+            paths: All fields (`topic:path`); of an array some elements will do.
         """
-        known = list(fields)
-        for path, kind in known:
-            self.values_for(kind, path)
-        for binding in self._bindings:
-            if not any(_bound(binding.pattern, path) for path, _ in known):
-                hint = did_you_mean(binding.pattern, [path for path, _ in known])
-                raise ConfigError(f"no field is called {binding.pattern!r}", where=binding.where, hint=hint)
+        known = list(paths)
+        for binding in reversed(self._bindings):
+            if binding.own and not any(_bound(_INDEX.sub("[*]", binding.pattern), path) for path in known):
+                names = [path.rpartition(":")[2] for path in known]
+                hint = did_you_mean(binding.pattern, [*known, *names])
+                yield ConfigError(f"no field of the log is called {binding.pattern!r}", where=binding.where, hint=hint)
 
 
 def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:

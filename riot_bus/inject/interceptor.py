@@ -6,6 +6,7 @@ import hashlib
 import logging
 import re
 from collections import Counter
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
@@ -186,10 +187,42 @@ def _set(event: Event, path: str, value: Scalar) -> None:
 
 
 def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
-    """Return a payload with the fields set that a path with `[*]` stands for; raises PayloadError."""
-    pattern = re.compile(re.escape(path).replace(r"\[\*\]", r"\[\d+\]"))
-    leaves = [leaf for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS) if pattern.fullmatch(leaf.path)]
-    return kind.rebuild(payload, {leaf.path: fit_value(value, leaf.value) for leaf in leaves})
+    """Return a payload with the fields set that a path with `[*]` stands for.
+
+    Raises:
+        PayloadError: There are no such fields (but for arrays that are empty), they are too many, or the value does not
+            fit.
+    """
+    fields, lengths = _patterns(path)
+    changes = {}
+    for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS):
+        if fields.fullmatch(leaf.path):
+            changes[leaf.path] = fit_value(value, leaf.value)
+        elif isinstance(leaf.value, int) and leaf.value > _ALL_ELEMENTS and lengths.fullmatch(leaf.path):
+            raise PayloadError(f"{leaf.value} elements are more than the {_ALL_ELEMENTS} that can be set", where=path)
+    if not changes:
+        _check_elements(kind, payload, path)
+    return kind.rebuild(payload, changes)
+
+
+@lru_cache(maxsize=256)
+def _patterns(path: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
+    """Return what matches the fields that a path with `[*]` stands for, and what matches the lengths of its arrays."""
+    escaped = re.escape(path).replace(r"\[\*\]", r"\[\d+\]")
+    places = re.finditer(r"\\\[\\d\+\\\]", escaped)
+    arrays = "|".join(escaped[: place.start()] for place in places)
+    return re.compile(escaped), re.compile(rf"len\((?:{arrays})\)")
+
+
+def _check_elements(kind: MessageType, payload: bytes, path: str) -> None:
+    """Raise PayloadError unless a path stands for no fields because an array is empty."""
+    array, star, rest = path.partition("[*]")
+    while star:
+        if not kind.read(payload, f"len({array})"):
+            return
+        more, star, rest = rest.partition("[*]")
+        array = f"{array}[0]{more}"
+    kind.read(payload, array)
 
 
 def fit_value(value: Scalar, before: Scalar) -> Scalar:

@@ -91,6 +91,17 @@ def test_payloads_that_do_not_decode(riot, press: Path, tmp_path: Path) -> None:
     check(done, 2, "no field that can be injected", "hint")
 
 
+def test_dictionary_with_a_field_that_is_not_there(riot, press: Path, tmp_path: Path) -> None:
+    nominal(press, [json.dumps({"seq": 1, "mode": "step", "speed": 2.0}).encode()] * 30)
+    (press.parent / "limits.toml").write_text(
+        '[[field]]\npath = "sped"\nentries = [{ value = 9.5, reason = "fast" }]\n'
+    )
+    edit(press, "[unit.drive]", '[unit.drive]\ndictionaries = ["limits.toml"]')
+    done = riot("test", "--system", press, "--out", tmp_path / "out", "--trials", 1)
+    assert done.returncode in (0, 1), done.stderr
+    check(done, done.returncode, "limits.toml: field[0]", "no field of the log is called 'sped'", "'speed'")
+
+
 def test_port_in_use(riot) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -7,9 +7,9 @@ from riot_bus.inject import dictionary as module
 from riot_bus.inject.dictionary import Dictionary, Entry, eligible, load_dictionary
 
 
-def added(text):
+def added(text, **more):
     dictionary = Dictionary()
-    dictionary.add(text, where="mine.toml")
+    dictionary.add(text, where="mine.toml", **more)
     return dictionary
 
 
@@ -89,11 +89,21 @@ def test_binding_without_an_eligible_value_is_an_error():
     dictionary = added('[[field]]\npath = "speed"\nentries = [{ value = "fast", reason = "r" }]')
     with pytest.raises(ConfigError, match="none of the values"):
         dictionary.values_for("float64", "speed")
-    with pytest.raises(ConfigError, match="none of the values"):
-        dictionary.check([("speed", "float64")])
-    with pytest.raises(ConfigError, match="did you mean 'sped'"):
-        dictionary.check([("sped", "string")])
-    dictionary.check([("speed", "string")])
+    assert [entry.value for entry in dictionary.values_for("string", "speed")] == ["fast"]
+
+
+def test_fields_of_the_users_own_that_are_not_there_are_said():
+    bound = '[[field]]\npath = "{}"\nentries = [{{ value = 1.0, reason = "r" }}]\n'
+    text = "".join(map(bound.format, ("speed", "ranges[17]", "/odom:*.x", "/scan:speed", "sped", "len(ranges)")))
+    paths = ["/odom:speed", "/odom:pose.x", "/scan:ranges[0]", "/scan:ranges[1]"]
+    dictionary = added(text, own=True)
+    said = "mine.toml: field[{}]: no field of the log is called {!r}\n  hint: did you mean {}?"
+    assert [str(each) for each in dictionary.unmatched(paths)] == [
+        said.format(3, "/scan:speed", "'/odom:speed' or 'speed'"),
+        said.format(4, "sped", "'speed'"),
+        said.format(5, "len(ranges)", "'ranges[1]' or 'ranges[0]'"),
+    ]
+    assert not list(added(text).unmatched(paths))  # of a package for many systems
 
 
 def test_float32_holds_no_double():

@@ -6,12 +6,14 @@ import struct
 import pytest
 
 from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.inject import interceptor as module
 from riot_bus.inject.apply import inject_log
-from riot_bus.inject.interceptor import Injector
+from riot_bus.inject.interceptor import Injector, set_elements
 from riot_bus.injection import Injection, Signal
 from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 SECOND = 10**9
@@ -69,6 +71,42 @@ def test_star_sets_every_element_with_one_change():
     out, touched = run(log(1), Injection("a", "v[*]", 5.5))
     assert values(out, "v") == [[5.5, 5.5]]
     assert len(touched[0][2]) == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "document", "problem"),
+    [
+        ("w[*]", {}, "no field 'w'"),
+        ("x[*]", {}, "only arrays have a length"),
+        ("v[*].x", {}, "no field 'x'"),
+        ("a[*].typo", {"a": [{"b": 1}]}, "no field 'typo'"),
+        ("a[*].b[*]", {"a": [{"c": 1}]}, "no field 'b'"),
+        ("v[*]", {"v": [None]}, "null is no scalar field"),
+    ],
+)
+def test_star_on_fields_that_are_not_there(field, document, problem):
+    pipeline = Pipeline([injector := Injector([Injection("a", field, 5.5)])], registry=TypeRegistry())
+    (message,) = log(1, **document)
+    assert pipeline.feed(message).emissions[0].message is message
+    assert injector.skipped["a"] == 1
+    assert problem in str(injector.problems["a"])
+
+
+@pytest.mark.parametrize(("field", "document"), [("v[*]", {"v": []}), ("a[*].b[*].c", {"a": [{"b": []}]})])
+def test_star_on_empty_arrays(field, document):
+    out, _ = run(log(1, **document), Injection("a", field, 5.5))
+    assert out[0].payload == log(1, **document)[0].payload
+
+
+def test_star_on_more_elements_than_anybody_sets(monkeypatch):
+    monkeypatch.setattr(module, "_ALL_ELEMENTS", 3)
+    kind = JsonType()
+    assert set_elements(kind, b'{"a": [{"b": [1, 2, 3]}, {"b": [4]}], "c": [1, 2, 3, 4]}', "a[*].b[*]", 0) == (
+        b'{"a": [{"b": [0, 0, 0]}, {"b": [0]}], "c": [1, 2, 3, 4]}'
+    )
+    for path in ("a[*].b[*]", "a[*].d"):
+        with pytest.raises(PayloadError, match="4 elements are more than the 3"):
+            set_elements(kind, b'{"a": [{"b": [1]}, {"b": [1, 2, 3, 4]}, {"d": 1}, {"d": 2}]}', path, 0)
 
 
 def test_timing_faults():
