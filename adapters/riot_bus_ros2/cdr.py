@@ -24,7 +24,6 @@ from riot_bus_ros2.cdr_layout import (
     Unpack,
     compile_type,
     length_of,
-    skip,
     skip_elements,
 )
 from riot_bus_ros2.cdr_plan import Plan, Way, find_way, make_plan
@@ -107,7 +106,7 @@ class CdrType:
         try:
             position = plan.locate(payload, count)
             if isinstance(target, Array):
-                if skip(target, payload, position, count) > len(payload):
+                if target.skip(payload, position, count) > len(payload):
                     raise self._truncated(payload)
                 return length_of(target, payload, position, count)[0]
             assert isinstance(target, Number | Text)
@@ -281,7 +280,7 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
             raise IndexError
         for name, each in node.fields.items():
             if name == PLACEHOLDER:
-                position = skip(each, data, position, count)
+                position = each.skip(data, position, count)
             else:
                 position = _collect(each, member_path(path, name), data, position, count, elements, found)
         return position
@@ -298,4 +297,4 @@ def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, el
         raise node.error()
     position += node.padding[position & 7]
     found.append(Leaf(path, node.type, node.read(data, position, count)))
-    return skip(node, data, position, count)
+    return node.skip(data, position, count)

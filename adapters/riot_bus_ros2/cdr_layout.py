@@ -4,16 +4,17 @@ Source: OMG CDR (formal/02-06-51, 15.3) and DDS-RTPS 10.2 for the encapsulation 
 size, counted from after the 4-byte header; strings and sequences begin with a 32-bit count.
 
 What a field of fixed size adds to the position depends only on the position modulo 8, so any run of such fields is one
-`Jump`: a table of eight numbers. Arrays of them are crossed in one step, whatever their length.
+`Jump`: a table of eight numbers. Arrays of them are crossed in one step, whatever their length. A field of variable
+size is passed together with the tables before and after it, since calls cost the most.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from riot_bus.errors import PayloadError
 from riot_bus.types.model import wrap_integer
@@ -32,10 +33,12 @@ __all__ = [
     "Record",
     "Text",
     "compile_type",
+    "joined",
     "length_of",
-    "skip",
+    "over",
+    "pass_table",
+    "pass_through",
     "skip_elements",
-    "skip_text",
     "then",
 ]
 
@@ -88,6 +91,14 @@ def _padding(size: int) -> Table:
     return tuple((ORIGIN - at) & (size - 1) for at in range(8))
 
 
+_TO_COUNT = _padding(4)
+
+
+def pass_table(table: Table) -> Step:
+    """Return the step that adds what a table says."""
+    return lambda _data, position, _count: position + table[position & 7]
+
+
 class Number:
     """A primitive."""
 
@@ -96,7 +107,8 @@ class Number:
         self.little, self.big = struct.Struct("<" + code), struct.Struct(">" + code)
         self.size = self.little.size
         self.padding = _padding(self.size)
-        self.jump: Jump | None = _jump(tuple(pad + self.size for pad in self.padding))
+        self.jump = _jump(tuple(pad + self.size for pad in self.padding))
+        self.skip = pass_table(self.jump.first)
 
     def read(self, data: Data, position: int, count: Unpack) -> Scalar:
         """Return the number at this place; `count` tells the byte order."""
@@ -136,6 +148,19 @@ class Text:
 
     def __init__(self, most: int = 0) -> None:
         self.most = most
+        self.skip = self.passing(NOTHING, NOTHING)
+
+    @staticmethod
+    def passing(before: Table, after: Table) -> Step:
+        """Return the step over a string with what stands before and after it."""
+        before = then(before, _TO_COUNT)
+
+        def step(data: Data, position: int, count: Unpack) -> int:
+            position += before[position & 7]
+            position += 4 + count(data, position)[0]
+            return position + after[position & 7]
+
+        return step
 
     def read(self, data: Data, position: int, count: Unpack) -> Scalar:
         """Return the text; bytes that are no UTF-8 become surrogates."""
@@ -164,6 +189,16 @@ class Opaque:
         """Return what is raised by whoever would have to pass it."""
         return PayloadError(f"opaque: {self.reason}")
 
+    def skip(self, data: Data, position: int, count: Unpack) -> int:
+        """Raise it."""
+        del data, position, count
+        raise self.error()
+
+    def passing(self, before: Table, after: Table) -> Step:
+        """Return the step that raises it."""
+        del before, after
+        return self.skip
+
 
 class Array:
     """An array of `length` elements, a sequence if `length` is None; then `most` is its upper bound, 0 without one."""
@@ -178,6 +213,43 @@ class Array:
             self.jump = _jump(NOTHING)
         elif length is not None and inner is not None:
             self.jump = _jump(tuple(inner.over(at, length) - at for at in range(8)))
+        self.skip = self.passing(NOTHING, NOTHING) if self.jump is None else pass_table(self.jump.first)
+
+    def passing(self, before: Table, after: Table) -> Step:
+        """Return the step over the array, which has no fixed size, with what stands before and after it."""
+        length, jump, one = self.length, self.element.jump, self.element.skip
+        if length is not None:
+
+            def array(data: Data, position: int, count: Unpack) -> int:
+                position += before[position & 7]
+                for _ in range(length):
+                    position = one(data, position, count)
+                return position + after[position & 7]
+
+            return array
+        before = then(before, _TO_COUNT)
+        if jump is None:
+
+            def sequence(data: Data, position: int, count: Unpack) -> int:
+                position += before[position & 7]
+                number: int = count(data, position)[0]
+                position += 4
+                for _ in range(number):
+                    position = one(data, position, count)
+                return position + after[position & 7]
+
+            return sequence
+        first, stride = jump.first, jump.stride
+
+        def numbers(data: Data, position: int, count: Unpack) -> int:
+            position += before[position & 7]
+            number: int = count(data, position)[0]
+            position += 4
+            if number:
+                position += first[position & 7] + (number - 1) * stride
+            return position + after[position & 7]
+
+        return numbers
 
 
 class Record:
@@ -190,19 +262,38 @@ class Record:
         self.name = name
         self.fields = fields
         self.before: dict[str, tuple[Any, ...]] = {}
-        self.parts: list[Table | Node] = []
-        for node in fields.values():
-            if node.jump is None:
-                self.parts.append(node)
-            elif self.parts and isinstance(self.parts[-1], tuple):
-                self.parts[-1] = then(self.parts[-1], node.jump.first)
-            else:
-                self.parts.append(node.jump.first)
-        only = self.parts[0] if len(self.parts) == 1 else None
-        self.jump: Jump | None = _jump(only) if isinstance(only, tuple) else None
+        moves: list[Table | Varying] = [over(node) for node in fields.values()]
+        self.parts = joined(moves)
+        first, *rest = self.parts or [NOTHING]
+        self.jump: Jump | None = _jump(first) if isinstance(first, tuple) and not rest else None
+        self._steps = pass_through(self.parts)  # made once: a type may stand in another one very often
+        self.skip = self._steps[0] if len(self._steps) == 1 else self.passing(NOTHING, NOTHING)
+
+    def passing(self, before: Table, after: Table) -> Step:
+        """Return the step over the message with what stands before and after it."""
+        steps = self._steps
+
+        def step(data: Data, position: int, count: Unpack) -> int:
+            position += before[position & 7]
+            for each in steps:
+                position = each(data, position, count)
+            return position + after[position & 7]
+
+        return step
 
 
-Node = Number | Text | Array | Record | Opaque
+Varying = Text | Array | Record | Opaque
+"""What may have no fixed size."""
+Node = Number | Varying
+MoveT = TypeVar("MoveT")
+
+
+class Passed(Protocol):
+    """What has no fixed size and can be passed."""
+
+    def passing(self, before: Table, after: Table) -> Step:
+        """Return the step over it with what stands before and after it."""
+        ...
 
 
 def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Record]) -> Record | Opaque:
@@ -238,6 +329,47 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
     return done[name]
 
 
+def over(node: Node) -> Table | Varying:
+    """Return what a field adds to a position, or the field itself if only a payload tells."""
+    if isinstance(node, Number):
+        return node.jump.first
+    return node if node.jump is None else node.jump.first
+
+
+def joined(moves: Iterable[MoveT]) -> list[MoveT]:
+    """Return the same with tables that stand next to each other as one, and without those that add nothing."""
+    found: list[Any] = []
+    for move in moves:
+        last = found[-1] if found else None
+        if isinstance(move, tuple) and isinstance(last, tuple):
+            found[-1] = then(last, move)
+        else:
+            found.append(move)
+    return [move for move in found if move != NOTHING]
+
+
+def pass_through(moves: Iterable[Table | Passed]) -> list[Step]:
+    """Return the steps that do all of these; tables are done with the fields of variable size around them."""
+    found: list[Step] = []
+    before, pending = NOTHING, None
+    for move in joined(moves):
+        if not isinstance(move, tuple):
+            if pending is not None:
+                found.append(pending.passing(before, NOTHING))
+                before = NOTHING
+            pending = move
+        elif pending is None:
+            before = move
+        else:
+            found.append(pending.passing(before, move))
+            before, pending = NOTHING, None
+    if pending is not None:
+        found.append(pending.passing(before, NOTHING))
+    elif before != NOTHING:
+        found.append(pass_table(before))
+    return found
+
+
 def length_of(array: Array, data: Data, position: int, count: Unpack) -> tuple[int, int]:
     """Return how many elements there are and where the first may begin."""
     if array.length is not None:
@@ -246,38 +378,12 @@ def length_of(array: Array, data: Data, position: int, count: Unpack) -> tuple[i
     return count(data, position)[0], position + 4
 
 
-def skip(node: Node, data: Data, position: int, count: Unpack) -> int:
-    """Return where a field ends."""
-    if node.jump is not None:
-        return position + node.jump.first[position & 7]
-    if isinstance(node, Text):
-        return skip_text(data, position, count)
-    if isinstance(node, Array):
-        length, position = length_of(node, data, position, count)
-        return skip_elements(node.element, length, data, position, count)
-    if isinstance(node, Opaque):
-        raise node.error()
-    assert isinstance(node, Record)
-    for part in node.parts:
-        if isinstance(part, tuple):
-            position += part[position & 7]
-        else:
-            position = skip(part, data, position, count)
-    return position
-
-
-def skip_text(data: Data, position: int, count: Unpack) -> int:
-    """Return where a string ends."""
-    position = (position + 3) & -4
-    return position + 4 + int(count(data, position)[0])
-
-
 def skip_elements(node: Node, number: int, data: Data, position: int, count: Unpack) -> int:
     """Return where so many elements end."""
     if node.jump is not None:
         return node.jump.over(position, number)
     for _ in range(number):
-        position = skip(node, data, position, count)
+        position = node.skip(data, position, count)
     return position
 
 

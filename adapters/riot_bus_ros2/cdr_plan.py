@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError, did_you_mean
 from riot_bus_ros2.cdr_layout import (
-    NOTHING,
     ORIGIN,
     Array,
     Node,
@@ -16,10 +15,12 @@ from riot_bus_ros2.cdr_layout import (
     Record,
     Table,
     Text,
+    Varying,
+    joined,
     length_of,
-    skip,
+    over,
+    pass_through,
     skip_elements,
-    skip_text,
     then,
 )
 
@@ -42,8 +43,31 @@ class Element:
     array: Array
     index: int
 
+    def passing(self, before: Table, after: Table) -> Step:
+        """Return the step to it, with what stands before the array and after the elements that are passed."""
+        array, index, jump = self.array, self.index, self.array.element.jump
 
-Move = Table | Node | Element
+        def step(data: Data, position: int, count: Unpack) -> int:
+            length, position = length_of(array, data, position + before[position & 7], count)
+            if index >= length:
+                raise PayloadError(f"no element {index} in a sequence of {length}")
+            position = skip_elements(array.element, index, data, position, count)
+            return position + after[position & 7]
+
+        if jump is None:
+            return step
+        far = then(tuple(jump.over(at, index) - at for at in range(8)), after)
+
+        def quick(data: Data, position: int, count: Unpack) -> int:
+            length, position = length_of(array, data, position + before[position & 7], count)
+            if index >= length:
+                raise PayloadError(f"no element {index} in a sequence of {length}")
+            return position + far[position & 7]
+
+        return quick
+
+
+Move = Table | Varying | Element
 """One part of a way: add what a table says, pass a field, or go to an element."""
 
 
@@ -97,7 +121,7 @@ def find_way(root: Record, field: FieldPath, path: str) -> Way:
         raise opaque.error()
     if isinstance(node, Number | Text):
         moves.append(node.padding)
-    return Way(_joined(moves), node)
+    return Way(tuple(joined(moves)), node)
 
 
 def make_plan(way: Way) -> Plan:
@@ -107,7 +131,7 @@ def make_plan(way: Way) -> Plan:
     if moves and isinstance(moves[0], tuple):
         start += moves[0][ORIGIN]
         del moves[0]
-    return Plan(start, tuple(map(_step, moves)), way.target, way)
+    return Plan(start, tuple(pass_through(moves)), way.target, way)
 
 
 def _before(record: Record, name: str) -> Sequence[Move]:
@@ -117,12 +141,12 @@ def _before(record: Record, name: str) -> Sequence[Move]:
         for other, node in record.fields.items():
             if other == name:
                 return found
-            found.append(node if node.jump is None else node.jump.first)
+            found.append(over(node))
     if not record.before:
         moves: tuple[Move, ...] = ()
         for other, node in record.fields.items():
             record.before[other] = moves
-            moves = _joined([*moves, node if node.jump is None else node.jump.first])
+            moves = tuple(joined([*moves, over(node)]))
     return record.before[name]
 
 
@@ -133,32 +157,3 @@ def _element(array: Array, index: int) -> Move:
     if length is None or jump is None:
         return Element(array, index)
     return tuple(jump.over(at, index) - at for at in range(8))
-
-
-def _joined(moves: list[Move]) -> tuple[Move, ...]:
-    """Join tables that stand next to each other."""
-    found: list[Move] = []
-    for move in moves:
-        if isinstance(move, tuple) and found and isinstance(found[-1], tuple):
-            found[-1] = then(found[-1], move)
-        else:
-            found.append(move)
-    return tuple(move for move in found if move != NOTHING)
-
-
-def _step(move: Move) -> Step:
-    if isinstance(move, tuple):
-        return lambda _data, position, _count: position + move[position & 7]
-    if isinstance(move, Element):
-        return _element_step(move.array, move.index)
-    return skip_text if isinstance(move, Text) else lambda *at: skip(move, *at)
-
-
-def _element_step(array: Array, index: int) -> Step:
-    def step(data: Data, position: int, count: Unpack) -> int:
-        length, position = length_of(array, data, position, count)
-        if index >= length:
-            raise PayloadError(f"no element {index} in a sequence of {length}")
-        return skip_elements(array.element, index, data, position, count)
-
-    return step

@@ -22,7 +22,6 @@ from riot_bus_ros2.cdr_layout import (
     Record,
     Text,
     length_of,
-    skip,
     skip_elements,
 )
 
@@ -114,7 +113,7 @@ class _Place:
                 names = list(node.fields)
                 at = names.index(str(step))
                 for name in names[:at]:
-                    position = skip(node.fields[name], data, position, count)
+                    position = node.fields[name].skip(data, position, count)
                 outer.append([(node.fields[name], 1) for name in names[at + 1 :]])
                 node = node.fields[names[at]]
             else:
@@ -127,7 +126,7 @@ class _Place:
                 outer.append([(node.element, length - index - 1)])
                 node = node.element
         self.node, self.start = node, position
-        self.end = skip(node, data, position, count)
+        self.end = node.skip(data, position, count)
         if self.end > len(data):
             raise IndexError
         self.rest = [each for level in reversed(outer) for each in level]
@@ -177,7 +176,7 @@ class _Writer:
             if node.length is None:
                 self.number(length)
             return self.copy(node.element, first, length)
-        end = skip(node, self.data, position, self.count)
+        end = node.skip(self.data, position, self.count)
         self._align()
         return self._take((position + 3) & -4, end)
 

@@ -53,32 +53,47 @@ class Ros2DdsAdapter(Ros2Adapter):
         if namespace != "/" and not is_topic(namespace):
             raise ConfigError(f"{namespace!r} is no namespace of ROS", where="ros2dds", hint="such as ros2dds:/bot1")
         self._namespace = namespace
-        self._announced: dict[str, str] = {}
+        self._announced: dict[str, tuple[str, str | None]] = {}
 
     def topic(self, key: str) -> TopicName | None:
         """Return `/odom` for `odom`, and the type that was announced; also the name for a key expression."""
         name = ros2dds.name_of(key, self._namespace)
         plain = name.replace("$*", "x").replace("**", "x").replace("*", "x")
-        return TopicName(name, self._announced.get(key)) if is_topic(plain) else None
+        return TopicName(name, self._told(key)[0]) if is_topic(plain) else None
 
     def key_expression(self, topic: str) -> str | None:
         """Return `odom` for `/odom`."""
         return ros2dds.key_of(topic, self._namespace) if is_topic_expression(topic) else None
 
     def type_of_key(self, key: str) -> MessageType | None:
-        """Return the type that was announced for a key, None if it is not known."""
-        announced = self._announced.get(key)
-        return None if announced is None else self.type_named(announced)
+        """Return the type that was announced for a key, None if it is not known.
+
+        Where its hash was announced too (nodes since Iron), the definition is one of this hash, or the type opaque.
+        """
+        type_name, type_hash = self._told(key)
+        if type_name is None:
+            return None
+        return self.type_named(type_name) if type_hash is None else self._hashed(type_name, type_hash)
 
     def announcement(self, token: str) -> Announcement | None:
         """Return what a token says, and remember types."""
         found = announcement_of(token, namespace=self._namespace)
         if found is not None and found.type_name and len(self._announced) < _MOST_TYPES:
-            self._announced[found.key] = found.type_name
+            self._announced[found.key] = found.type_name, self._hash_of(token, found)
             if found.action == found.topic:
                 for name, type_name in action_parts(found.action, found.type_name).items():
-                    self._announced[ros2dds.key_of(name, self._namespace)] = type_name
+                    self._announced[ros2dds.key_of(name, self._namespace)] = type_name, None
         return found
+
+    def _told(self, key: str) -> tuple[str | None, str | None]:
+        return self._announced.get(key, (None, None))
+
+    def _hash_of(self, token: str, found: Announcement) -> str | None:
+        """Return what a token, or else the one before it, says of the hash of a key's type."""
+        bridge = ros2dds.parse_bridge_token(token)
+        told = None if bridge is None or bridge.qos is None else bridge.qos.type_hash
+        former, known = self._announced.get(found.key, ("", None))
+        return known if told is None and former == found.type_name else told
 
     def offer(self, topic: RecordedTopic, *, name: str | None, domain: int | None) -> Offer | None:
         """Return how to publish a topic of a bag, of rmw_zenoh or of a bridge; domains are the bridges' affair."""
@@ -112,8 +127,8 @@ class Ros2DdsAdapter(Ros2Adapter):
 
     def definition(self, key: str) -> tuple[Schema, str] | None:
         """Return the name of a topic's type if it was announced, whether it is known or not."""
-        announced = self._announced.get(key)
-        return None if announced is None else (Schema(announced, "ros2msg", b""), "cdr")
+        type_name, _ = self._told(key)
+        return None if type_name is None else (Schema(type_name, "ros2msg", b""), "cdr")
 
     def _offer(self, name: str, type_name: str, qos: RosQos, type_hash: str | None) -> Offer:
         key = ros2dds.key_of(name, self._namespace)

@@ -35,7 +35,8 @@ def schema_text(name: str, closure: Mapping[str, Definition]) -> str:
 
 
 def _body(definition: Definition) -> str:
-    lines = [f"{kind} {name}={_literal(value)}" for name, kind, value in definition[0]]
+    constants = (each for each in definition[0] if not {"\n", "\r"} & set(str(each[2])))  # only .idl can have those
+    lines = [f"{kind} {name}={_literal(value)}" for name, kind, value in constants]
     lines += [f"{_type(field)} {field.name}" for field in fields_of(definition) if field.name != PLACEHOLDER]
     return "".join(f"{line}\n" for line in lines)
 

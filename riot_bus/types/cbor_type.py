@@ -42,6 +42,7 @@ def _whole_size(code: int) -> int:
 
 
 _WHOLE = tuple(map(_whole_size, range(256)))
+_SHORT_TEXT, _LONG_TEXT = _STR << 5, _STR << 5 | 24
 
 
 class CborType(DocumentType):
@@ -63,6 +64,14 @@ class CborType(DocumentType):
     def skip(self, payload: bytes, at: int) -> int:
         """Return where the item that begins here ends."""
         return _skip(payload, at)
+
+    def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
+        """Return the key of a map's entry and where its value begins; short text, as most keys are, at once."""
+        code = payload[at] if at < len(payload) else 0
+        end = at + 1 + (code & 31)
+        if _SHORT_TEXT <= code < _LONG_TEXT and end <= len(payload):
+            return payload[at + 1 : end].decode(errors="surrogateescape"), end
+        return super().key(payload, at)
 
     def value(self, payload: bytes, item: Item) -> Scalar | None:
         """Return a scalar's value; text that is no UTF-8 becomes surrogates, an integer below 64 bits a float."""
@@ -172,6 +181,9 @@ def _skip(payload: bytes, at: int) -> int:
     `open_` holds how many items are to come in each container that is open; if it ends with a break, a state instead.
     Items of definite containers are added to those around them, so only the others are nested.
     """
+    size = _WHOLE[payload[at]] if at < len(payload) else 0
+    if size and at + size <= len(payload):
+        return at + size
     open_ = [1]
     while True:
         left = open_[-1]

@@ -132,6 +132,12 @@ class DocumentType(ABC):
     def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
         """Return the head of an array with another number of elements."""
 
+    def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
+        """Return the key of a map's entry, None if it is of another kind, and where its value begins."""
+        item = self.head(payload, at)
+        value = self.value(payload, item) if item.kind in ("str", "int", "uint") else None
+        return (value if isinstance(value, str | int) else None), self.skip(payload, at)
+
     def _collect(self, payload: bytes, item: Item, path: str, elements: int, depth: int, found: list[Leaf]) -> None:
         if depth > _MAX_DEPTH:
             raise PayloadError(f"{self.title} is nested deeper than {_MAX_DEPTH}")
@@ -153,10 +159,8 @@ class DocumentType(ABC):
         """Yield each entry of a map: its key (None if of another kind) and where its value begins."""
         at = item.body
         for _ in range(item.entries):
-            key = self.head(payload, at)
-            value = self.value(payload, key) if key.kind in ("str", "int", "uint") else None
-            at = self.skip(payload, at)
-            yield (value if isinstance(value, str | int) else None), at
+            key, at = self.key(payload, at)
+            yield key, at
             at = self.skip(payload, at)
 
     def _find(self, payload: bytes, path: str) -> Item:

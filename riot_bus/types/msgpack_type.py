@@ -58,6 +58,14 @@ class MsgpackType(DocumentType):
         """Return where the item that begins here ends."""
         return _skip(payload, at)
 
+    def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
+        """Return the key of a map's entry and where its value begins; short text, as most keys are, at once."""
+        code = payload[at] if at < len(payload) else 0
+        end = at + 1 + (code & 31)
+        if 0xA0 <= code < 0xC0 and end <= len(payload):
+            return payload[at + 1 : end].decode(errors="surrogateescape"), end
+        return super().key(payload, at)
+
     def value(self, payload: bytes, item: Item) -> Scalar | None:
         """Return a scalar's value; text that is no UTF-8 becomes surrogates."""
         code = payload[item.start]
@@ -139,6 +147,9 @@ def _checked(payload: bytes, item: Item) -> Item:
 
 def _skip(payload: bytes, at: int) -> int:
     """Return where the item ends, with everything in it."""
+    size = _SIZES[payload[at]] if at < len(payload) else 0
+    if size and at + size <= len(payload):
+        return at + size
     pending = 1
     while pending:
         size = _SIZES[payload[at]] if at < len(payload) else 0

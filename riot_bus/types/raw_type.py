@@ -33,6 +33,7 @@ _CODES = {
     "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 _FIELD = re.compile(r"([a-z]+[0-9]*)(be)?(?:\[([0-9]{1,6})\])? +([A-Za-z_][A-Za-z0-9_.]*)(?: *@ *([0-9]{1,8}))?")
+_ELEMENT = re.compile(r"(.+)\[(0|[1-9][0-9]{0,5})\]")
 _MOST_PLACES = 100_000
 _EXAMPLE = "write it like 'raw(uint32 seq, float32[3] gyro, int16be temperature @20)'"
 
@@ -107,9 +108,19 @@ class RawType(OpaqueType):
 
 @dataclass(frozen=True, slots=True)
 class _Place:
+    """Where a field is; `length` is None unless it is an array."""
+
     offset: int
     type: str
     form: struct.Struct
+    length: int | None = None
+
+    @property
+    def end(self) -> int:
+        return self.offset + self.form.size * (1 if self.length is None else self.length)
+
+    def element(self, index: int) -> _Place:
+        return _Place(self.offset + index * self.form.size, self.type, self.form)
 
 
 class StructType:
@@ -130,11 +141,11 @@ class StructType:
         self.name = name
         self._fields: list[FieldType] = []
         self._places: dict[str, _Place] = {}
-        self._lengths: dict[str, int] = {}
+        self._number = 0
         end = 0
         for text in name[len("raw(") : -1].split(","):
             end = self._add(text.strip(), end)
-        self._size = max((place.offset + place.form.size for place in self._places.values()), default=0)
+        self._size = max((place.end for place in self._places.values()), default=0)
 
     def fields(self) -> Sequence[FieldType]:
         """List the fields."""
@@ -142,25 +153,24 @@ class StructType:
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
         """Yield the elements of an array, as `riot_bus.types.fields.Described` says."""
-        if path not in self._lengths:
+        place = self._places.get(path)
+        if place is None or place.length is None:
             raise PayloadError("there is no such array", where=f"{self.name}: {path}")
         import numpy as np
 
-        first = self._places[f"{path}[0]"]
-        dtype = np.dtype(first.form.format)
-        return (
-            np.frombuffer(payload, dtype, self._lengths[path], first.offset)
-            for payload in payloads
-            if len(payload) >= self._size
-        )
+        dtype, length, offset = np.dtype(place.form.format), place.length, place.offset
+        return (np.frombuffer(payload, dtype, length, offset) for payload in payloads if len(payload) >= self._size)
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
         """List the fields in the order of their description."""
         self._check(payload)
         found = []
         for path, place in self._places.items():
-            if not path.endswith("]") or int(path[path.rindex("[") + 1 : -1]) < elements:
+            if place.length is None:
                 found.append(Leaf(path, place.type, place.form.unpack_from(payload, place.offset)[0]))
+            for index in range(min(place.length or 0, elements)):
+                value = place.form.unpack_from(payload, place.offset + index * place.form.size)[0]
+                found.append(Leaf(f"{path}[{index}]", place.type, value))
         return found
 
     def opaque(self, payload: bytes) -> str | None:
@@ -198,25 +208,29 @@ class StructType:
         form = struct.Struct((">" if big else "<") + _CODES[kind])
         start = int(offset) if offset else end
         number = int(length) if length else 1
-        if not number or len(self._places) + number > _MOST_PLACES or name in self._lengths or name in self._places:
+        self._number += number
+        if not number or self._number > _MOST_PLACES or name in self._places:
             raise ConfigError(f"{text!r}: no elements, too many, or a second field of this name", where=self.name)
-        if length:
-            self._lengths[name] = number
-            self._fields.append(FieldType(f"{name}[*]", kind, number))
-        else:
-            self._fields.append(FieldType(name, kind))
-        for index in range(number):
-            path = f"{name}[{index}]" if length else name
-            self._places[path] = _Place(start + index * form.size, kind, form)
-        return start + number * form.size
+        self._fields.append(FieldType(f"{name}[*]", kind, number) if length else FieldType(name, kind))
+        place = self._places[name] = _Place(start, kind, form, number if length else None)
+        return place.end
 
     def _place(self, path: str) -> _Place | int:
-        place: _Place | int | None = self._places.get(path)
-        if place is None and parse_path(path).length:
-            place = self._lengths.get(path[len("len(") : -1])
-        if place is None:
-            raise PayloadError("no such field", where=f"{self.name}: {path}", hint=did_you_mean(path, self._places))
-        return place
+        """Return where a field is, or the length that is asked for."""
+        place = self._places.get(path)
+        if place is not None and place.length is None:
+            return place
+        element = _ELEMENT.fullmatch(path)
+        if element is not None:
+            array = self._places.get(element[1])
+            if array is not None and int(element[2]) < (array.length or 0):
+                return array.element(int(element[2]))
+        elif parse_path(path).length:
+            array = self._places.get(path[len("len(") : -1])
+            if array is not None and array.length is not None:
+                return array.length
+        known = [name if each.length is None else f"{name}[0]" for name, each in self._places.items()]
+        raise PayloadError("no such field", where=f"{self.name}: {path}", hint=did_you_mean(path, known))
 
     def _check(self, payload: bytes) -> None:
         if len(payload) < self._size:

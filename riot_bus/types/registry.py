@@ -38,6 +38,7 @@ _BUILT_IN = {
     "ros2dds": "riot_bus_ros2.ros2dds_adapter:Ros2DdsAdapter",
 }
 _CACHED_KEYS = 1 << 14
+_LONGEST_ENCODING = 1 << 8
 
 _UNTYPED = frozenset({"", "zenoh/bytes", "zenoh/string", "zenoh/serialized", "text/plain", "application/octet-stream"})
 
@@ -303,7 +304,8 @@ class TypeRegistry:
             found = codec if isinstance(codec, MessageType) else None
             if found is None and schema:
                 found = self._named_by_peer(schema)
-            _remember(known, encoding, found)
+            if len(encoding) <= _LONGEST_ENCODING:  # peers may call theirs what they like
+                _remember(known, encoding, found)
             return found
 
     def _named_by_peer(self, name: str) -> MessageType | None:

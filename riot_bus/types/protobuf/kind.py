@@ -30,6 +30,7 @@ from riot_bus.types.protobuf.walk import (
     element,
     elements,
     fields_of,
+    found_of,
     last,
     part_of,
     size,
@@ -218,7 +219,7 @@ class ProtobufType:
         last_of: dict[str | int, Found] = {}
         for one in found:
             key = entry.numbers[1]
-            inside = fields_of(payload, entry, (part_of(one),)).get(1)
+            inside = found_of(payload, entry, (part_of(one),), key)
             value = self._leaf(payload, key, slot_of(inside[-1]) if inside else None, "").value
             last_of[str(value).lower() if isinstance(value, bool | float | bytes) else value] = one
         return last_of
@@ -227,7 +228,7 @@ class ProtobufType:
         self, payload: bytes, entry: Layout, one: Found, path: str, most: int, depth: int, leaves: list[Leaf]
     ) -> None:
         field = entry.numbers[2]
-        found = fields_of(payload, entry, (part_of(one),)).get(2, ())
+        found = found_of(payload, entry, (part_of(one),), field)
         if field.kind is not None:
             leaves.append(self._leaf(payload, field, slot_of(found[-1]) if found else None, path))
         elif found:
@@ -250,13 +251,13 @@ class ProtobufType:
             field = _member(layout, steps.pop())
             found: Sequence[Found] = ()
             if not missing:
-                found = fields_of(payload, layout, parts).get(field.number, ())
+                found = found_of(payload, layout, parts, field)
             entry = self._entry(field)
             if entry is not None:
                 one = self._chosen(payload, entry, found, steps)
                 parts = (part_of(one),)
                 field = entry.numbers[2]
-                found = fields_of(payload, entry, parts).get(2, ())
+                found = found_of(payload, entry, parts, field)
             elif field.repeated:
                 if not steps:
                     if not length:

@@ -14,7 +14,7 @@ from riot_bus.types.protobuf.wire import KINDS, Kind
 from riot_bus.types.units import unit_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from riot_bus.trial import Scalar
 
@@ -81,6 +81,17 @@ class Layout:
     fields: dict[str, Field] = field(default_factory=dict)
     numbers: dict[int, Field] = field(default_factory=dict)
     entry: bool = False
+    _oneofs: dict[int, frozenset[int]] = field(default_factory=dict)
+
+    def rivals(self, one: Field) -> Collection[int]:
+        """Return the numbers of the fields of which only one can be set at a time: itself, and those in its oneof."""
+        if one.oneof < 0:
+            return (one.number,)
+        found = self._oneofs.get(one.oneof)
+        if found is None:
+            numbers = (each.number for each in self.numbers.values() if each.oneof == one.oneof)
+            found = self._oneofs[one.oneof] = frozenset(numbers)
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from riot_bus.errors import PayloadError
 from riot_bus.types.protobuf.wire import BYTES, GROUP, entries, read_varint
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Container, Iterator, Sequence
 
     from riot_bus.types.protobuf.layout import Field, Layout
     from riot_bus.types.protobuf.wire import Entry
@@ -26,6 +26,7 @@ __all__ = [
     "element",
     "elements",
     "fields_of",
+    "found_of",
     "last",
     "part_of",
     "size",
@@ -80,18 +81,32 @@ def whole(data: bytes) -> tuple[Part, ...]:
     return (Part(0, len(data), None),)
 
 
-def fields_of(data: bytes, layout: Layout, parts: Sequence[Part]) -> dict[int, list[Found]]:
+def found_of(data: bytes, layout: Layout, parts: Sequence[Part], field: Field) -> Sequence[Found]:
+    """Return the entries of one field, in the order of the wire; raises as `fields_of`."""
+    return fields_of(data, layout, parts, layout.rivals(field)).get(field.number, ())
+
+
+def fields_of(
+    data: bytes, layout: Layout, parts: Sequence[Part], numbers: Container[int] | None = None
+) -> dict[int, list[Found]]:
     """Return the entries of each known field by its number, in the order of the wire; all others are passed over.
+
+    Args:
+        data: The payload.
+        layout: Of the message.
+        parts: Where it is.
+        numbers: Of the fields that are wanted, and of all fields in oneofs with them; None for all.
 
     Raises:
         PayloadError: These are no entries.
     """
     found: dict[int, list[Found]] = {}
     chosen: dict[int, int] = {}
+    known = layout.numbers
     for part in parts:
-        for entry in entries(data, part.start, part.end):
-            field = layout.numbers.get(entry.number)
-            if field is None or not _fits(field, entry.wire):
+        for entry in entries(data, part.start, part.end, known if numbers is None else numbers):
+            field = known[entry.number]
+            if not _fits(field, entry.wire):
                 continue
             if field.oneof >= 0:
                 other = chosen.get(field.oneof, entry.number)

@@ -13,7 +13,7 @@ from riot_bus.errors import PayloadError
 from riot_bus.types.model import wrap_integer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Container, Iterator
 
     from riot_bus.trial import Scalar
 
@@ -124,37 +124,41 @@ def tag(number: int, wire: int) -> bytes:
     return varint(number << 3 | wire)
 
 
-def entries(data: bytes, start: int, end: int) -> Iterator[Entry]:
-    """Yield the fields of a message from `start` to `end`; raises PayloadError where they do not fit in there."""
-    at = start
-    while at < end:
-        entry = _entry(data, at, end)
-        yield entry
-        at = entry.after
+def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Iterator[Entry]:
+    """Yield the fields of a message from `start` to `end`, of these numbers alone; the others are passed over.
 
-
-def _entry(data: bytes, start: int, end: int) -> Entry:
-    key, at = read_varint(data, start, end)
-    number, wire = key >> 3, key & 7
-    if not 0 < number < 1 << 29:
-        raise PayloadError(f"no field number at byte {start}: {number}")
-    if wire == GROUP:
-        inner, after = _end_of_group(data, at, end, number)
-        return Entry(number, wire, start, at, at, inner, after)
-    body, stop = _span(data, at, end, wire)
-    return Entry(number, wire, start, at, body, stop, stop)
+    Raises:
+        PayloadError: Some field, of whatever number, does not fit in there.
+    """
+    after = start
+    while after < end:
+        first = after
+        key, value = data[first], first + 1
+        if key >= 0x80:
+            key, value = read_varint(data, first, end)
+        number, wire = key >> 3, key & 7
+        if not 0 < number < 1 << 29:
+            raise PayloadError(f"no field number at byte {first}: {number}")
+        if wire == GROUP:
+            body = value
+            stop, after = _end_of_group(data, value, end, number)
+        else:
+            body, stop = _span(data, value, end, wire)
+            after = stop
+        if number in numbers:
+            yield Entry(number, wire, first, value, body, stop, after)
 
 
 def _span(data: bytes, at: int, end: int, wire: int) -> tuple[int, int]:
     """Return from where to where a value goes."""
     body = at
     if wire == VARINT:
-        stop = read_varint(data, at, end)[1]
+        stop = at + 1 if at < end and data[at] < 0x80 else read_varint(data, at, end)[1]
+    elif wire == BYTES:
+        size, body = (data[at], at + 1) if at < end and data[at] < 0x80 else read_varint(data, at, end)
+        stop = body + size
     elif wire in (FIXED64, FIXED32):
         stop = at + (8 if wire == FIXED64 else 4)
-    elif wire == BYTES:
-        size, body = read_varint(data, at, end)
-        stop = body + size
     else:
         raise PayloadError(f"wire type {wire} at byte {at} begins nothing")
     if stop > end:

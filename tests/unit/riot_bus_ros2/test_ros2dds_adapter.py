@@ -8,6 +8,7 @@ from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.offer import Offering, RecordedTopic
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.types.stamp import Stamping
+from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.qos import parse_offered
 from riot_bus_ros2.ros2dds_adapter import Ros2DdsAdapter
 from tests.bags import LATCHED, STRING_HASH, STRING_KEY
@@ -74,6 +75,23 @@ def test_types_are_those_that_bridges_announce() -> None:
     assert adapter.definition("odd") == (Schema("my_msgs/msg/Odd", "ros2msg", b""), "cdr")
     assert adapter.definition("never/heard") is None
     assert adapter.stamp(bytes(33)) is None
+
+
+def test_a_type_has_the_hash_that_its_publishers_announce(adapter: Ros2DdsAdapter) -> None:
+    odometry = adapter.type_named("nav_msgs/msg/Odometry")
+    assert isinstance(odometry, CdrType)
+    listener = "@/3f/@ros2_lv/MS/odom/nav_msgs§msg§Odometry/:1:0:0,10"
+    adapter.announcement(ODOM.replace("RIHS01_ab", odometry.type_hash))
+    adapter.announcement(listener)  # of a node that does not know hashes
+    assert adapter.type_of_key("odom") is odometry
+    adapter.announcement(ODOM)
+    kind = adapter.type_of_key("odom")
+    assert kind is not None
+    assert "another one than the key's" in str(kind.opaque(b"\0\1\0\0" + bytes(800)))
+    adapter.announcement("@/3f/@ros2_lv/MP/odom/std_msgs§msg§Empty/:::")
+    assert adapter.type_of_key("odom") is adapter.type_named("std_msgs/msg/Empty")
+    adapter.announcement(listener.replace("odom/", "other/"))
+    assert adapter.type_of_key("other") is odometry
 
 
 def test_parts_of_actions_have_types(adapter: Ros2DdsAdapter) -> None:

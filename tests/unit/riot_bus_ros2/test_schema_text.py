@@ -1,7 +1,7 @@
 import pytest
 
 from riot_bus_ros2.common_services import ACTIONS, SERVICES
-from riot_bus_ros2.definitions import parse_file, parse_msg, parse_recorded
+from riot_bus_ros2.definitions import parse_file, parse_idl, parse_msg, parse_recorded
 from riot_bus_ros2.schema_text import schema_text
 from riot_bus_ros2.store import TypeStore
 
@@ -38,3 +38,10 @@ def test_constants():
     text += "float32 E=-1.5\nuint8 F=200\n"
     definitions = parse_msg(text, "pkg/msg/Name")
     assert parse_msg(schema_text("pkg/msg/Name", definitions), "pkg/msg/Name") == definitions
+
+
+def test_constants_of_several_lines_are_left_out():
+    text = 'module a { module msg { module X_Constants { const string K = "\nint8 y\n"; const int8 L = 3; };'
+    definitions = parse_idl(text + " struct X { double x; }; }; };")
+    assert [each[0] for each in definitions["a/msg/X"][0]] == ["K", "L"]
+    assert schema_text("a/msg/X", definitions) == "int8 L=3\nfloat64 x\n"

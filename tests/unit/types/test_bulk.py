@@ -5,7 +5,7 @@ import json
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.errors import PayloadError
@@ -134,6 +134,7 @@ def test_parts_without_values_do_not_decide_the_type():
 DOCUMENTS = st.lists(st.fixed_dictionaries({}, optional={"a": SCALARS | st.none(), "b": st.lists(st.floats())}))
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # machines are busy
 @given(DOCUMENTS, st.sampled_from(["a", "b", "len(b)", "b[0]", "c", "a.b"]))
 def test_json_and_msgpack_are_read_one_by_one(documents, path):
     for kind, bodies in (

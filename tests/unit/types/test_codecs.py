@@ -173,6 +173,11 @@ def test_what_a_peer_calls_its_type_is_no_error_and_not_kept():
     for index in range(5):
         assert registry.type_of("k", encoding=f"application/xml;raw(uint8 a{index})") is not None
     assert not [name for name in registry._types if name.startswith("raw(")]
+    for index in range(100):  # what they take is what their names take
+        encoding = f"application/xml;raw({', '.join(f'uint8[999] a{index}_{field}' for field in range(20))})"
+        assert registry.type_of("k", encoding=encoding).opaque(b"") is not None
+        assert encoding not in registry._encoded
+    assert len(registry._encoded) == 6
 
 
 class FilesOfOthers:
