@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +36,9 @@ def state() -> dict[str, Any]:
 
 
 def add(message: Any, name: str, kind: int, *, target: str = "", repeated: bool = False) -> None:
-    field = message.field.add(name=name, number=len(message.field) + 1, type=kind, type_name=target)
+    field = message.field.add(name=name, number=len(message.field) + 1, type=kind)
+    if target:
+        field.type_name = target
     field.label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
 
 
@@ -59,10 +62,10 @@ def protobuf_state(document: dict[str, Any]) -> tuple[Any, bytes, MessageType]:
     pool.Add(file)  # type: ignore[no-untyped-call,unused-ignore]
     made = message_factory.GetMessageClass(pool.FindMessageTypeByName("bench.State"))  # type: ignore[no-untyped-call,unused-ignore]
     types = ProtobufTypes()
-    path = Path("/tmp/riot_bench_state.desc")
-    path.write_bytes(found.SerializeToString())
-    types.load([path])
-    path.unlink()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "state.desc")
+        path.write_bytes(found.SerializeToString())
+        types.load([path])
     kind_ = types.type_named("bench.State")
     assert kind_ is not None
     return made, made(**document).SerializeToString(), kind_

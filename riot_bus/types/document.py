@@ -178,13 +178,23 @@ class DocumentType(ABC):
                 for _ in range(step):
                     at = self.skip(payload, at)
             else:
-                members = dict(self._members(payload, item)) if item.kind == "map" else {}
-                if step not in members:
-                    known = [key for key in members if isinstance(key, str)]
-                    raise PayloadError(f"no field {step!r}", where=path, hint=did_you_mean(str(step), known))
-                at = members[step]
+                at = self._member(payload, item, step, path)
             item = self.head(payload, at)
         return item
+
+    def _member(self, payload: bytes, item: Item, step: str | int, path: str) -> int:
+        """Return where the value of a map's entry begins."""
+        at, found = item.body, 0
+        for _ in range(item.entries if item.kind == "map" else 0):
+            key, at = self.key(payload, at)
+            if key == step:
+                found = at
+            at = self.skip(payload, at)
+        if not found:
+            known = [key for key, _ in self._members(payload, item)] if item.kind == "map" else []
+            hint = did_you_mean(str(step), [key for key in known if isinstance(key, str)])
+            raise PayloadError(f"no field {step!r}", where=path, hint=hint)
+        return found
 
     def _resized(self, payload: bytes, path: str, count: int) -> bytes:
         item = self._find(payload, path)

@@ -13,6 +13,7 @@ from riot_bus.types.bulk import Gathered, Payloads, as_array, gather, join
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
 
+BUSY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # as machines may be
 SCALARS = st.booleans() | st.integers(-(1 << 66), 1 << 66) | st.floats() | st.text(max_size=5)
 MAYBE = st.lists(SCALARS | st.none(), max_size=12)
 
@@ -43,6 +44,7 @@ def read_or_none(kind, payload, path):
         return None
 
 
+@BUSY
 @given(st.lists(st.binary(max_size=9), max_size=9))
 def test_payloads_are_what_was_put_in(bodies):
     payloads = payloads_of(bodies)
@@ -52,6 +54,7 @@ def test_payloads_are_what_was_put_in(bodies):
     assert list(payloads.take(mask)) == bodies[::2]
 
 
+@BUSY
 @given(MAYBE)
 def test_arrays_hold_scalars_exactly(values):
     found = as_array(values)
@@ -64,6 +67,7 @@ def test_arrays_hold_scalars_exactly(values):
             assert same(kept, value)
 
 
+@BUSY
 @given(st.lists(MAYBE, max_size=4))
 def test_joined_arrays_hold_all_values_exactly(parts):
     found = join([as_array(part) for part in parts])
@@ -134,7 +138,7 @@ def test_parts_without_values_do_not_decide_the_type():
 DOCUMENTS = st.lists(st.fixed_dictionaries({}, optional={"a": SCALARS | st.none(), "b": st.lists(st.floats())}))
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # machines are busy
+@BUSY
 @given(DOCUMENTS, st.sampled_from(["a", "b", "len(b)", "b[0]", "c", "a.b"]))
 def test_json_and_msgpack_are_read_one_by_one(documents, path):
     for kind, bodies in (
