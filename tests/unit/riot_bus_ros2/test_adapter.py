@@ -3,6 +3,7 @@ import pytest
 from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry
+from riot_bus_ros2 import adapter as adapter_module
 from riot_bus_ros2 import store as store_module
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.sources import HUMBLE, from_distribution
@@ -203,6 +204,25 @@ def test_a_key_with_another_hash_is_opaque(adapter):
     assert "another one than the key's" in kind.opaque(b"\0\1\0\0\1")
     assert kind.schema.data == b""  # a log must not say otherwise
     assert adapter.type_named("std_msgs/msg/Bool").opaque(b"\0\1\0\0\1") is None
+
+
+def test_a_log_without_a_definition_does_not_hide_the_hash_of_its_key(adapter):
+    registry = TypeRegistry([adapter])
+    empty = Schema("std_msgs/msg/Bool", "ros2msg", b"")
+    key = key_of(empty.name, "RIHS01_" + "1" * 64)
+    for place in (key, "/flag"):  # as riot_bus records an unknown version of a type, and as bags have it
+        registry.add_schema(place, empty, "cdr")
+    assert "another one than the key's" in registry.type_of(key).opaque(b"\0\1\0\0\1")
+    assert registry.type_of("/flag").read(b"\0\1\0\0\1", "data") is True
+    registry.add_schema(key, Schema(empty.name, "ros2msg", b"int8 data\n"), "cdr")
+    assert registry.type_of(key).read(b"\0\1\0\0\5", "data") == 5
+
+
+def test_types_of_invented_keys_are_not_kept_for_ever(adapter, monkeypatch):
+    monkeypatch.setattr(adapter_module, "_CACHED", 5)
+    for number in range(20):
+        assert adapter.type_of_key(key_of("no_such/msg/Type", f"RIHS01_{number:064x}")) is None
+    assert len(adapter._by_hash) <= 5
 
 
 def test_a_key_with_the_hash_of_files_or_of_an_older_distribution(adapter, tmp_path):
