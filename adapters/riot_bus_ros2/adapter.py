@@ -12,7 +12,7 @@ from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_recorded
 from riot_bus_ros2.files import load_files
 from riot_bus_ros2.keys import key_expression, name_of_expression, parse_data_key
-from riot_bus_ros2.live import ask_nodes
+from riot_bus_ros2.live import ask_nodes, services_of
 from riot_bus_ros2.offering import clock_of, offer_of
 from riot_bus_ros2.serving import SPACES, action_parts, call_type
 from riot_bus_ros2.sources import HUMBLE, from_distribution
@@ -109,18 +109,18 @@ class Ros2Adapter:
         return None if parsed is None else self._hashed(parsed.type_name, parsed.type_hash)
 
     def missing(self, key: str) -> bool:
-        """Return whether a key has a type and a hash, and no definition here has that hash."""
+        """Return whether a topic's key has a type and a hash, and no definition here has that hash."""
         parsed = parse_data_key(key)
-        if parsed is None or parsed.type_hash is None:
+        if parsed is None or parsed.type_hash is None or "/srv/" in parsed.type_name:
             return False
         return self.store.matching(parsed.type_name, parsed.type_hash) is None
 
-    def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> MessageType | None:
-        """Ask the nodes that use a key for a type that no other source knows; see `riot_bus_ros2.live.ask_nodes`."""
+    def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> MessageType | None:
+        """Ask the nodes that publish on a key for a type that no other source knows; see `riot_bus_ros2.live`."""
         parsed = parse_data_key(key)
         if parsed is None or parsed.type_hash is None:
             return None
-        found = ask_nodes(parsed.type_name, parsed.type_hash, key, tokens, ask, self.store)
+        found = ask_nodes(parsed.type_name, parsed.type_hash, services_of(key, tokens, heard), ask, self.store)
         if not found:
             return None
         self.store.learn(parsed.type_name, found)

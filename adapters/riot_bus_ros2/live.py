@@ -11,18 +11,22 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import PayloadError
-from riot_bus_ros2.attachment import Attachment, build_attachment
+from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import DefinitionError, references
+from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
 from riot_bus_ros2.keys import parse_data_key
 from riot_bus_ros2.tokens import Endpoint, parse_token
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
+    from typing import Literal
 
     from riot_bus.types.learn import Ask
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.store import TypeStore
+
+    Version = Literal[1, 2]
 
 __all__ = ["SERVICE", "ask_nodes", "described", "question", "services_of"]
 
@@ -36,21 +40,20 @@ _TEXTS = {number: base for base, number in BOUNDED.items()}
 
 
 def ask_nodes(
-    name: str, wanted: str, key: str, tokens: Iterable[str], ask: Ask, store: TypeStore
+    name: str, wanted: str, services: Mapping[str, Version], ask: Ask, store: TypeStore
 ) -> dict[str, Definition]:
-    """Ask the nodes that use a key for its type, one after the other; nothing if none knows.
+    """Ask nodes for a type, one after the other; nothing if none knows.
 
     Args:
         name: The type, such as `pkg/msg/Name`.
         wanted: Its RIHS01 hash.
-        key: Such as of a topic.
-        tokens: Liveliness tokens.
+        services: Of `services_of`.
         ask: Puts a question.
         store: Knows the service's own type.
     """
     payload = question(name, wanted, store)
-    for service in services_of(key, tokens)[:_MOST_NODES]:
-        attachment = build_attachment(Attachment(1, time.time_ns(), os.urandom(16)))
+    for service, version in list(services.items())[:_MOST_NODES]:
+        attachment = build_attachment(Attachment(1, time.time_ns(), os.urandom(16), version))
         for reply in ask(service, payload, attachment):
             try:
                 return described(reply, name, wanted, store)
@@ -59,24 +62,46 @@ def ask_nodes(
     return {}
 
 
-def services_of(key: str, tokens: Iterable[str]) -> list[str]:
-    """Return the keys of the services that tell the types of nodes that publish or subscribe to a key."""
-    wanted = parse_data_key(key)
-    if wanted is None:
-        return []
-    marks = f"/{wanted.topic.replace('/', '%')}/", f"{_ENDING.replace('/', '%')}/"  # most tokens need no parsing
-    likely = (each for each in tokens if any(mark in each for mark in marks))
-    endpoints = [each for each in map(parse_token, likely) if isinstance(each, Endpoint)]
-    nodes = {each.node.name for each in endpoints if each.key == key}
-    return sorted(
-        {
-            each.key
-            for each in endpoints
-            if (each.kind, each.type_name, each.node.domain) == ("SS", SERVICE, wanted.domain)
-            and each.topic.endswith(_ENDING)
-            and each.topic.removesuffix(_ENDING) in nodes
-        }
-    )
+def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict[str, Version]:
+    """Return the keys of the services that tell the types of nodes that publish on a key, and how they are to be asked.
+
+    A node that gets an attachment of another version than its own may die of it. So only those are asked whose version
+    is known: by a message that has the gid of one of its publishers, or if it alone publishes on the key.
+
+    Args:
+        key: Of a topic.
+        tokens: Liveliness tokens.
+        heard: Attachments of messages of this key.
+    """
+    topic = parse_data_key(key)
+    said = _said(heard)
+    if topic is None or not said:
+        return {}
+    marks = f"/{topic.topic.replace('/', '%')}/", f"{_ENDING.replace('/', '%')}/"  # most tokens need no parsing
+    likely = {each: parse_token(each) for each in sorted(tokens) if any(mark in each for mark in marks)}
+    endpoints = {each: found for each, found in likely.items() if isinstance(found, Endpoint)}
+    publishers = {each: found.node for each, found in endpoints.items() if (found.kind, found.key) == ("MP", key)}
+    nodes = {node: said[gid] for each, node in publishers.items() if (gid := gid_of(each)) in said}
+    if not nodes and len(set(publishers.values())) == 1 and len(set(said.values())) == 1:
+        nodes = dict.fromkeys(publishers.values(), *set(said.values()))
+    return {
+        each.key: nodes[each.node]
+        for each in endpoints.values()
+        if each.kind == "SS" and each.type_name == SERVICE and each.node in nodes
+        if each.topic == each.node.name + _ENDING
+    }
+
+
+def _said(heard: Iterable[bytes]) -> dict[bytes, Version]:
+    """Return the version of attachments by the publisher's gid."""
+    found: dict[bytes, Version] = {}
+    for data in heard:
+        try:
+            attachment = parse_attachment(data)
+        except PayloadError:
+            continue
+        found[attachment.gid] = attachment.version
+    return found
 
 
 def question(name: str, wanted: str, store: TypeStore) -> bytes:

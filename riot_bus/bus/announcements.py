@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Announcements"]
 
 _ANSWER_S = 2.0
-_TOLD_S = 3.0
+_TOLD_S = 2.0
 _LOOK_S = 0.01
 _MOST_TOKENS = 50_000
 
@@ -28,15 +28,16 @@ class Announcements:
 
     Args:
         registry: Its adapters say which tokens there are, and what they mean.
+        wanted: Whether somebody here looks at the messages of a key, so that its type should be known.
         learnt: Called with a key when those who use it have told its type; on a thread that may take its time.
     """
 
-    def __init__(self, registry: TypeRegistry, *, learnt: Callable[[str], None] = lambda key: None) -> None:
+    def __init__(self, registry: TypeRegistry, *, wanted: Callable[[str], bool], learnt: Callable[[str], None]) -> None:
         self._registry = registry
         self._lock = threading.Lock()
         self._tokens: set[str] = set()
         self._listeners: list[Any] = []
-        self._learner = Learner(registry, tokens=self._present, learnt=learnt)
+        self._learner = Learner(registry, tokens=self._present, wanted=wanted, learnt=learnt)
 
     def __bool__(self) -> bool:
         return bool(self._tokens)
@@ -46,7 +47,8 @@ class Announcements:
 
         Args:
             session: A session of the network.
-            wait: Return once present tokens are known, and what their owners have told of unknown types.
+            wait: Return once present tokens are known, and their owners have been asked for unknown types; with those
+                who say nothing, this takes two seconds.
         """
         liveliness = session.liveliness()
         self._learner.sessions.append(session)
@@ -84,5 +86,5 @@ class Announcements:
                 self._tokens.discard(token)
             elif len(self._tokens) < _MOST_TOKENS:
                 self._tokens.add(token)
-        if found is not None and found.key and not gone:
+        if found is not None and found.role == "publishes" and not gone:
             self._learner.look(found.key)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.bus.announcements import Announcements
 from riot_bus.bus.logfiles import claim
 from riot_bus.errors import ConfigError
+from riot_bus.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -55,7 +56,7 @@ class Recordings:
         self._name = name
         self._metadata = metadata
         self._profile = profile
-        self._announcements = Announcements(registry, learnt=self._learnt)
+        self._announcements = Announcements(registry, wanted=self._wanted, learnt=self._learnt)
         self._recorder: Recorder | None = None
         self._stem = name
         self._since = 0.0
@@ -136,6 +137,9 @@ class Recordings:
 
             if recorder.note(_GRAPH, record(former, graph, time=time.time_ns())):
                 self._noted = graph
+
+    def _wanted(self, key: str) -> bool:
+        return self._recorder is not None or any(key_matches(each, key) for each in self._bus().intercepted)
 
     def _learnt(self, key: str) -> None:
         self._bus().renew()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
@@ -25,12 +25,13 @@ class Learning(Protocol):
         """Return whether a key names a type whose definition is not known here, and for which one can ask."""
         ...
 
-    def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> MessageType | None:
-        """Ask those who use a key for its type, and remember it; None if nobody knows.
+    def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> MessageType | None:
+        """Ask those who use a key for its type, and remember it; None if nobody knows, or nobody can be asked now.
 
         Args:
             key: One that is missing.
             tokens: Keys of all present liveliness tokens.
+            heard: Attachments of some messages of the key, which may tell who takes which questions.
             ask: Puts a question.
         """
         ...

@@ -183,19 +183,20 @@ class TypeRegistry:
             return False
         return any(each.missing(key) for each in self._adapters if isinstance(each, Learning))
 
-    def learn(self, key: str, tokens: Iterable[str], ask: Ask) -> bool:
+    def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> bool:
         """Ask those who use a key for its type; takes long.
 
         Args:
             key: One that is missing.
             tokens: Keys of all present liveliness tokens.
+            heard: Attachments of some messages of the key.
             ask: Puts a question.
 
         Returns:
             Whether somebody has told; then `type_of` knows, for all keys that name the same type.
         """
         told = any(
-            each.learn(key, tokens, ask) is not None
+            each.learn(key, tokens, heard, ask) is not None
             for each in self._adapters
             if isinstance(each, Learning) and each.missing(key)
         )

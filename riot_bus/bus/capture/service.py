@@ -34,6 +34,7 @@ from riot_bus.bus.runtime import open_session, prepare_runtime, release
 from riot_bus.errors import ConfigError, RiotError
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
+from riot_bus.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -104,7 +105,7 @@ class CaptureService:
         self.registry = registry_of(RouterOptions(types=options.types, definitions=options.definitions))
         self._warn = warn
         self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
-        self._announcements = Announcements(self.registry, learnt=self._learnt)
+        self._announcements = Announcements(self.registry, wanted=self._wanted, learnt=self._learnt)
         self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
         self._tape: Tape | RingTape | None = None
         self._intakes: list[Intake] = []
@@ -270,6 +271,9 @@ class CaptureService:
         if self._tape is None or self._done.is_set():
             raise ConfigError("nothing is being recorded", where="record")
         return self._tape
+
+    def _wanted(self, key: str) -> bool:
+        return any(key_matches(each, key) for each in self._selection.expressions)
 
     def _learnt(self, key: str) -> None:
         if self._tape is not None:

@@ -4,8 +4,9 @@ pytest.importorskip("mcap_ros2")
 
 from riot_bus.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
-from riot_bus_ros2.attachment import parse_attachment
-from riot_bus_ros2.definitions import DefinitionError, fields_of, parse_file, parse_msg
+from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
+from riot_bus_ros2.definitions import DefinitionError, fields_of, parse_msg
+from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key
 from riot_bus_ros2.live import SERVICE, described, question, services_of
 from riot_bus_ros2.store import TypeStore
@@ -86,37 +87,63 @@ def endpoint(node, kind, topic, type_name, type_hash):
     return Endpoint(Node(0, "abc", 1, node), 2, kind, topic, type_name, type_hash)
 
 
+def node_of(name, *others):
+    """A node that tells types, and what else it has."""
+    return [
+        Node(0, "abc", 1, name),
+        endpoint(name, "SS", f"{name}/get_type_description", SERVICE, SERVICE_HASH),
+        *others,
+    ]
+
+
+SERVICE_HASH = STORE.type_hash(SERVICE)
 TALKER = endpoint("/robot/talker", "MP", "/odd", NAME, HASH)
-TOKENS = [
-    build_token(each)
-    for each in (
-        TALKER,
-        endpoint("/robot/talker", "SS", "/robot/talker/get_type_description", SERVICE, STORE.type_hash(SERVICE)),
-        endpoint("/other", "SS", "/other/get_type_description", SERVICE, STORE.type_hash(SERVICE)),
-        endpoint("/other", "MP", "/chatter", "std_msgs/msg/String", "RIHS01_" + "0" * 64),
-        Node(0, "abc", 1, "/robot/talker"),
-    )
-] + ["no token", "@ros2_lv/0/x"]
+OTHER = endpoint("/other", "MP", "/chatter", "std_msgs/msg/String", "RIHS01_" + "0" * 64)
+TOKENS = [build_token(each) for each in (*node_of("/robot/talker", TALKER), *node_of("/other", OTHER))]
+TOKENS += ["no token", "@ros2_lv/0/x"]
+TELLS = build_data_key(DataKey(0, "/robot/talker/get_type_description", SERVICE, SERVICE_HASH))
 
 
-def test_the_services_of_nodes_that_use_a_key():
-    expected = build_data_key(DataKey(0, "/robot/talker/get_type_description", SERVICE, STORE.type_hash(SERVICE)))
-    assert services_of(TALKER.key, TOKENS) == [expected]
-    assert services_of("0/absent/a::msg::dds_::B_/TypeHashNotSupported", TOKENS) == []
+def heard_of(publisher, version=2):
+    return build_attachment(Attachment(5, 6, gid_of(build_token(publisher)), version))
 
 
-def test_an_adapter_learns_a_type():
+HEARD = [heard_of(TALKER)]
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_node_is_asked_as_it_speaks(version):
+    assert services_of(TALKER.key, TOKENS, [b"nonsense", heard_of(TALKER, version)]) == {TELLS: version}
+    assert services_of(TALKER.key, [each for each in TOKENS if "_type_desc" not in each], HEARD) == {}
+    assert services_of("demo/odom", TOKENS, HEARD) == {}
+
+
+def test_nobody_is_asked_who_might_speak_another_version():
+    assert services_of(TALKER.key, TOKENS, []) == {}
+    assert services_of(TALKER.key, TOKENS, [b"nonsense", bytes(33), bytes(77)]) == {}
+    old = endpoint("/old", "MP", "/odd", NAME, HASH)
+    tokens = [*TOKENS, *map(build_token, node_of("/old", old))]
+    tells = TELLS.replace("robot/talker", "old")
+    assert services_of(TALKER.key, tokens, HEARD) == {TELLS: 2}
+    assert services_of(TALKER.key, tokens, [*HEARD, heard_of(old, 1)]) == {TELLS: 2, tells: 1}
+    stranger = build_attachment(Attachment(5, 6, b"0123456789abcdef"))
+    assert services_of(TALKER.key, tokens, [stranger]) == {}
+    assert services_of(TALKER.key, TOKENS, [stranger]) == {TELLS: 2}  # there is nobody else
+    assert services_of(TALKER.key, TOKENS, [stranger, build_attachment(Attachment(5, 6, bytes(16), 1))]) == {}
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_adapter_learns_a_type(version):
     adapter, asked = Ros2Adapter(), []
 
     def ask(key, payload, attachment):
-        asked.append(key)
-        parse_attachment(attachment)
+        asked.append((key, parse_attachment(attachment).version))
         return [b"no reply", told()]
 
     assert adapter.type_of_key(TALKER.key) is None
     assert adapter.missing(TALKER.key)
-    kind = adapter.learn(TALKER.key, TOKENS, ask)
-    assert asked == services_of(TALKER.key, TOKENS)
+    kind = adapter.learn(TALKER.key, TOKENS, [heard_of(TALKER, version)], ask)
+    assert asked == [(TELLS, version)]
     assert kind.type_hash == HASH
     assert adapter.type_of_key(TALKER.key) is kind
     assert not adapter.missing(TALKER.key)
@@ -128,9 +155,10 @@ def test_an_adapter_learns_a_type():
 
 def test_an_adapter_that_learns_nothing():
     adapter = Ros2Adapter()
-    assert adapter.learn(TALKER.key, TOKENS, lambda *_: [b"no reply"]) is None
-    assert adapter.learn(TALKER.key, [], lambda *_: pytest.fail("nobody to ask")) is None
-    assert adapter.learn("demo/odom", TOKENS, lambda *_: pytest.fail("no ROS key")) is None
+    assert adapter.learn(TALKER.key, TOKENS, HEARD, lambda *_: [b"no reply"]) is None
+    assert adapter.learn(TALKER.key, [], HEARD, lambda *_: pytest.fail("nobody to ask")) is None
+    assert adapter.learn(TALKER.key, TOKENS, [], lambda *_: pytest.fail("nobody was heard")) is None
+    assert adapter.learn("demo/odom", TOKENS, HEARD, lambda *_: pytest.fail("no ROS key")) is None
 
 
 def test_a_key_whose_type_is_missing():
@@ -141,6 +169,7 @@ def test_a_key_whose_type_is_missing():
     assert adapter.missing(build_data_key(DataKey(0, "/x", string.name, "RIHS01_" + "0" * 64)))  # another version
     assert not adapter.missing(build_data_key(DataKey(0, "/x", NAME)))  # Humble's nodes tell nothing
     assert not adapter.missing("demo/odom")
+    assert not adapter.missing(build_data_key(DataKey(0, "/do", "pkg/srv/Do", HASH)))  # calls are not listened to
 
 
 def test_two_versions_of_a_type_and_of_what_is_in_it():
@@ -152,7 +181,7 @@ def test_two_versions_of_a_type_and_of_what_is_in_it():
     for store in versions:
         talker = endpoint("/robot/talker", "MP", "/odd", NAME, store.type_hash(NAME))
         tokens = [build_token(talker), *TOKENS]
-        kinds.append(adapter.learn(talker.key, tokens, lambda *_, store=store: [told(NAME, store)]))
+        kinds.append(adapter.learn(talker.key, tokens, [heard_of(talker)], lambda *_, store=store: [told(NAME, store)]))
         assert adapter.type_of_key(talker.key) is kinds[-1]
     assert [kind.fields()[0].type for kind in kinds] == ["int8", "float64"]
     for kind, store in zip(kinds, versions, strict=True):
@@ -160,15 +189,3 @@ def test_two_versions_of_a_type_and_of_what_is_in_it():
             kind.type_hash
         )
     assert adapter.type_named(NAME).type_hash == kinds[-1].type_hash
-
-
-def test_a_service_is_described_too():
-    adapter = Ros2Adapter()
-    name = "pkg/srv/Do"
-    store = TypeStore(parse_file("int8 a\n---\nfloat64 b\n", name, ".srv"))
-    server = endpoint("/robot/talker", "SS", "/do", name, store.type_hash(name))
-    assert adapter.missing(server.key)
-    assert adapter.type_of_key(f"{server.key}/@request") is None
-    adapter.learn(server.key, [build_token(server), *TOKENS], lambda *_: [told(name, store)])
-    assert adapter.type_of_key(f"{server.key}/@request").read(b"\0\1\0\0\5", "a") == 5
-    assert [field.path for field in adapter.type_of_key(f"{server.key}/@reply").fields()] == ["b"]

@@ -142,8 +142,8 @@ class Learner(ToyAdapter):
     def missing(self, key):
         return key.startswith("toy/") and key.split("/")[2] not in self.types
 
-    def learn(self, key, tokens, ask):
-        told = list(ask(key, b"question", b""))
+    def learn(self, key, tokens, heard, ask):
+        told = list(ask(key, b"question", *heard))
         if told != [b"answer"]:
             return None
         name = key.split("/")[2]
@@ -155,12 +155,12 @@ def test_types_that_others_tell():
     types = TypeRegistry([Learner()], declared={"/named": "json"})
     assert types.type_of("toy/odom/T") is types.type_of("toy/other/T") is None
     assert [types.missing(key) for key in ("toy/odom/T", "toy/named/T", "plain")] == [True, False, False]
-    assert not types.learn("toy/odom/T", [], lambda *_: [])
+    assert not types.learn("toy/odom/T", [], [b""], lambda *_: [])
     assert types.type_of("toy/odom/T") is None
-    assert types.learn("toy/odom/T", [], lambda *_: [b"answer"])
+    assert types.learn("toy/odom/T", [], [b""], lambda *_: [b"answer"])
     assert types.type_of("toy/odom/T").name == types.type_of("toy/other/T").name == "T"
     assert not types.missing("toy/other/T")
-    assert not types.learn("toy/other/T", [], lambda *_: pytest.fail("it is known"))
+    assert not types.learn("toy/other/T", [], [b""], lambda *_: pytest.fail("it is known"))
 
 
 def test_what_is_looked_up_while_somebody_tells_is_not_remembered():
@@ -169,7 +169,7 @@ def test_what_is_looked_up_while_somebody_tells_is_not_remembered():
 
     def too_late(type_name):
         found = ToyAdapter.type_named(adapter, type_name)
-        types.learn("toy/odom/T", [], lambda *_: [b"answer"])
+        types.learn("toy/odom/T", [], [b""], lambda *_: [b"answer"])
         return found
 
     adapter.type_named = too_late
