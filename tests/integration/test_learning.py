@@ -142,10 +142,11 @@ def numbers(path: Path) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_messages_get_fields_while_they_pass(tmp_path: Path, version: Literal[1, 2]) -> None:
+@pytest.mark.parametrize(("version", "services"), [(1, []), (2, ["/**"])])
+def test_messages_get_fields_while_they_pass(tmp_path: Path, version: Literal[1, 2], services: list[str]) -> None:
+    """Also where services are intercepted, so that each segment has stand-ins for those of the other."""
     path = tmp_path / "run.mcap"
-    with service(tmp_path, record=str(path)) as router:
+    with service(tmp_path, record=str(path), services=services) as router:
         router.plan_load(SET, "set")
         ends = {name: found[0] for name, found in router.endpoints.items()}
         got: list[float] = []
