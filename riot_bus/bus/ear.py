@@ -46,6 +46,7 @@ class Ear:
                     zenoh.handlers.Callback(self._take_reply, indirect=False),
                     consolidation=zenoh.ConsolidationMode.NONE,
                     accept_replies=zenoh.ReplyKeyExpr.ANY,
+                    allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for caches
                     timeout=_CACHE_S,
                 )
             except zenoh.ZError:  # it is closed

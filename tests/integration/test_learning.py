@@ -14,6 +14,7 @@ import zenoh
 import zenoh.ext
 from mcap.reader import make_reader
 
+from riot_bus.bus import learner as learner_module
 from riot_bus.bus.capture.options import CaptureOptions
 from riot_bus.bus.capture.service import CaptureService
 from riot_bus.bus.client import open_client
@@ -242,3 +243,31 @@ def test_a_node_that_never_answers_holds_up_nobody(tmp_path: Path) -> None:
         began = time.monotonic()
         router._recordings.close()  # while the question is open
         assert time.monotonic() - began < 1.5
+
+
+def test_nobody_is_asked_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learner_module, "_AGAIN_S", (0.05, 0.05))
+    wrong = reply(NAME, TypeStore(parse_msg("int32 number\n", NAME)))
+    with service(tmp_path, intercept=["/reading"]) as router, sensor(router.endpoints["system"][0], wrong) as node:
+        router.watch()
+        learner = router._recordings._announcements._learner
+        assert node.publishes_until(lambda: len(node.asked) == 3 and not learner._pursued)
+        for _ in range(5):
+            node.publish()
+        learner.look(KEY)  # as when somebody else announces the topic
+        assert node.publishes_until(lambda: len(node.asked) == 6 and not learner._pursued)
+
+
+def test_what_nobody_looks_at_is_not_listened_to(tmp_path: Path) -> None:
+    told = reply(NAME, OWN)
+    with service(tmp_path) as router, sensor(router.endpoints["system"][0], told) as node:
+        router.watch()
+        pursued = router._recordings._announcements._learner._pursued
+        assert node.publishes_until(lambda: KEY in pursued and pursued[KEY].missing is not None)
+        assert pursued[KEY].missing
+        assert pursued[KEY].ear is None
+        assert not node.asked
+        router.intercept_add(["/reading"])
+        assert node.publishes_until(lambda: router._registry.type_of(KEY) is not None)
+        assert len(node.asked) == 1
+        assert wait_until(lambda: KEY not in pursued, 20)
