@@ -21,9 +21,14 @@ def kind_of(store):
 def test_the_order_of_sources(tmp_path, monkeypatch):
     """A log, AMENT_PREFIX_PATH, files, distributions, nodes."""
     live = TypeStore()
-    live.learn(parse_msg("uint8 data\n", BOOL) | parse_msg("int8 a\n", "pkg/msg/New"))
+    told = parse_msg("uint8 data\n", BOOL)
+    live.learn(BOOL, told)
+    live.learn("pkg/msg/New", parse_msg("int8 a\n", "pkg/msg/New"))
     assert kind_of(live) == "bool"
-    assert live.fields("pkg/msg/New")[0].content == "int8"
+    assert kind_of(live.matching(BOOL, TypeStore(told).type_hash(BOOL))) == "uint8"
+    assert live.definition("pkg/msg/New") is None
+    assert live.told("pkg/msg/New").fields("pkg/msg/New")[0].content == "int8"
+    assert live.told("pkg/msg/Newer") is None
     live.register(parse_msg("int16 data\n", BOOL))
     assert kind_of(live) == "int16"
     install(tmp_path, "std_msgs/msg/Bool.msg", "int32 data\n")
