@@ -22,6 +22,7 @@ from riot_bus.bus.services.lane import Limits
 from riot_bus.bus.settings import RouterSettings
 from riot_bus.bus.transparency.run import PLAIN, compare, run_scenario
 from riot_bus.bus.transparency.scenario import PREFIX, find
+from riot_bus.interceptors.copies import Tee
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Event
@@ -319,6 +320,20 @@ def test_an_interceptor_can_publish_because_of_a_request() -> None:
         assert call(system, "tell") == [("put", "tell!")]
         assert wait_until(lambda: got == [b"told"], 10)
         assert balance(bus)["told"].added == 1
+
+
+def test_tee_copies_requests_and_calls_nobody() -> None:
+    tees = pipeline(Tee("{key}"), Tee("copy/{key}"), Tee("copy/{key}/seen"))
+    with Bus(SEGMENTS, services=["calc/**", "copy/**"], pipeline=tees) as bus, two(bus) as (system, unit):
+        got: list[bytes] = []
+        unit.subscribe(f"copy/{REQUEST}/seen", lambda message: got.append(message.payload))
+        servers = [Server(unit, key) for key in (ADD, f"copy/{ADD}")]
+        present(system, complete=False)
+        assert bus.wait_subscribed("system", [f"copy/{REQUEST}/seen"], timeout=10) == []
+        assert call(system, "once") == [("put", "once!")]
+        assert [[payload for payload, _ in each.asked] for each in servers] == [["once"], []]
+        assert wait_until(lambda: got == [b"once"], 10)
+        assert balance(bus)[REQUEST].forwarded == 1
 
 
 def test_an_interceptor_that_does_not_come_back_is_bypassed_and_the_call_goes_on() -> None:
