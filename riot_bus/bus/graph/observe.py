@@ -196,10 +196,10 @@ class Observer:
         self._questions = {zid: self._questions.get(zid, 0) for zid in zids}
         new = [zid for zid in zids if zid not in self._names and self._questions[zid] < _MOST_QUESTIONS]
         if new:
+            self._names = {zid: name for zid, name in self._names.items() if zid in zids}  # who has gone is forgotten
             # Every segment is asked: the junction may be away just now.
             for source in self._sources.values():
-                for zid, view in admin_views(source.session).items():
-                    self._names[zid] = view.name
+                self._names.update({zid: view.name for zid, view in admin_views(source.session).items()})
             for zid in new:
                 self._questions[zid] += 1
         return {zid: name for zid, name in self._names.items() if name}
