@@ -151,7 +151,7 @@ def _run(command: list[str], folder: Path) -> str:
 
 def _python(version: str) -> str | None:
     if sys.version_info[:2] == tuple(map(int, version.split("."))):
-        return sys.executable
+        return os.path.realpath(sys.executable)  # the same from each environment, so that one installation is enough
     return shutil.which(f"python{version}")
 
 

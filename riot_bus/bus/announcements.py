@@ -53,10 +53,10 @@ class Announcements:
         liveliness = session.liveliness()
         self._learner.sessions.append(session)
         for adapter in self._registry.stampings():
-            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():
+            self._listeners.append(liveliness.declare_subscriber(adapter.tokens, self._take, history=True))
+            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():  # what goes now is heard
                 if reply.ok is not None:
                     self._take(reply.ok)
-            self._listeners.append(liveliness.declare_subscriber(adapter.tokens, self._take, history=True))
         if wait:
             wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
 

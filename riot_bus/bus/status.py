@@ -61,8 +61,18 @@ def _interceptor(stage: Stage, pipeline: Pipeline) -> dict[str, Any]:
         "bypassed": stage.bypassed,
         "errors": errors.count if errors is not None else 0,
         "place": errors.place if errors is not None else "",
-        "error": errors.first.strip().splitlines()[-1] if errors is not None and errors.first.strip() else "",
+        "error": _last_error(errors.first) if errors is not None else "",
     }
+
+
+def _last_error(trace: str) -> str:
+    """Return what a traceback ends with: the exception, and lines of its text that are indented, such as hints."""
+    found: list[str] = []
+    for line in reversed(trace.strip().splitlines()):
+        found.append(line.strip())
+        if not line.startswith(" "):
+            break
+    return " ".join(reversed(found))
 
 
 def plan_row(plan: Plan | None) -> dict[str, Any] | None:

@@ -6,13 +6,16 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from riot_bus.errors import ConfigError
+from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.interceptors.timing import check_seconds
+from riot_bus.types.serve import part_of
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
 
 __all__ = ["Duplicate", "Tee"]
+
+_PUBLISHED = "write a key that ends otherwise, such as copy/{key}/seen"
 
 
 @dataclass
@@ -44,7 +47,10 @@ class Duplicate:
 
 @dataclass
 class Tee:
-    """Deliver a copy under another key as well.
+    """Publish a copy under another key as well.
+
+    Copies are only published: one under the key of a request would ask its service, and one under that of a reply
+    would answer somebody. Such a key is refused here if it always is one, else as an error of the message.
 
     Args:
         key: Of the copy; `{key}` and `{topic}` stand for those of the message, such as `copy/{key}`.
@@ -61,9 +67,17 @@ class Tee:
         if any(not chunk or set(chunk) & set("*$?#") for chunk in chunks):
             hint = "write it without wildcards, such as copy/{key}"
             raise ConfigError(f"{self.key!r} is not a key", hint=hint)
+        if part_of(self.key) is not None:
+            raise ConfigError(_no_call(self.key), hint=_PUBLISHED)
 
     def message(self, event: Event) -> None:
         """Copy it."""
         own = {"{key}": event.key, "{topic}": event.topic.strip("/")}
         key = re.sub(r"\{(?:key|topic)\}", lambda found: own[found.group()], self.key)
+        if part_of(key) is not None:
+            raise PayloadError(_no_call(key), where=event.key, hint=_PUBLISHED)
         event.add(event.message.with_(key=key), seconds=event.delay_ns / 1e9)
+
+
+def _no_call(key: str) -> str:
+    return f"a copy under {key!r} would be a call of a service, or an answer, instead of a message"

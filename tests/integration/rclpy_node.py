@@ -73,6 +73,7 @@ class RclpyNode:
 def _main(name: str, namespace: str) -> None:
     import importlib
     import threading
+    import time
 
     import rclpy
     from rclpy.action import ActionClient, ActionServer
@@ -155,6 +156,7 @@ def _main(name: str, namespace: str) -> None:
             case "serve":
 
                 def answer(request: Any, response: Any) -> Any:
+                    time.sleep(order.get("seconds", 0.0))  # a slow server
                     response.success, response.message = not request.data, f"served by {name}: {request.data}"
                     return response
 

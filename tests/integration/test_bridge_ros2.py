@@ -7,6 +7,7 @@ import json
 import signal
 import struct
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -184,6 +185,78 @@ def test_late_joiners_get_what_is_latched_and_qualities_of_service_are_kept(star
     assert source.do("matched", "/chatter") == 0
 
 
+def test_who_does_not_match_in_one_domain_does_not_match_across(start: Any) -> None:
+    system = start()
+    source, sink, other = system.node("system", "source"), system.node("unit", "sink"), system.node("unit", "other")
+    second = 10**9
+    late = {**RELIABLE, "deadline": 2 * second}
+    for topic, offered, refused, taken in (
+        ("/scan", BEST_EFFORT, RELIABLE, BEST_EFFORT),
+        ("/pose", RELIABLE, LATCHED, RELIABLE),
+        ("/odom", late, {**late, "deadline": second}, {**late, "deadline": 3 * second}),
+    ):
+        source.do("advertise", topic, type=STRING, qos=offered)
+        sink.do("subscribe", topic, type=STRING, qos=refused)
+        other.do("subscribe", topic, type=STRING, qos=taken)
+
+        def crossed(topic: str = topic) -> bool:
+            source.do("publish", topic, payloads=hexed("one"))
+            return bool(other.do("wait", topic, count=1, seconds=0.5))
+
+        assert wait_until(crossed, WAIT_S)
+        assert sink.do("wait", topic, count=1, seconds=0.2) == []
+        other.do("unsubscribe", topic)
+        assert wait_until(lambda topic=topic: source.do("matched", topic) == 0, WAIT_S, interval=0.05)
+
+
+def test_latched_messages_come_once_whoever_joins_and_leaves(start: Any) -> None:
+    system = start()
+    listener = system.node("unit", "listener")
+    listener.do("subscribe", "/tf_static", type=STRING, qos={**LATCHED, "depth": 100})
+    expected: list[str] = []
+    nodes = []
+    for name in ("one", "two", "three"):
+        nodes.append(system.node("system", name))
+        nodes[-1].do("advertise", "/tf_static", type=STRING, qos=LATCHED)
+        nodes[-1].do("publish", "/tf_static", payloads=hexed(name))
+        expected.append(name)
+        assert [read(each) for each in listener.do("wait", "/tf_static", count=len(expected))] == expected
+    nodes[0].end()
+    assert wait_until(lambda: len(nodes[1].do("offers", "/tf_static")) == 2, WAIT_S, interval=0.1)
+    nodes[1].do("publish", "/tf_static", payloads=hexed("two again"))
+    found = listener.do("wait", "/tf_static", count=5, seconds=4)  # and none of the former comes again
+    assert [read(each) for each in found] == [*expected, "two again"]
+
+
+def test_what_has_arrived_crosses_though_the_bridge_is_ended(start: Any) -> None:
+    system = start()
+    talker, listener = system.node("system", "talker"), system.node("unit", "listener")
+    listener.do("subscribe", "/chatter", type=STRING, qos=RELIABLE)
+    talker.do("advertise", "/chatter", type=STRING, qos=RELIABLE)
+    joined(talker, "/chatter")
+    values = [f"message {number}" for number in range(800)]
+    talker.do("publish", "/chatter", payloads=hexed(*values))
+    assert talker.do("acknowledged", "/chatter")
+    code, out, err = system.bridges["system"].end()
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1].split() == ["/chatter", "800", "0"]
+    assert [read(each) for each in listener.do("wait", "/chatter", count=800)] == values
+
+
+def test_servers_may_take_their_time(start: Any) -> None:
+    seconds = 11.0  # by default, Zenoh waits for answers for 10 s
+    system = start("--intercept-services=/watched")
+    callers = {}
+    for topic in ("/slow", "/watched"):
+        system.node("system", f"server_of{topic}".replace("/", "_")).do("serve", topic, seconds=seconds)
+        callers[topic] = system.node("unit", f"caller_of{topic}".replace("/", "_"))
+    with ThreadPoolExecutor(2) as pool:
+        answers = {topic: pool.submit(caller.do, "call", topic, data=True) for topic, caller in callers.items()}
+        for topic, answer in answers.items():
+            expected = f"served by server_of{topic}: True".replace("/", "_")
+            assert answer.result(WAIT_S) == [False, expected]
+
+
 def test_publishers_on_both_sides_hear_each_other_once(start: Any) -> None:
     system = start()
     one, other = system.node("system", "one"), system.node("unit", "other")
@@ -249,6 +322,33 @@ def test_a_second_bridge_of_a_domain_is_refused(start: Any) -> None:
     talker.do("advertise", "/chatter", type=STRING, qos=RELIABLE)
     joined(talker, "/chatter")
     assert send(talker, listener, "/chatter", ["works"]) == ["works"]
+
+
+def test_of_two_bridges_that_start_together_one_stays_and_nothing_comes_twice(tmp_path: Path) -> None:
+    python = ros2_interpreter()
+    with contextlib.ExitStack() as stack:
+        (domain,) = stack.enter_context(ros2_domains(1))
+        environment = ros2_environment(domain, tmp_path)
+        router = stack.enter_context(RouterProcess())
+        talker, listener = (stack.enter_context(RclpyNode(python, environment, name)) for name in ("a", "b"))
+        for node in (talker, listener):
+            node.do("subscribe", "/chatter", type=STRING, qos=RELIABLE)
+            node.do("advertise", "/chatter", type=STRING, qos=RELIABLE)
+        joined(talker, "/chatter", 2)
+        with ThreadPoolExecutor(2) as pool:
+            begin = [pool.submit(BridgeProcess, python, environment, router.endpoints[s]) for s in ("system", "unit")]
+            sent = 0
+            while not all(each.done() for each in begin):
+                talker.do("publish", "/chatter", payloads=hexed(str(sent)))
+                sent += 1
+                listener.do("wait", "/chatter", count=sent)
+            bridges = [stack.enter_context(each.result()) for each in begin]
+        (loser,) = [each for each in bridges if not each.ready]
+        code, _, err = loser.outcome()
+        assert (code, "relays ROS domain" in err) == (4, True)
+        assert send(talker, listener, "/chatter", ["last"], before=sent) == ["last"]
+        found = listener.do("wait", "/chatter", count=sent + 2, seconds=2)
+        assert [read(each) for each in found] == [*map(str, range(sent)), "last"]
 
 
 def test_a_router_may_come_again(start: Any) -> None:

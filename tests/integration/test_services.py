@@ -16,12 +16,13 @@ from riot_bus.bus.client import Client, open_client
 from riot_bus.bus.flags import RouterFlags, merged
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
+from riot_bus.bus.runtime import release, wait_until
 from riot_bus.bus.service import RouterService
 from riot_bus.bus.services.lane import Limits
 from riot_bus.bus.settings import RouterSettings
 from riot_bus.bus.transparency.run import PLAIN, compare, run_scenario
 from riot_bus.bus.transparency.scenario import PREFIX, find
+from riot_bus.interceptors.copies import Tee
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Event
@@ -321,6 +322,20 @@ def test_an_interceptor_can_publish_because_of_a_request() -> None:
         assert balance(bus)["told"].added == 1
 
 
+def test_tee_copies_requests_and_calls_nobody() -> None:
+    tees = pipeline(Tee("{key}"), Tee("copy/{key}"), Tee("copy/{key}/seen"))
+    with Bus(SEGMENTS, services=["calc/**", "copy/**"], pipeline=tees) as bus, two(bus) as (system, unit):
+        got: list[bytes] = []
+        unit.subscribe(f"copy/{REQUEST}/seen", lambda message: got.append(message.payload))
+        servers = [Server(unit, key) for key in (ADD, f"copy/{ADD}")]
+        present(system, complete=False)
+        assert bus.wait_subscribed("system", [f"copy/{REQUEST}/seen"], timeout=10) == []
+        assert call(system, "once") == [("put", "once!")]
+        assert [[payload for payload, _ in each.asked] for each in servers] == [["once"], []]
+        assert wait_until(lambda: got == [b"once"], 10)
+        assert balance(bus)[REQUEST].forwarded == 1
+
+
 def test_an_interceptor_that_does_not_come_back_is_bypassed_and_the_call_goes_on() -> None:
     class Hangs:
         def __init__(self) -> None:
@@ -518,6 +533,30 @@ def test_services_are_selected_and_left_alone_while_the_router_runs(tmp_path: Pa
         seen = router.counts()[REQUEST].received
         assert eventually(system) == [("put", "x!")]
         assert router.counts()[REQUEST].received == seen
+
+
+def test_the_graph_says_which_services_are_intercepted(tmp_path: Path) -> None:
+    kind = "example_interfaces::srv::dds_::AddTwoInts_/RIHS01_00"
+    with service(tmp_path, intercept=["**"]) as router, joined(router) as (_, unit):
+        router.watch()
+        zid = unit.session.info.zid()
+        tokens = [
+            unit.session.liveliness().declare_token(f"@ros2_lv/0/{zid}/0/9/SS/%/%/adder/%{name}/{kind}/::,10:,:,:,,")
+            for name in ("add", "other")
+        ]
+
+        def marked(**expected: bool) -> bool:
+            def found() -> dict[str, bool]:
+                return {topic.name: topic.intercepted for topic in router.graph().topics}
+
+            return wait_until(lambda: found() == {f"/{name}": cut for name, cut in expected.items()}, 20, interval=0.05)
+
+        assert marked(add=False, other=False)
+        router.intercept_add(["/add/@request"])
+        assert marked(add=True, other=False)
+        router.intercept_add(["/**/@request"])
+        assert marked(add=True, other=True)
+        release(*tokens)
 
 
 def test_who_selects_all_keys_selects_services_of_ros_too(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from riot_bus_ros2.bridge.announcer import Announcer
 from riot_bus_ros2.bridge.graph import DomainGraph
 from riot_bus_ros2.bridge.node import NodeProcess
 from riot_bus_ros2.bridge.options import Names
-from riot_bus_ros2.bridge.plan import Plan, plan_of
+from riot_bus_ros2.bridge.plan import Down, Plan, plan_of
+from riot_bus_ros2.bridge.rivals import Rival
 from riot_bus_ros2.bridge.services import OfferedService, WantedService
 from riot_bus_ros2.bridge.text import summary_lines
 from riot_bus_ros2.bridge.topics import DownRoute, UpRoute
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from riot_bus.errors import RiotError
     from riot_bus_ros2.bridge.options import BridgeOptions
-    from riot_bus_ros2.bridge.plan import Announcement, Down, Up
+    from riot_bus_ros2.bridge.plan import Announcement, Up
     from riot_bus_ros2.bridge.port import Port
     from riot_bus_ros2.keys import DataKey
 
@@ -42,6 +43,9 @@ _START_S = 60.0
 _LINGER_S = 2.0  # what the last messages of a publisher that has gone may take
 _MOST_PROBLEMS = 1000
 _MOST_ROUTES = 4096
+_MOST_TOKENS = 50_000
+_MOST_BRIDGES = 1000
+_MEET_S = 5.0  # what it may take until nodes of a domain know each other
 _GID = 16
 
 
@@ -74,7 +78,7 @@ class Ros2Bridge:
         self._node_says: dict[str, Any] = {}
         self._graph: DomainGraph | None = None
         self._segment: dict[str, Endpoint] = {}
-        self._bridges: set[str] = set()
+        self._bridges: dict[str, Rival] = {}
         self._ups: dict[DataKey, UpRoute] = {}
         self._downs: dict[DataKey, DownRoute] = {}
         self._offered: dict[DataKey, OfferedService] = {}
@@ -82,6 +86,7 @@ class Ros2Bridge:
         self._by_number: dict[int, UpRoute | OfferedService | WantedService] = {}
         self._numbers = itertools.count(1)
         self._absent: dict[int, float] = {}
+        self._began = 0.0
         self._gids: frozenset[bytes] = frozenset()
         self._carried: dict[str, Counter[str]] = {"to_segment": Counter(), "to_domain": Counter(), "calls": Counter()}
         self._lost: dict[int, tuple[str, int]] = {}
@@ -101,14 +106,17 @@ class Ros2Bridge:
             self._node_says = self._node.start()
             stack.callback(self._close_routes)
             stack.callback(self._announcer.close)
-            mine = f"{_TOKENS}/{self._options.zenoh_domain}"
+            options = self._options
             for watched, take in (
-                (f"@ros2_lv/{self._options.zenoh_domain}/**", self._see_token),
-                (f"{mine}/*", self._see_bridge),
+                (f"@ros2_lv/{options.zenoh_domain}/**", self._see_token),
+                (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
             ):
                 stack.callback(self._port.watch(watched, take).close)
-            stack.callback(self._port.announce(f"{mine}/{self.name}").close)
+            mine = Rival(options.domain, self._port.zid, self.name)
+            stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
+            self._began = time.monotonic()
             self._thread.start()
+            stack.callback(self._finish)
             stack.callback(self._join)
             self._await_first_look()
             self._stack = stack.pop_all()
@@ -200,16 +208,24 @@ class Ros2Bridge:
         found = parse_token(token)
         if isinstance(found, Endpoint) and found.node.zid != self._port.zid:
             with self._changed:
-                if present:
-                    self._segment[token] = found
-                else:
+                room = not present or token in self._segment or len(self._segment) < _MOST_TOKENS
+                if not present:
                     self._segment.pop(token, None)
+                elif room:
+                    self._segment[token] = found
+            if not room:
+                self._problem(found.topic, f"more than {_MOST_TOKENS} publishers and the like are not bridged")
             self._wake()
 
     def _see_bridge(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
-        name = token.rpartition("/")[2]
+        found = Rival.parse(token)
+        if found is None or found.name == self.name:
+            return
         with self._changed:
-            (self._bridges.add if present else self._bridges.discard)(name)
+            if not present:
+                self._bridges.pop(token, None)
+            elif len(self._bridges) < _MOST_BRIDGES:
+                self._bridges[token] = found
         self._wake()
 
     def _wake(self) -> None:
@@ -224,26 +240,40 @@ class Ros2Bridge:
             with self._changed:
                 self._changed.wait_for(lambda: self._dirty or self._ended.is_set(), _LOOK_S)
                 self._dirty = False
-                graph, segment, bridges = self._graph, list(self._segment.values()), self._bridges.copy()
+                graph, segment, bridges = self._graph, list(self._segment.values()), list(self._bridges.values())
             if graph is None:
                 continue
             try:
                 self._look_for_rivals(graph, bridges)
-                if not self._ended.is_set():
-                    self._reconcile(plan_of(graph, segment, self._names, self._options), graph)
+                if self._ended.is_set() or self._may_meet_rival(graph, bridges):
+                    continue
+                zids = {each.zid for each in bridges}
+                self._reconcile(plan_of(graph, segment, self._names, self._options, bridges=zids), graph)
             except Exception as error:
                 _LOG.exception("bridge")
                 self._fail(f"the bridge has failed: {error}", None)
             self._settled.set()
 
-    def _look_for_rivals(self, graph: DomainGraph, bridges: set[str]) -> None:
+    def _look_for_rivals(self, graph: DomainGraph, bridges: Sequence[Rival]) -> None:
         """Two bridges between the same domain and the same segment would carry each message in a circle."""
         here = {name.rpartition("/")[2] for name in graph.bridges}
-        older = sorted(name for name in here & bridges if name < self.name)
+        older = sorted(each.name for each in bridges if each.name in here and each.name < self.name)
         if older:
             domain = self._options.domain
             text = f"another bridge ({older[0]}) relays ROS domain {domain} to this network already"
             self._fail(text, "give this one another --domain, or end the other")
+
+    def _may_meet_rival(self, graph: DomainGraph, bridges: Sequence[Rival]) -> bool:
+        """Return whether an older bridge may be in the same domain, which takes its time to show who is there.
+
+        The number of a domain says nothing: domains of other hosts may be apart and have the same.
+        """
+        if self._settled.is_set() or time.monotonic() - self._began > _MEET_S:
+            return False
+        here = {name.rpartition("/")[2] for name in graph.bridges}
+        return any(
+            each.domain == self._options.domain and each.name < self.name and each.name not in here for each in bridges
+        )
 
     def _reconcile(self, plan: Plan, graph: DomainGraph) -> None:
         options, node, port = self._options, self._node, self._port
@@ -251,6 +281,7 @@ class Ros2Bridge:
         self._drop(self._downs, "to_domain", lambda key, route: self._stays(key, route, plan.downs))
         self._drop(self._offered, "calls", lambda key, _: key in plan.offered)
         self._drop(self._wanted, "calls", lambda key, _: key in plan.wanted)
+        new: list[DownRoute | OfferedService | WantedService] = []
         for key in self._new(plan.ups, self._ups):
             self._ups[key] = UpRoute(
                 next(self._numbers),
@@ -271,13 +302,18 @@ class Ros2Bridge:
                 is_own=self._is_own,
                 refused=self._refuse,
             )
+            new.append(self._downs[key])
         for key in self._new(plan.offered, self._offered):
             self._offered[key] = OfferedService(next(self._numbers), key, node=node, port=port)
+            new.append(self._offered[key])
         for key in self._new(plan.wanted, self._wanted):
             self._wanted[key] = WantedService(next(self._numbers), key, node=node, port=port)
+            new.append(self._wanted[key])
         routes: list[UpRoute | OfferedService | WantedService] = []
         routes += [*self._ups.values(), *self._offered.values(), *self._wanted.values()]
         self._by_number = {route.number: route for route in routes}
+        for each in new:  # now that it is known who gets what comes from them
+            each.open()
         for service in self._offered.values():
             service.update(ready=service.number in graph.ready)
         self._announcer.update(plan.announcements, may_show=self._keeps_promise)
@@ -301,9 +337,14 @@ class Ros2Bridge:
         return found[:room]
 
     def _stays(self, key: DataKey, route: UpRoute | DownRoute, plans: Mapping[DataKey, Up | Down]) -> bool:
-        if key in plans:
-            self._absent.pop(route.number, None)
-            return plans[key] == route.plan
+        plan = plans.get(key)
+        if plan is not None:
+            same = plan.means(route.plan)
+            if same and isinstance(route, DownRoute) and isinstance(plan, Down):
+                route.plan = plan
+            if same or plan.sourced or not route.plan.sourced:
+                self._absent.pop(route.number, None)
+                return same
         since = self._absent.setdefault(route.number, time.monotonic())
         if time.monotonic() - since < _LINGER_S:
             return True
@@ -342,6 +383,12 @@ class Ros2Bridge:
         self.stop()
         self._wake()
         self._thread.join()
+
+    def _finish(self) -> None:
+        """Let through what is on its way."""
+        for down in self._downs.values():
+            down.mute()
+        self._node.finish()
 
     # -- what goes wrong ----------------------------------------------------------------------------------------------
 

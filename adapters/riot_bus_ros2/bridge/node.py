@@ -26,6 +26,7 @@ __all__ = ["NodeProcess", "interpreter"]
 _PROGRAM = Path(riot_bus_ros2.__file__).resolve().parent / "rclpy_node"
 _START_S = 60.0
 _END_S = 10.0
+_FLUSH_S = 5.0
 _BUFFER = 1 << 22
 _SOURCE = 'source "$0" && exec "$@"'
 
@@ -92,9 +93,16 @@ class NodeProcess:
         """Send a message, request, response or failure."""
         self._send(lambda wire: wire.send(kind, endpoint, number, payload))
 
+    def finish(self) -> None:
+        """Let it take and send what has come from the domain already, and end; wait for that, but not for ever."""
+        if self._thread.is_alive():
+            self.tell(do="end")
+            self._thread.join(_END_S)
+
     def close(self) -> None:
-        """End it; safe to call twice."""
+        """End it, with what was sent to it before; safe to call twice."""
         if self._wire is not None:
+            self._wire.flush(_FLUSH_S)
             self._wire.hang_up()
         if self._process is not None:
             try:

@@ -48,6 +48,15 @@ class Up(NamedTuple):
     reliable: bool
     latched: bool
 
+    @property
+    def sourced(self) -> bool:
+        """Whether there are publishers: else there is no such plan."""
+        return True
+
+    def means(self, other: object) -> bool:
+        """Return whether the same is to be done as with another plan."""
+        return self == other
+
 
 class Down(NamedTuple):
     """A topic goes from the segment to the domain.
@@ -55,10 +64,16 @@ class Down(NamedTuple):
     Attributes:
         writer: Profile of the publisher in the domain.
         latched: Fetch what publishers on the segment keep; None if they keep nothing.
+        sourced: Whether there are publishers on the segment, as far as they are announced.
     """
 
     writer: Profile
     latched: int | None
+    sourced: bool
+
+    def means(self, other: object) -> bool:
+        """Return whether the same is to be done as with another plan."""
+        return isinstance(other, Down) and self[:2] == other[:2]
 
 
 class Announcement(NamedTuple):
@@ -100,7 +115,14 @@ class Plan:
     foreign: set[str] = field(default_factory=set)
 
 
-def plan_of(graph: DomainGraph, segment: Iterable[Endpoint], names: Names, options: BridgeOptions) -> Plan:
+def plan_of(
+    graph: DomainGraph,
+    segment: Iterable[Endpoint],
+    names: Names,
+    options: BridgeOptions,
+    *,
+    bridges: Collection[str] = (),
+) -> Plan:
     """Return what a bridge ought to do.
 
     Args:
@@ -108,6 +130,7 @@ def plan_of(graph: DomainGraph, segment: Iterable[Endpoint], names: Names, optio
         segment: What others announce on the segment.
         names: What is bridged at all.
         options: How.
+        bridges: Ids of the Zenoh sessions of other bridges, which have one publisher for all that they announce.
     """
 
     def key_of(found: Found) -> DataKey:
@@ -122,17 +145,26 @@ def plan_of(graph: DomainGraph, segment: Iterable[Endpoint], names: Names, optio
 
     published, subscribed = grouped(graph.publishers), grouped(graph.subscriptions)
     elsewhere: dict[DataKey, list[Profile]] = defaultdict(list)
+    kept: dict[DataKey, dict[object, int]] = defaultdict(dict)
     served: set[DataKey] = set()
     for endpoint in segment:
         if endpoint.kind == "MP" and names.topic(endpoint.topic):
-            elsewhere[endpoint.data_key].append(profile_of(endpoint.qos))
+            profile = profile_of(endpoint.qos)
+            elsewhere[endpoint.data_key].append(profile)
+            if profile.durability == LATCHED:
+                keeper = endpoint.node.zid if endpoint.node.zid in bridges else endpoint
+                former = kept[endpoint.data_key].get(keeper, 0)
+                kept[endpoint.data_key][keeper] = max(former, profile.depth)
         elif endpoint.kind == "SS" and names.service(endpoint.topic):
             served.add(endpoint.data_key)
     offered = {key_of(each) for each in graph.servers if names.service(each.topic)}
     here = {key.topic for key in offered}
     return Plan(
         {key: _up(profiles, options) for key, profiles in published.items()},
-        {key: _down(elsewhere.get(key, ()), subscribed.get(key, ()), options) for key in {*elsewhere, *subscribed}},
+        {
+            key: _down(elsewhere.get(key, ()), subscribed.get(key, ()), kept.get(key, {}).values(), options)
+            for key in {*elsewhere, *subscribed}
+        },
         offered,
         {key for key in served if key.topic not in here},
         _announcements(graph, names, key_of, options),
@@ -149,14 +181,16 @@ def _up(profiles: Sequence[Profile], options: BridgeOptions) -> Up:
     return Up(Profile(RELIABLE if reliable else BEST_EFFORT, durability, KEEP_LAST, depth), reliable, latched)
 
 
-def _down(elsewhere: Sequence[Profile], subscribed: Sequence[Profile], options: BridgeOptions) -> Down:
+def _down(
+    elsewhere: Sequence[Profile], subscribed: Sequence[Profile], depths: Iterable[int], options: BridgeOptions
+) -> Down:
     """Publish as those do who publish on the segment; if they say nothing, so that all subscriptions match."""
     profiles = elsewhere or subscribed
     latched = any(each.durability == LATCHED for each in profiles)
     reliable = not elsewhere or any(each.reliability == RELIABLE for each in elsewhere)
     kept = options.latched
     if latched and elsewhere:
-        kept = min(_MOST_LATCHED, sum(each.depth for each in elsewhere if each.durability == LATCHED))
+        kept = min(_MOST_LATCHED, sum(depths))
     writer = Profile(
         RELIABLE if reliable else BEST_EFFORT,
         LATCHED if latched else VOLATILE,
@@ -167,7 +201,7 @@ def _down(elsewhere: Sequence[Profile], subscribed: Sequence[Profile], options: 
         BY_TOPIC if any(each.liveliness == BY_TOPIC for each in profiles) else AUTOMATIC,
         _shortest(each.lease for each in profiles),
     )
-    return Down(writer, kept if latched else None)
+    return Down(writer, kept if latched else None, bool(elsewhere))
 
 
 def _announcements(

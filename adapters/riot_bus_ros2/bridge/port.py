@@ -75,5 +75,5 @@ class Port(Protocol):
     def serve(self, key: str, take: Callable[[Question], None]) -> Closeable:
         """Answer the questions of others."""
 
-    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> None:
-        """Ask the servers of a key."""
+    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Closeable:
+        """Ask the servers of a key; return what gives up."""

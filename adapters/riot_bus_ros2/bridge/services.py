@@ -37,7 +37,10 @@ class OfferedService:
         self._inlet: Closeable | None = None
         self._open: dict[int, Question] = {}
         self._lock = threading.Lock()
-        node.tell(do="call", id=number, topic=key.topic, type=key.type_name)
+
+    def open(self) -> None:
+        """Have a client in the domain."""
+        self._node.tell(do="call", id=self.number, topic=self.key.topic, type=self.key.type_name)
 
     @property
     def works(self) -> bool:
@@ -93,19 +96,42 @@ class WantedService:
         self.gid = bytes(16)
         self.count = 0
         self._node, self._port = node, port
-        node.tell(do="serve", id=number, topic=key.topic, type=key.type_name)
+        self._asked: dict[int, Closeable | None] = {}
+        self._lock = threading.Lock()
+
+    def open(self) -> None:
+        """Have a server in the domain."""
+        self._node.tell(do="serve", id=self.number, topic=self.key.topic, type=self.key.type_name)
 
     def take(self, frame: Frame) -> None:
-        """Ask the segment."""
+        """Ask the segment, or give up what nobody waits for any more."""
+        if frame.kind == Kind.FAILURE:
+            self._forget(frame.number)
+            return
         self.count += 1
         attachment = build_attachment(Attachment(self.count, time.time_ns(), self.gid))
-        self._port.ask(build_data_key(self.key), frame.payload, attachment, partial(self._answer, frame.number))
+        with self._lock:
+            self._asked[frame.number] = None
+        asked = self._port.ask(build_data_key(self.key), frame.payload, attachment, partial(self._answer, frame.number))
+        with self._lock:
+            if frame.number in self._asked:  # else it is answered already
+                self._asked[frame.number] = asked
 
     def close(self) -> None:
-        """End it."""
+        """End it; what is not answered yet will not be."""
         self._node.tell(do="drop", id=self.number)
+        for number in list(self._asked):
+            self._forget(number)
+
+    def _forget(self, number: int) -> None:
+        with self._lock:
+            asked = self._asked.pop(number, None)
+        if asked is not None:
+            asked.close()
 
     def _answer(self, number: int, payload: bytes | None) -> None:
+        with self._lock:
+            self._asked.pop(number, None)
         kind = Kind.FAILURE if payload is None else Kind.RESPONSE
         self._node.send(kind, self.number, number, payload or b"")
 

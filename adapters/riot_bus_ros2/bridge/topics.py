@@ -75,13 +75,14 @@ class UpRoute:
             published: When, nanoseconds since the Unix epoch; 0 if unknown.
             payload: The message.
         """
-        self.count += 1
-        attachment = build_attachment(Attachment(self.count, published or time.time_ns(), self.gid))
+        attachment = build_attachment(Attachment(self.count + 1, published or time.time_ns(), self.gid))
         try:
             self._outlet.put(payload, attachment)
         except Exception:
             if not self._closed:
                 raise
+        else:
+            self.count += 1
 
     def close(self) -> None:
         """End it."""
@@ -120,7 +121,12 @@ class DownRoute:
         self.count = 0
         self._node, self._port, self._is_own, self._refused = node, port, is_own, refused
         self._inlet: Closeable | None = None
-        node.tell(do="publish", id=number, topic=key.topic, type=key.type_name, qos=plan.writer)
+
+    def open(self) -> None:
+        """Have a publisher in the domain."""
+        self._node.tell(
+            do="publish", id=self.number, topic=self.key.topic, type=self.key.type_name, qos=self.plan.writer
+        )
 
     def update(self, matched: int | None) -> None:
         """Subscribe if there is reason to.
@@ -131,14 +137,18 @@ class DownRoute:
         wanted = matched is not None and (matched > 0 or self.plan.latched is not None)
         if wanted and self._inlet is None:
             self._inlet = self._port.subscribe(build_data_key(self.key), self._take, latched=self.plan.latched)
-        elif self._inlet is not None and not wanted:
+        elif not wanted:
+            self.mute()
+
+    def mute(self) -> None:
+        """Take no more from the segment."""
+        if self._inlet is not None:
             self._inlet.close()
             self._inlet = None
 
     def close(self) -> None:
         """End it."""
-        if self._inlet is not None:
-            self._inlet.close()
+        self.mute()
         self._node.tell(do="drop", id=self.number)
 
     def _take(self, payload: bytes, attachment: bytes | None) -> None:

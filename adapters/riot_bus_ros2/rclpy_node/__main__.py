@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+FLUSH_S = 10.0
 
 
 def _load() -> None:
@@ -38,6 +39,7 @@ def main() -> int:
         version = ".".join(map(str, sys.version_info[:2]))
         problem = f"{type(error).__name__}: {error}"
         wire.tell({"event": "unfit", "problem": problem, "python": f"{sys.executable} (Python {version})"})
+        wire.flush(FLUSH_S)
         wire.close()
         return 1
     relay.run()

@@ -34,19 +34,24 @@ class Server:
         self._next = 0
         self._lock = threading.Lock()
 
-    def take(self, wire: Wire) -> None:
-        """Send on the requests that have come."""
+    def take(self, wire: Wire) -> bool:
+        """Send on the requests that have come; return whether there may be more."""
         for _ in range(_AT_ONCE):
             request, header = self.handle.service_take_request(self._kind.Request) or (None, None)
             if header is None:
-                return
+                return False
+            forgotten = None
             with self._lock:
                 self._next += 1
                 number = self._next
                 self._open[number] = header
                 if len(self._open) > _MOST_OPEN:
-                    del self._open[next(iter(self._open))]
+                    forgotten = next(iter(self._open))
+                    del self._open[forgotten]
+            if forgotten is not None:
+                wire.send(Kind.FAILURE, self._number, forgotten, b"too many requests are open")
             wire.send(Kind.REQUEST, self._number, number, bytes(serialize_message(request)))
+        return True
 
     def answer(self, number: int, payload: bytes | None) -> None:
         """Send a response to whoever has asked, or forget the request."""
@@ -84,21 +89,22 @@ class Client:
                 self._open[self.handle.send_request(request)] = number
                 lost = self._open.pop(next(iter(self._open))) if len(self._open) > _MOST_OPEN else None
         except Exception as error:
-            wire.send(Kind.FAILURE, self._number, number, str(error).encode())
+            wire.send(Kind.FAILURE, self._number, number, str(error).encode(), patient=False)
             return
         if lost is not None:
-            wire.send(Kind.FAILURE, self._number, lost, b"too many requests are open")
+            wire.send(Kind.FAILURE, self._number, lost, b"too many requests are open", patient=False)
 
-    def take(self, wire: Wire) -> None:
-        """Send on the responses that have come."""
+    def take(self, wire: Wire) -> bool:
+        """Send on the responses that have come; return whether there may be more."""
         for _ in range(_AT_ONCE):
             with self._lock:
                 header, response = self.handle.take_response(self._kind.Response) or (None, None)
                 if header is None:
-                    return
+                    return False
                 number = self._open.pop(header.request_id.sequence_number, None)
             if number is not None:
                 wire.send(Kind.RESPONSE, self._number, number, bytes(serialize_message(response)))
+        return True
 
     def close(self) -> None:
         """Destroy it."""

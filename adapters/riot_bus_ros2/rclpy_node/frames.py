@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
 import struct
-import threading
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from .outbox import Outbox
+
 if TYPE_CHECKING:
-    import socket
+    from collections.abc import Iterable
 
 __all__ = ["Frame", "Kind", "Wire"]
 
@@ -22,7 +24,8 @@ _BUFFER = 1 << 20
 class Kind(IntEnum):
     """What a frame is.
 
-    An order is for the node, an event comes from it. A failure is a response that will not come.
+    A document is an order for the node, or an event that it tells of. A failure is a response that will not come, or,
+    from whoever has sent a request, one that is not awaited any more.
     """
 
     DOCUMENT = 0
@@ -64,21 +67,42 @@ class Wire:
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
         self._input = connection.makefile("rb", buffering=_BUFFER)
-        self._lock = threading.Lock()
+        self._outbox = Outbox(connection)
 
-    def send(self, kind: Kind, endpoint: int, number: int, payload: bytes) -> None:
-        """Send a frame; raises OSError if the other end is gone."""
+    def send(self, kind: Kind, endpoint: int, number: int, payload: bytes, *, patient: bool = True) -> None:
+        """Send a frame; raises OSError if the other end is gone.
+
+        Args:
+            kind: What it is.
+            endpoint: See `Frame`.
+            number: See `Frame`.
+            payload: See `Frame`.
+            patient: Wait while more is on its way than the other end takes. Who receives must not, lest both ends wait.
+        """
         header = _HEADER.pack(len(payload), kind, endpoint, number)
-        with self._lock:
-            if len(payload) < _JOINED:
-                self._socket.sendall(header + payload)
-            else:
-                self._socket.sendall(header)
-                self._socket.sendall(payload)
+        if len(payload) < _JOINED:
+            self._outbox.put(header + payload, patient=patient)
+        else:
+            self._outbox.put(header, payload, patient=patient)
+
+    def send_messages(self, endpoint: int, messages: Iterable[tuple[int, bytes]]) -> None:
+        """Send frames of messages, given as number and payload; raises OSError if the other end is gone."""
+        pieces: list[bytes] = []
+        for number, payload in messages:
+            pieces += (_HEADER.pack(len(payload), Kind.MESSAGE, endpoint, number), payload)
+        self._outbox.put(b"".join(pieces))
 
     def tell(self, document: dict[str, Any]) -> None:
         """Send an order or an event."""
-        self.send(Kind.DOCUMENT, 0, 0, json.dumps(document).encode())
+        self.send(Kind.DOCUMENT, 0, 0, json.dumps(document).encode(), patient=False)
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until the socket has all that was sent; return whether it has.
+
+        Args:
+            timeout: Seconds.
+        """
+        return self._outbox.flush(timeout)
 
     def receive(self) -> Frame | None:
         """Wait for the next frame; None if the other end is gone."""
@@ -94,13 +118,13 @@ class Wire:
 
     def hang_up(self) -> None:
         """Let both ends' `receive` return None; safe to call twice, and from other threads."""
-        import socket
-
+        self._outbox.end()
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Give the socket back."""
         self.hang_up()
+        self._outbox.close()
         self._input.close()
         self._socket.close()

@@ -11,8 +11,8 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import rclpy
 from rclpy.context import Context
@@ -31,7 +31,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Relay"]
 
+EndT = TypeVar("EndT")
+FoundT = TypeVar("FoundT")
+
 _WAIT_NS = 1_000_000_000
+_LINGER_S = 2.0  # what the last messages may take at the end
 _LOOK_S, _LOOK_OFTEN_S = 0.1, 0.02
 _BUSY_S = 1.0
 _SHARE = 20  # of the time, a twentieth goes into looking at the graph
@@ -68,6 +72,7 @@ class Relay:
         self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._changed = threading.Event()
         self._stopping = threading.Event()
+        self._draining = False
 
     def run(self) -> None:
         """Relay until the bridge hangs up."""
@@ -79,14 +84,20 @@ class Relay:
             thread.start()
         try:
             self._spin()
+            if self._draining:
+                self._drain()
         except OSError:
             pass  # the bridge is gone
         finally:
             self._stopping.set()
             self._changed.set()
+            self._wire.flush(_LINGER_S)
             self._wire.hang_up()
             for thread in threads:
                 thread.join()
+            deadline = time.monotonic() + _LINGER_S
+            for publisher in self._publishers.values():
+                publisher.settle(max(0.0, deadline - time.monotonic()))
             self._node.destroy_node()
             rclpy.shutdown(context=self._context)
 
@@ -127,10 +138,18 @@ class Relay:
                 except Exception as error:
                     self._tell({"event": "problem", "topic": each.topic, "problem": str(error)})
 
+    def _drain(self) -> None:
+        """Send on what has come before the end."""
+        deadline = time.monotonic() + _LINGER_S
+        ends: list[Any] = [*self._subscriptions.values(), *self._clients.values(), *self._servers.values()]
+        for each in ends:
+            while each.take(self._wire) and time.monotonic() < deadline:
+                pass
+
     # -- from the bridge ----------------------------------------------------------------------------------------------
 
     def _obey(self) -> None:
-        while (frame := self._wire.receive()) is not None:
+        while not self._draining and (frame := self._wire.receive()) is not None:
             try:
                 if frame.kind == Kind.DOCUMENT:
                     self._order(frame.document())
@@ -152,7 +171,7 @@ class Relay:
         elif frame.kind == Kind.REQUEST:
             client = self._clients.get(frame.endpoint)
             if client is None:
-                self._wire.send(Kind.FAILURE, frame.endpoint, frame.number, b"the server is gone")
+                self._wire.send(Kind.FAILURE, frame.endpoint, frame.number, b"the server is gone", patient=False)
             else:
                 client.ask(frame.number, frame.payload, self._wire)
         else:
@@ -161,6 +180,9 @@ class Relay:
                 server.answer(frame.number, frame.payload if frame.kind == Kind.RESPONSE else None)
 
     def _order(self, order: dict[str, Any]) -> None:
+        if order["do"] == "end":
+            self._draining = True
+            return
         number = order["id"]
         if order["do"] == "drop":
             self._drop(number)
@@ -199,8 +221,9 @@ class Relay:
             began = time.monotonic()
             try:
                 found = graph.look()
-                found["matched"] = {str(number): each.matched() for number, each in self._publishers.copy().items()}
-                found["ready"] = [number for number, each in self._clients.copy().items() if each.ready()]
+                matched = _each(self._publishers, lambda each: each.matched())
+                found["matched"] = {str(number): count for number, count in matched}
+                found["ready"] = [number for number, ready in _each(self._clients, lambda each: each.ready()) if ready]
                 writers: dict[str, list[str]] = {}
                 for _, topic, *_, gid in found["publishers"]:
                     writers.setdefault(topic, []).append(gid)
@@ -235,3 +258,10 @@ class Relay:
             if found is not None:
                 return str(found.topic)
         return "the bridge's orders"
+
+
+def _each(ends: dict[int, EndT], ask: Callable[[EndT], FoundT]) -> Iterator[tuple[int, FoundT]]:
+    """Yield what each publisher or client says, by number, but for those that are destroyed meanwhile."""
+    for number, each in ends.copy().items():
+        with contextlib.suppress(rclpy_implementation.InvalidHandle):
+            yield number, ask(each)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
+from rclpy.duration import Duration
+
 from .echoes import Echoes
-from .frames import Kind
 from .kinds import message_type
 from .profiles import profile_of
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Publisher", "Subscription", "Topics"]
 
-_AT_ONCE = 64  # messages of one subscription before others have their turn
+_AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 18  # messages of one subscription before others have their turn
 _LEAST_REMEMBERED = 1 << 12
 _RELIABLE, _LATCHED = 1, 1
 
@@ -97,6 +98,10 @@ class Publisher:
         own = sum(_matches(self._qos, each) for each in self._both.subscriptions)
         return max(0, int(self._publisher.get_subscription_count()) - own)
 
+    def settle(self, seconds: float) -> None:
+        """Wait until reliable subscriptions have all that was published, but not for ever."""
+        self._publisher.wait_for_all_acked(Duration(nanoseconds=int(seconds * 1e9)))
+
     def close(self) -> None:
         """Destroy it."""
         self._node.destroy_publisher(self._publisher)
@@ -126,18 +131,28 @@ class Subscription:
             raise
         self.handle: Any = self._subscription.handle
 
-    def take(self, wire: Wire) -> None:
-        """Send on what has come from others."""
-        take, kind, number, is_echo = self.handle.take_message, self._kind, self._number, self._both.echoes.is_echo
-        for _ in range(_AT_ONCE):
-            taken = take(kind, True)  # noqa: FBT003 - rclpy takes no names here
-            if taken is None:
-                return
-            payload, info = taken
-            published = info["source_timestamp"]
-            if not is_echo(payload, published):
-                self._count(info.get("publication_sequence_number"))
-                wire.send(Kind.MESSAGE, number, published, payload)
+    def take(self, wire: Wire) -> bool:
+        """Send on what has come from others; return whether there may be more."""
+        take, kind, is_echo = self.handle.take_message, self._kind, self._both.echoes.is_echo
+        found: list[tuple[int, bytes]] = []
+        size = 0
+        try:
+            for _ in range(_AT_ONCE):
+                taken = take(kind, True)  # noqa: FBT003 - rclpy takes no names here
+                if taken is None:
+                    return False
+                payload, info = taken
+                published = info["source_timestamp"]
+                if not is_echo(payload, published):
+                    self._count(info.get("publication_sequence_number"))
+                    found.append((published, payload))
+                    size += len(payload)
+                    if size >= _BYTES_AT_ONCE:
+                        break
+        finally:
+            if found:
+                wire.send_messages(self._number, found)
+        return True
 
     def see(self, publishers: Iterable[str]) -> None:
         """Take notice of the gids of those who publish."""

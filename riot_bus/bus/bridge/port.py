@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.config import client_config
@@ -14,8 +15,9 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
+__all__ = ["Asked", "Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
 
+_ANSWER_S = 2.0
 _HEARTBEAT_S = 0.5
 _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 
@@ -42,7 +44,8 @@ class Outlet:
         }
         self._publisher: Any = session.declare_publisher(key, **settings)
         self._put: Any = self._publisher.put
-        self._listener: Any = self._publisher.declare_matching_listener(lambda status: changed())
+        handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
+        self._listener: Any = self._publisher.declare_matching_listener(handler)
         self._latch: Any = None
         if latched is not None:
             beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
@@ -109,6 +112,27 @@ class Question:
     def _end(self) -> None:
         query: Any = self._query
         query.drop()
+
+
+class Asked:
+    """A question that was asked; see `SegmentPort.ask`."""
+
+    def __init__(self, done: Callable[[bytes | None], None]) -> None:
+        import zenoh
+
+        self.token: Any = zenoh.CancellationToken()
+        self._done: Callable[[bytes | None], None] | None = done
+
+    def end(self, answer: bytes | None) -> None:
+        """Hand on the first answer."""
+        done, self._done = self._done, None  # Zenoh calls one at a time
+        if done is not None:
+            done(answer)
+
+    def close(self) -> None:
+        """Give up; safe to call twice."""
+        self._done = None
+        self.token.cancel()
 
 
 class SegmentPort:
@@ -185,14 +209,27 @@ class SegmentPort:
 
         Args:
             expression: Which.
-            take: Called with a token and whether it is there, on a thread of Zenoh's.
+            take: Called with a token and whether it is there, on a thread of Zenoh's; with those that are there already
+                before this returns, and perhaps once more.
         """
+        import zenoh
 
         def receive(sample: zenoh.Sample) -> None:
             kind: Any = sample.kind
             take(str(sample.key_expr), int(kind) == 0)
 
-        return Inlet(self._session.liveliness().declare_subscriber(expression, receive, history=True))
+        def answered(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                receive(reply.ok)
+
+        # Both are called on the thread that reads the link: what goes after an answer is heard after it.
+        told, liveliness = threading.Event(), self._session.liveliness()
+        heard: Any = zenoh.handlers.Callback(receive, indirect=False)
+        listener = Inlet(liveliness.declare_subscriber(expression, heard, history=True))
+        answer: Any = zenoh.handlers.Callback(answered, drop=told.set, indirect=False)
+        liveliness.get(expression, answer, timeout=_ANSWER_S)
+        told.wait(2 * _ANSWER_S)
+        return listener
 
     def serve(self, key: str, take: Callable[[Question], None]) -> Inlet:
         """Answer the questions of others.
@@ -206,24 +243,28 @@ class SegmentPort:
         handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
         return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
 
-    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> None:
+    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
         """Ask the servers of a key.
 
         Args:
             key: Whom.
             payload: What.
             attachment: Sent with it.
-            done: Called once with the first answer, or with None if there is none.
+            done: Called once, on a thread of Zenoh's: with the first answer as soon as it is there, or with None when
+                it is sure that there is none. Not called after `close`, unless it is under way then.
+
+        Returns:
+            What `close` gives up.
         """
         import zenoh
 
-        first: list[bytes] = []
+        asked = Asked(done)
 
         def take(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and not first:
-                first.append(reply.ok.payload.to_bytes())
+            if reply.ok is not None:
+                asked.end(reply.ok.payload.to_bytes())
 
-        handler: Any = zenoh.handlers.Callback(take, drop=lambda: done(first[0] if first else None), indirect=False)
+        handler: Any = zenoh.handlers.Callback(take, drop=lambda: asked.end(None), indirect=False)
         self._session.get(
             key,
             handler,
@@ -233,7 +274,9 @@ class SegmentPort:
             attachment=attachment,
             timeout=_PATIENCE_S,
             allowed_destination=zenoh.Locality.REMOTE,
+            cancellation_token=asked.token,
         )
+        return asked
 
     def __enter__(self) -> Self:
         return self

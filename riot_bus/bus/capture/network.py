@@ -46,6 +46,11 @@ class Network:
         """Nothing."""
         return ()
 
+    @property
+    def services(self) -> Collection[str]:
+        """None."""
+        return ()
+
     def flows(self) -> Mapping[tuple[str, str], int]:
         """Messages so far by key and segment."""
         return {(key, ""): count for each in self._intakes() for key, count in each.flows.copy().items()}

@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.graph.model import Component, Edge, Graph, Topic, Unknown
+from riot_bus.bus.graph.model import CALL_ROLES, Component, Edge, Graph, Topic, Unknown
 from riot_bus.selector import key_matches
 from riot_bus.types.announcement import Announcement
 
@@ -158,12 +158,17 @@ class _Builder:
         told: dict[str, Announcement] = {}
         for token in sorted(self.seen.tokens, key=lambda each: (each.type_name, each.topic, each.key)):
             told[token.key] = token
+        asked = {edge.topic for edge in self.edges.values() if edge.role in CALL_ROLES}
+        spoken = {edge.topic for edge in self.edges.values() if edge.role not in CALL_ROLES}
         result = []
-        for key in {edge.topic for edge in self.edges.values()}:
+        for key in asked | spoken:
             token = told.get(key, _UNTOLD)
             name = self.seen.name(key)
             name = token.topic if token.topic and name == key else name
-            intercepted = "*" not in key and self.seen.intercepted(key)
+            intercepted = (key in spoken and self.seen.intercepted(key)) or (
+                key in asked and self.seen.calls_intercepted(key)
+            )
+            intercepted = intercepted and "*" not in key
             result.append(Topic(key, name, token.type_name, intercepted, token.action, token.action_type))
         return result
 

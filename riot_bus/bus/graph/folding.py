@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.graph.model import Edge, Graph, Topic
+from riot_bus.bus.graph.model import CALL_ROLES, Edge, Graph, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["folded", "names"]
 
 _BELOW = "/_action/"
-_OF_ACTIONS: tuple[Role, ...] = ("serves", "calls")
 
 
 def folded(graph: Graph) -> Graph:
@@ -51,7 +50,7 @@ def folded(graph: Graph) -> Graph:
 def _of_one(key: str, parts: list[Edge]) -> Iterator[Edge]:
     """Yield what one component has to do with an action."""
     present = {each.role for each in parts}
-    roles = [role for role in _OF_ACTIONS if role in present]
+    roles = [role for role in CALL_ROLES if role in present]
     if roles and parts[0].zid:
         yield _joined(key, roles[0], parts)
         yield from (_joined(key, role, [e for e in parts if e.role == role]) for role in roles[1:])

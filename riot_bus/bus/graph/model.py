@@ -10,7 +10,10 @@ if TYPE_CHECKING:
 
     from riot_bus.types.announcement import Role
 
-__all__ = ["Change", "Component", "Edge", "Graph", "Topic", "Unknown"]
+__all__ = ["CALL_ROLES", "Change", "Component", "Edge", "Graph", "Topic", "Unknown"]
+
+CALL_ROLES: tuple[Role, ...] = ("serves", "calls")
+"""What components do with services and actions; all other roles are those of topics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ class Topic:
         key: Key or key expression.
         name: What people call it.
         type_name: Message type, as far as an announcement tells.
-        intercepted: Whether its messages go through the pipeline.
+        intercepted: Whether its messages, or its requests and replies, go through the pipeline.
         action: Name of the action that it belongs to.
         action_type: Type of that action, as far as its announcement tells.
     """

@@ -39,7 +39,8 @@ class Observations:
         senders: Ids that stamped these messages, by the same.
         matching: Segments and keys with somebody who would receive.
         declared: A snapshot of declarations, if somebody asked for one.
-        intercepted: Whether a key goes through the pipeline, so that matching is told by segment.
+        intercepted: Whether what is published on a key goes through the pipeline, so that matching is told by segment.
+        calls_intercepted: Whether requests and replies of a service do.
         name: What people call a key.
         skipped: Number of keys whose matching is not watched, because there are too many.
         left_out: Whether there are more keys with traffic, which had less of it.
@@ -57,6 +58,7 @@ class Observations:
     matching: Collection[tuple[str, str]] = ()
     declared: Collection[Declared] = ()
     intercepted: Callable[[str], bool] = _nothing
+    calls_intercepted: Callable[[str], bool] = _nothing
     name: Callable[[str], str] = _itself
     skipped: int = 0
     left_out: bool = False

@@ -52,6 +52,10 @@ class WatchedBus(Protocol):
     def intercepted(self) -> Collection[str]:
         """The key expressions that are intercepted."""
 
+    @property
+    def services(self) -> Collection[str]:
+        """The key expressions of services whose requests and replies are intercepted."""
+
     def flows(self) -> Mapping[tuple[str, str], int]:
         """Messages so far by key and source segment."""
 
@@ -128,7 +132,6 @@ class Observer:
         keys |= {token.key for token in tokens if token.role == "publishes"}
         keys |= {each.key for each in self.declared if each.kind == "publisher"}
         skipped = self._watch(keys, _MOST_WATCHED) + self._watch({key for key, _ in self._flows} - keys, _MOST_SELDOM)
-        expressions = list(self._bus.intercepted)
         return Observations(
             segments=tuple(self._sources),
             sessions=modes,
@@ -141,7 +144,8 @@ class Observer:
             senders=self._senders(),
             matching={(segment, key) for segment, each in self._sources.items() for key in each.matching()},
             declared=self.declared,
-            intercepted=lambda key: any(key_matches(expression, key) for expression in expressions),
+            intercepted=_any_of(self._bus.intercepted),
+            calls_intercepted=_any_of(self._bus.services),
             name=self._name,
             skipped=skipped,
             left_out=self._left_out,
@@ -192,10 +196,15 @@ class Observer:
         self._questions = {zid: self._questions.get(zid, 0) for zid in zids}
         new = [zid for zid in zids if zid not in self._names and self._questions[zid] < _MOST_QUESTIONS]
         if new:
+            self._names = {zid: name for zid, name in self._names.items() if zid in zids}  # who has gone is forgotten
             # Every segment is asked: the junction may be away just now.
             for source in self._sources.values():
-                for zid, view in admin_views(source.session).items():
-                    self._names[zid] = view.name
+                self._names.update({zid: view.name for zid, view in admin_views(source.session).items()})
             for zid in new:
                 self._questions[zid] += 1
         return {zid: name for zid, name in self._names.items() if name}
+
+
+def _any_of(expressions: Collection[str]) -> Callable[[str], bool]:
+    present = list(expressions)
+    return lambda key: any(key_matches(expression, key) for expression in present)

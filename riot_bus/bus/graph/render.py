@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.graph.folding import folded, names
+from riot_bus.bus.graph.model import CALL_ROLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -19,7 +20,6 @@ VERSION = 1
 """Version of the JSON format."""
 
 _OUTWARDS = ("publishes", "calls")
-_QUESTIONS = ("serves", "calls")
 
 
 def render(graph: Graph, form: str, *, indent: int | None = None) -> str:
@@ -70,12 +70,13 @@ def text(graph: Graph) -> str:
         topic = topics.get(edge.topic)
         name = called.get(edge.topic, edge.topic)
         count = f"{edge.messages} ({edge.rate:.1f}/s)" if edge.messages else ""
+        cut = "yes" if topic is not None and topic.intercepted else ""
         who = (_plain(_who(graph, edge)), edge.role, _plain(name), _plain(topic.type_name if topic else ""))
-        edges.append((_plain(edge.segment) or "-", *who, count, ", ".join(edge.evidence)))
+        edges.append((_plain(edge.segment) or "-", *who, cut, count, ", ".join(edge.evidence)))
     unknown = [(_plain(about.get(each.about, each.about)) or "-", _plain(each.text)) for each in graph.unknown]
     blocks = [
         _columns(("SEGMENT", "COMPONENT", "MODE", "ID", "PID", "ADDRESS"), components),
-        _columns(("SEGMENT", "COMPONENT", "ROLE", "TOPIC", "TYPE", "MESSAGES", "EVIDENCE"), edges),
+        _columns(("SEGMENT", "COMPONENT", "ROLE", "TOPIC", "TYPE", "INTERCEPTED", "MESSAGES", "EVIDENCE"), edges),
         _columns(("NOT KNOWN", ""), unknown),
     ]
     return "\n\n".join(filter(None, blocks)) + "\n"
@@ -84,7 +85,7 @@ def text(graph: Graph) -> str:
 def mermaid(graph: Graph) -> str:
     """Return the graph as a Mermaid flowchart: components are boxes in their segments, topics are round.
 
-    Services and actions are hexagons.
+    Services and actions are hexagons; what is intercepted has a thick border.
     """
     drawing = _Drawing(graph)
     lines = ["flowchart LR"]
@@ -94,8 +95,10 @@ def mermaid(graph: Graph) -> str:
         lines += [f'    {node}["{_html(label)}"]' for node, label in nodes]
         if segment:
             lines.append("  end")
-    for node, label, asked in drawing.topics():
+    for node, label, asked, cut in drawing.topics():
         lines.append(f'  {node}{{{{"{_html(label)}"}}}}' if asked else f'  {node}(["{_html(label)}"])')
+        if cut:
+            lines.append(f"  style {node} stroke-width:4px")
     lines += [f"  {source} --> {target}" for source, target in drawing.arrows()]
     return "\n".join(lines) + "\n"
 
@@ -103,7 +106,7 @@ def mermaid(graph: Graph) -> str:
 def dot(graph: Graph) -> str:
     """Return the graph in Graphviz's language: components are boxes in their segments, topics are ellipses.
 
-    Services and actions are hexagons.
+    Services and actions are hexagons; what is intercepted has a thick border.
     """
     drawing = _Drawing(graph)
     lines = ["digraph riot {", "  rankdir=LR;"]
@@ -113,8 +116,9 @@ def dot(graph: Graph) -> str:
         lines += [f"    {node} [shape=box, label={_quoted(label)}];" for node, label in nodes]
         if segment:
             lines.append("  }")
-    for node, label, asked in drawing.topics():
-        lines.append(f"  {node} [shape={'hexagon' if asked else 'ellipse'}, label={_quoted(label)}];")
+    for node, label, asked, cut in drawing.topics():
+        border = ", penwidth=3" if cut else ""
+        lines.append(f"  {node} [shape={'hexagon' if asked else 'ellipse'}, label={_quoted(label)}{border}];")
     lines += [f"  {source} -> {target};" for source, target in drawing.arrows()]
     return "\n".join([*lines, "}"]) + "\n"
 
@@ -141,10 +145,11 @@ class _Drawing:
         names = sorted({segment for segment, _ in self._node})
         return [(n, [(self._node[w], self._labels[w]) for w in self._node if w[0] == n]) for n in names]
 
-    def topics(self) -> list[tuple[str, str, bool]]:
+    def topics(self) -> list[tuple[str, str, bool, bool]]:
+        """Return id, label, whether it is a service or action, and whether it is intercepted."""
         called = names(self.graph.topics)
-        asked = {edge.topic for edge in self.graph.edges if edge.role in _QUESTIONS}
-        return [(self._topic[topic.key], called[topic.key], topic.key in asked) for topic in self.graph.topics]
+        asked = {edge.topic for edge in self.graph.edges if edge.role in CALL_ROLES}
+        return [(self._topic[t.key], called[t.key], t.key in asked, t.intercepted) for t in self.graph.topics]
 
     def arrows(self) -> list[tuple[str, str]]:
         arrows: dict[tuple[str, str], None] = {}

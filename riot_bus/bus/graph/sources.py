@@ -176,8 +176,11 @@ class SegmentSource:
 
     def _link(self, event: zenoh.LinkEvent) -> None:
         with self._lock:
-            ends = self._addresses[str(event.link.zid)]
-            (ends.add if _appeared(event) else ends.discard)(event.link.dst)
+            zid = str(event.link.zid)
+            if _appeared(event):
+                self._addresses[zid].add(event.link.dst)
+            elif zid in self._addresses:  # else its session has gone before
+                self._addresses[zid].discard(event.link.dst)
         self._changed()
 
     def _token(self, sample: zenoh.Sample) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ class Call:
         number: Given to the request and all its replies as `Message.sequence`.
         targets: Segments whose services are asked, and whether only complete ones are.
         wide: Whether the query means more than the expression that it was taken for; then others answer the rest.
-        pending: Questions that are not answered to the end, and messages that are on their way.
+        questions: Those that are not answered to the end.
+        pending: How many they are, with messages that are on their way.
         silent: Whether something was dropped; then the caller hears nothing, as if it were lost.
         over: Whether it has ended.
         size: Bytes of its payload.
@@ -42,6 +43,7 @@ class Call:
     silent: bool = False
     over: bool = False
     size: int = 0
+    questions: set[object] = field(default_factory=set)
 
     def payload(self, message: Message) -> bytes | None:
         """Return the payload to ask with; a query without one stays without."""

@@ -15,7 +15,7 @@ from riot_bus.bus.runtime import includes
 from riot_bus.bus.services.call import Call, encoding_text, payload_of
 from riot_bus.bus.tally import Tally
 from riot_bus.message import Message, Qos
-from riot_bus.pipeline.runner import Result
+from riot_bus.pipeline.runner import AbandonedError, Result
 from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class CallLane:
     def _replied(self, call: Call, target: str, reply: zenoh.Reply) -> None:
         result: Any = reply.result
         size = len(result.payload)
-        if not call.over and not self._enqueue(size, partial(self._reply, call, target, reply, size)):
+        if not call.over and not self._enqueue(size, partial(self._reply, call, target, reply)):
             self.shed.add(f"{call.query.key_expr}/{REPLY}")
 
     def _enqueue(self, size: int, job: Callable[[], None]) -> bool:
@@ -120,10 +120,20 @@ class CallLane:
                 return False
             self._queued += 1
             self._queued_bytes += size
-        self._worker.do(job)
+        self._worker.do(partial(self._run, size, job))
         return True
 
     # -- on the lane's thread -----------------------------------------------------------------------------------------
+
+    def _run(self, size: int, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except AbandonedError:
+            raise  # another thread does it again
+        except Exception:
+            self._dequeue(size)
+            raise
+        self._dequeue(size)
 
     def _begin(self, query: Any, key: str, size: int) -> None:
         import zenoh
@@ -133,7 +143,6 @@ class CallLane:
             key = self.expression
         targets = self._asked(self.segment, key)
         if not targets:  # nobody is there, or only in the caller's own segment
-            self._dequeue(size)
             query.drop()
             return
         request = Request(
@@ -149,20 +158,17 @@ class CallLane:
             parameters=str(query.parameters),
         )
         result = self._crossing.result(request, self._worker, tuple(targets))
-        self._dequeue(size)
         call = Call(query, zenoh.CancellationToken(), request.sequence, targets, wide, pending=1, size=size)
         self._remember(call)
         self._settle(call, result, None)
         self._ended(call)
 
-    def _reply(self, call: Call, target: str, reply: zenoh.Reply, size: int) -> None:
+    def _reply(self, call: Call, target: str, reply: zenoh.Reply) -> None:
         sample = reply.ok
         if call.over or (call.wide and sample is not None and self._owner(str(sample.key_expr)) != self.expression):
-            self._dequeue(size)  # it comes natively, or by another lane
-            return
+            return  # it comes natively, or by another lane
         message = self._message(call, target, reply)
         result = self._crossing.result(message, self._worker, (self.segment,))
-        self._dequeue(size)
         self._settle(call, result, None if sample is None else sample.timestamp)
 
     def _message(self, call: Call, target: str, reply: zenoh.Reply) -> Message:
@@ -238,7 +244,9 @@ class CallLane:
         query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
         call.pending += 1
         asked: Any = zenoh.Selector(key, message.parameters if isinstance(message, Request) else "")
-        ended = partial(self._worker.do, partial(self._ended, call))
+        question = object()
+        call.questions.add(question)
+        ended = partial(self._worker.do, partial(self._answered, call, question))
         try:
             self._sessions[target].get(
                 asked,
@@ -254,9 +262,15 @@ class CallLane:
                 source_info=query.source_info,
                 cancellation_token=call.token,
             )
-        except zenoh.ZError:
+        except zenoh.ZError:  # whether it is said to have ended as well depends on the error
+            call.questions.discard(question)
             call.pending -= 1
             raise
+
+    def _answered(self, call: Call, question: object) -> None:
+        if question in call.questions:
+            call.questions.discard(question)
+            self._ended(call)
 
     def _ended(self, call: Call) -> None:
         """Take note that one thing less is pending in a call; end it with the last."""

@@ -5,6 +5,7 @@ import sys
 import time
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import Float64, String
 
@@ -38,4 +39,4 @@ start = time.monotonic()
 for tick in range(int(SECONDS * RATE)):
     time.sleep(max(0.0, start + tick / RATE - time.monotonic()))
     gauge.measure(0.0)
-time.sleep(0.2)  # for what is still on its way
+gauge.voltages.wait_for_all_acked(Duration(seconds=PATIENCE))

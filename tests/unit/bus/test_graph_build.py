@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -12,7 +12,7 @@ from riot_bus.bus.graph.observe import Observer
 from riot_bus.bus.graph.processes import Process, endpoint_of
 from riot_bus.bus.graph.sources import AdminView
 from riot_bus.bus.graph.tokens import ADVANCED, expressions, parse_token
-from riot_bus.types.announcement import Announcement
+from riot_bus.types.announcement import Announcement, Role
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 A, B, C = "aa", "bb", "cc"
@@ -68,6 +68,21 @@ def test_announced_edges_and_components() -> None:
     assert graph.topics == (Topic("k", "/k", "pkg/msg/T", intercepted=True),)
     assert Unknown(C, "", "announces itself, but is connected to no segment: what is between?") in graph.unknown
     assert Unknown(B, "in", "announces nothing: what it publishes and subscribes to shows only by traffic and matching")
+
+
+def test_a_service_is_intercepted_if_its_calls_are() -> None:
+    def marked(role: Role, *, topics: bool, calls: bool) -> bool:
+        token = Announcement(A, role, "k", "/node", "/k", "pkg/srv/T", "ros2 token")
+        seen = Observations(
+            TWO, {("out", A): "peer"}, tokens={token}, intercepted=lambda _: topics, calls_intercepted=lambda _: calls
+        )
+        (topic,) = build(seen).topics
+        return topic.intercepted
+
+    for role in get_args(Role):
+        call = role in ("serves", "calls")
+        assert marked(role, topics=False, calls=True) == call
+        assert marked(role, topics=True, calls=False) == (not call)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +168,7 @@ class Flowing:
     """A bus without segments, of which flows are told."""
 
     sessions: dict[str, Any] = {}  # noqa: RUF012
-    ids = ids_ever = intercepted = ()
+    ids = ids_ever = intercepted = services = ()
 
     def __init__(self, flows: dict[tuple[str, str], int]) -> None:
         self._flows = flows

@@ -30,10 +30,10 @@ def test_text_has_columns() -> None:
         "in       /planner   peer    bb22  -    -\n"
         "out      sim        client  aa11  17   tcp/127.0.0.1:5\n"
         "\n"
-        "SEGMENT  COMPONENT                     ROLE        TOPIC  TYPE  MESSAGES    EVIDENCE\n"
-        "in       unknown source in segment in  publishes   cmd    json              traffic\n"
-        "out      sim                           publishes   cmd    json  12 (2.5/s)  traffic\n"
-        "in       /planner                      subscribes  cmd    json              ros2 token\n"
+        "SEGMENT  COMPONENT                     ROLE        TOPIC  TYPE  INTERCEPTED  MESSAGES    EVIDENCE\n"
+        "in       unknown source in segment in  publishes   cmd    json  yes                      traffic\n"
+        "out      sim                           publishes   cmd    json  yes          12 (2.5/s)  traffic\n"
+        "in       /planner                      subscribes  cmd    json  yes                      ros2 token\n"
         "\n"
         "NOT KNOWN\n"
         "cmd        unknown source in segment in: none of 1 components declares it\n"
@@ -67,6 +67,7 @@ def test_mermaid_draws_segments_topics_and_arrows() -> None:
         '    c1["sim"]\n'
         "  end\n"
         '  t0(["cmd"])\n'
+        "  style t0 stroke-width:4px\n"
         "  c2 --> t0\n"
         "  c1 --> t0\n"
         "  t0 --> c0\n"
@@ -90,5 +91,5 @@ def test_dot_draws_the_same() -> None:
     drawn = dot(GRAPH)
     assert drawn.startswith("digraph riot {\n")
     assert '  subgraph cluster_0 { label="in";\n' in drawn
-    assert '  t0 [shape=ellipse, label="cmd"];\n' in drawn
+    assert '  t0 [shape=ellipse, label="cmd", penwidth=3];\n' in drawn
     assert "  c1 -> t0;\n" in drawn

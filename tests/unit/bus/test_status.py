@@ -9,6 +9,7 @@ from riot_bus.bus.status import bypass_rows, count_rows, count_table, intercepto
 from riot_bus.bus.status_text import answer_lines, counts_lines, plain, status_lines
 from riot_bus.bus.tally import Losses, TopicCounts
 from riot_bus.bus.watch import BrokenLink
+from riot_bus.errors import PayloadError
 from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import OTHER_TOPICS, Pipeline
@@ -60,6 +61,17 @@ def test_interceptors_tell_name_conditions_errors_and_place() -> None:
     assert (row["name"], row["errors"], row["error"]) == ("mine", 1, "RuntimeError: on purpose")
     assert row["conditions"] == {"select": "cut/**", "last": 7}
     assert row["place"].startswith(__file__)
+
+
+def test_errors_are_shown_with_their_hints() -> None:
+    class Refuses:
+        def message(self, event: object) -> None:
+            raise PayloadError("no such field", where="x", hint="name another")
+
+    made = Pipeline([Refuses()], registry=TypeRegistry())
+    made.feed(Message(1, "x", b"{}"))
+    (row,) = interceptor_rows(made)
+    assert row["error"] == "riot_bus.errors.PayloadError: x: no such field hint: name another"
     assert row["bypassed"] is None
 
 

@@ -51,6 +51,24 @@ def test_tee_knows_the_topic():
     assert pipeline.feed(Message(0, "0/odom/x", b"")).emissions[1].message.key == "copy/odom{key}"
 
 
+@pytest.mark.parametrize("key", ["copy/a/@request", "{key}/@reply", "{topic}/@error"])
+def test_tee_never_calls(key):
+    with pytest.raises(ConfigError, match="call of a service"):
+        Tee(key)
+
+
+@pytest.mark.parametrize("part", ["@request", "@reply", "@error"])
+def test_tee_publishes_parts_of_calls_and_repeats_none(part):
+    pipeline = Pipeline([Tee("copy/{key}"), Tee("{key}"), Tee("copy/{key}/seen")], registry=TypeRegistry())
+    key = f"calc/add/{part}"
+    assert [each.message.key for each in pipeline.feed(Message(0, key, b"")).emissions] == [key, f"copy/{key}/seen"]
+    (one, other) = pipeline.errors.values()
+    assert (one.count, other.count) == (1, 1)
+    error = one
+    assert "would be a call of a service" in error.first
+    assert "hint: write a key that ends otherwise" in error.first
+
+
 @pytest.mark.parametrize("key", ["", "a//b", "/a", "a/", "a/*", "a/$*", "a?b", "a#b", "copy/{name}"])
 def test_tee_refuses(key):
     with pytest.raises(ConfigError, match=r"is not a key|stands for nothing"):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -93,6 +95,26 @@ def test_what_the_segment_publishes_comes_down_as_it_is_offered():
     assert down.writer == Profile(2, 1, 1, 7, SECOND, 0)
     assert down.latched == 7
     assert plan(segment=[token()]).downs[KEY].latched is None
+
+
+def test_a_bridge_keeps_messages_once_for_all_that_it_announces():
+    qos = AnnouncedQos(durability=1, depth=100)
+    one = token(qos=qos)
+    tokens = [one, replace(one, number=2), replace(one, node=replace(one.node, zid="cd"))]
+
+    def latched(*bridges):
+        return plan_of(DomainGraph(), tokens, Names(OPTIONS), OPTIONS, bridges=bridges).downs[KEY].latched
+
+    assert (latched(), latched("ab"), latched("ab", "cd")) == (300, 200, 200)
+    assert plan_of(DomainGraph(), tokens[:1], Names(OPTIONS), OPTIONS, bridges=["ab"]).downs[KEY].latched == 100
+
+
+def test_plans_are_the_same_whoever_publishes():
+    wanted, sourced = plan(subscriptions=[found()]).downs[KEY], plan(segment=[token()]).downs[KEY]
+    assert (wanted.sourced, sourced.sourced) == (False, True)
+    assert wanted.means(sourced)
+    assert not wanted.means(plan(segment=[token(qos=AnnouncedQos(reliability=2))]).downs[KEY])
+    assert not wanted.means(plan(publishers=[found()]).ups[KEY])
 
 
 def test_what_only_the_domain_wants_is_offered_so_that_all_get_it():

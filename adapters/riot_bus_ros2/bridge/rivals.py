@@ -1,0 +1,37 @@
+"""How bridges know of each other: each shows a token on its segment, and each is a node in its domain."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+__all__ = ["Rival"]
+
+_CHUNKS = 3
+_DOMAIN = re.compile("[0-9]{1,3}")
+
+
+class Rival(NamedTuple):
+    """A bridge, as its token says.
+
+    Attributes:
+        domain: `ROS_DOMAIN_ID` of its domain.
+        zid: Id of its Zenoh session.
+        name: Of its node in the domain.
+    """
+
+    domain: int
+    zid: str
+    name: str
+
+    def token(self) -> str:
+        """Return the last chunks of its token."""
+        return f"{self.domain}/{self.zid}/{self.name}"
+
+    @classmethod
+    def parse(cls, token: str) -> Rival | None:
+        """Read a token; None if it is none."""
+        chunks = token.split("/")[-_CHUNKS:]
+        if len(chunks) < _CHUNKS or not _DOMAIN.fullmatch(chunks[0]):
+            return None
+        return cls(int(chunks[0]), chunks[1], chunks[2])

@@ -1,0 +1,123 @@
+"""Writes to a socket what many threads hand in, in order, without making them wait for the other end at once."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["Outbox"]
+
+_ROOM = 1 << 24
+_AT_ONCE = 1 << 20
+
+
+class Outbox:
+    """Takes bytes from any thread.
+
+    What comes while nothing waits is written at once, as far as the socket takes it without waiting. The rest is
+    written by a thread, as much at once as there is. What waits is bounded: whoever hands in more waits, too.
+
+    Args:
+        connection: Connected stream socket; it stays its owner's.
+    """
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
+        self._waiting: list[bytes | memoryview] = []
+        self._size = 0  # of what waits, or is being written by the thread
+        self._ended = False
+        self._thread: threading.Thread | None = None
+
+    def put(self, *pieces: bytes, patient: bool = True) -> None:
+        """Write, or see to it that it is written; raises OSError if the other end is gone.
+
+        Args:
+            pieces: Stay together.
+            patient: Wait until there is room; else they are taken nevertheless.
+        """
+        size = sum(map(len, pieces))
+        with self._lock:
+            if self._size and patient:
+                self._changed.wait_for(lambda: self._ended or self._size + size <= _ROOM or not self._size)
+            if self._ended:
+                raise BrokenPipeError("the other end is gone")
+            sent = 0
+            if not self._size:
+                with contextlib.suppress(BlockingIOError):
+                    sent = self._socket.sendmsg(pieces, (), socket.MSG_DONTWAIT)
+                if sent == size:
+                    return
+            self._waiting += _after(pieces, sent)
+            self._size += size - sent
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="riot-outbox", daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until all is written; return whether it is.
+
+        Args:
+            timeout: Seconds.
+        """
+        with self._lock:
+            self._changed.wait_for(lambda: self._ended or not self._size, timeout)
+            return not self._size
+
+    def end(self) -> None:
+        """Take and write no more, forget what waits; safe to call twice, and from any thread."""
+        with self._lock:
+            self._ended = True
+            self._waiting.clear()
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End, and wait for the thread; call it when the socket is shut down."""
+        self.end()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._lock:
+                self._changed.wait_for(lambda: self._ended or self._waiting)
+                if self._ended:
+                    return
+                pieces, self._waiting = self._waiting, []
+            try:
+                for data in _joined(pieces):
+                    self._socket.sendall(data)
+                    with self._lock:
+                        self._size -= len(data)
+                        self._changed.notify_all()
+            except OSError:
+                self.end()
+
+
+def _after(pieces: Sequence[bytes], sent: int) -> Iterator[bytes | memoryview]:
+    """Yield what is left of pieces."""
+    for piece in pieces:
+        if sent < len(piece):
+            yield memoryview(piece)[sent:] if sent else piece
+        sent = max(0, sent - len(piece))
+
+
+def _joined(pieces: list[bytes | memoryview]) -> list[bytes | memoryview]:
+    """Return fewer and larger pieces, without copying what is large."""
+    found: list[bytes | memoryview] = []
+    small: list[bytes | memoryview] = []
+    size = 0
+    for piece in pieces:
+        if size + len(piece) > _AT_ONCE:
+            found += [b"".join(small)] if small else []
+            small, size = [], 0
+        small.append(piece)
+        size += len(piece)
+    return [*found, small[0] if len(small) == 1 else b"".join(small)]
