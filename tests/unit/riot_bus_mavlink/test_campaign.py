@@ -47,7 +47,7 @@ def test_what_is_drawn_makes_sound_frames():
     assert set(groups) == {f"mavlink_raw/gcs/1/1/{name}" for name in NAMES}
     schedule = Schedule(targets, dictionary, seed=1, groups=groups)
     changed, values = 0, set()
-    for trial in range(300):
+    for trial in range(100):
         injections = schedule.injections(trial)
         values |= {(each.topic, each.field, repr(each.value)) for each in injections}
         delivered, originals = inject_log(messages, injections, registry=registry)
@@ -55,9 +55,10 @@ def test_what_is_drawn_makes_sound_frames():
         framer = Framer(ADAPTER.dialect.crc_extra)
         stream = b"".join(message.payload for message in delivered)
         assert [frame.raw for frame in framer.feed(stream)] == [message.payload for message in delivered]
-    assert changed > 1_000
-    assert any(path == "param2" and value == "21196.0" for _, path, value in values)
-    assert len(values) > 200
+    assert changed > 300
+    told = {(one.topic, one.path, repr(entry.value)) for some in targets.values() for one in some for entry in one.told}
+    assert len(values & told) > 30
+    assert len(values) > 100
 
 
 def test_draws_do_not_depend_on_the_order_of_messages():
