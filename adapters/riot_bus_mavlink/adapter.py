@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["MavlinkAdapter"]
 
 _OPTIONS = ("dialect", "key_file", "template")
-_SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Za-z][A-Za-z0-9_]*)")
+_SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
 class MavlinkAdapter:
