@@ -67,8 +67,8 @@ class Signer:
 class Renewer:
     """Keeps the times of signatures growing when frames were delayed, repeated, added, or played from a log.
 
-    Each sender (system and component) has a time of its own on each link. Of 16384 of them, the one that was heard first
-    is forgotten when another one comes.
+    Each sender (system and component) has a time of its own on each link. Of 16384 of them, the one that was heard
+    first is forgotten when another one comes.
 
     Args:
         signer: Knows the key.
