@@ -32,6 +32,7 @@ COMMANDS = {
     ),
     "reports": ("report", "findings"),
     "logs": ("info", "types", "export"),
+    "archives": ("import",),
     "play": ("play",),
     "edit": ("edit",),
     "record": ("record",),
