@@ -1,0 +1,1 @@
+"""MAVLink for riot_bus."""
