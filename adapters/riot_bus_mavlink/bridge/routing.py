@@ -6,7 +6,7 @@ The rules are those of https://mavlink.io/en/guide/routing.html and of mavlink-r
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from riot_bus_mavlink.bridge.filters import Filter
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Addressed", "Peer", "Routes", "addressed"]
 
-Targets = "Callable[[int], tuple[int | None, int | None]]"
 Addressed = tuple[int, int]
 """Target system and target component; 0 stands for all, and for messages without a target."""
 
 _HEADER = (0, 6, 10)  # bytes, by version
+_MOST_TYPES = 4096
 
 
 def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed:
@@ -52,7 +52,10 @@ class Peer:
 
     Attributes:
         link: Name of its link.
-        counts: Frames by what became of them: `in`, `out`, `filtered_in`, `filtered_out`, `duplicate`.
+        group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
+        receives: Whether frames are taken from it.
+        sends: Whether frames are given to it.
+        counts: Frames by what became of them: `in`, `filtered_in`, `filtered_out`, `duplicate`.
     """
 
     __slots__ = ("_accepts", "_emits", "_knowledge", "counts", "group", "link", "receives", "sends")
@@ -102,7 +105,10 @@ class _Knowledge:
         self.systems |= other.systems
 
 
-class Routes:
+PeerT = TypeVar("PeerT", bound=Peer)
+
+
+class Routes(Generic[PeerT]):
     """The routing table of one segment.
 
     Not safe for threads by itself, except that `deliver` may run beside `receive`.
@@ -110,7 +116,7 @@ class Routes:
     Args:
         targets: Returns the offsets of target system and component of a message type.
         duplicates: Recognises what has come over another link already; None to take everything.
-        sniffer: A system that gets everything, on whatever link it is; 0 for none.
+        sniffer: A system that gets everything, on whatever link it is; -1 for none.
     """
 
     def __init__(
@@ -118,18 +124,18 @@ class Routes:
         targets: Callable[[int], tuple[int | None, int | None]],
         *,
         duplicates: Duplicates | None = None,
-        sniffer: int = 0,
+        sniffer: int = -1,
     ) -> None:
         self._targets, self._duplicates, self._sniffer = targets, duplicates, sniffer
-        self._peers: tuple[Peer, ...] = ()
+        self._peers: tuple[PeerT, ...] = ()
         self._offsets: dict[int, tuple[int | None, int | None]] = {}
 
     @property
-    def peers(self) -> Sequence[Peer]:
+    def peers(self) -> Sequence[PeerT]:
         """Return who takes part."""
         return self._peers
 
-    def add(self, peer: Peer) -> None:
+    def add(self, peer: PeerT) -> None:
         """Let a peer take part."""
         if peer.group:
             mates = [each for each in self._peers if each.group == peer.group]
@@ -137,7 +143,7 @@ class Routes:
                 peer.join(mates[0])
         self._peers = (*self._peers, peer)
 
-    def remove(self, peer: Peer) -> None:
+    def remove(self, peer: PeerT) -> None:
         """Forget a peer."""
         self._peers = tuple(each for each in self._peers if each is not peer)
 
@@ -146,7 +152,7 @@ class Routes:
         source = system << 8 | component
         return any(source in each._knowledge.sources for each in self._peers)
 
-    def receive(self, frame: Frame, origin: Peer, now: float) -> list[Peer] | None:
+    def receive(self, frame: Frame, origin: PeerT, now: float) -> list[PeerT] | None:
         """Take a frame that came over a link; learn where its source is.
 
         Args:
@@ -177,7 +183,7 @@ class Routes:
             frame, (each for each in peers if each is not origin and (not each.group or each.group != origin.group)), source
         )
 
-    def deliver(self, frame: Frame, *, looped: bool) -> list[Peer]:
+    def deliver(self, frame: Frame, *, looped: bool) -> list[PeerT]:
         """Return who gets a frame that came from the bus.
 
         Args:
@@ -186,12 +192,12 @@ class Routes:
         """
         return self._receivers(frame, self._peers, frame.system << 8 | frame.component if looped else -1)
 
-    def _receivers(self, frame: Frame, peers: Iterable[Peer], source: int) -> list[Peer]:
+    def _receivers(self, frame: Frame, peers: Iterable[PeerT], source: int) -> list[PeerT]:
         message_id = frame.message_id
         offsets = self._offsets.get(message_id)
         if offsets is None:
             offsets = self._targets(message_id)
-            if len(self._offsets) < 4096:
+            if len(self._offsets) < _MOST_TYPES:
                 self._offsets[message_id] = offsets
         system, component = (0, 0) if offsets[0] is None else addressed(frame, offsets)
         found = []
@@ -199,10 +205,9 @@ class Routes:
             known = each._knowledge
             if not each.sends or source in known.sources:
                 continue
-            if system and not (
-                (system << 8 | component) in known.sources if component else system in known.systems
-            ):
-                if not self._sniffer or self._sniffer not in known.systems:
+            if system and self._sniffer not in known.systems:
+                seen = (system << 8 | component) in known.sources if component else system in known.systems
+                if not seen:
                     continue
             if each._emits is not None and not each._emits.passes(message_id, frame.system, frame.component):
                 each.counts["filtered_out"] += 1
