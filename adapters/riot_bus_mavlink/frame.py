@@ -100,8 +100,8 @@ class Framer:
     """Finds frames in a stream of bytes, however it is split; after damage it goes on with the next whole frame.
 
     A frame with a wrong checksum is junk; the search goes on after its first byte, so that no frame is lost to bytes
-    that only look like the beginning of one. A frame of an unknown message, which has no checksum that could be checked,
-    is taken where a frame has to begin: after another frame, before what begins like one, or as all that came at once.
+    that only look like the beginning of one. A frame of an unknown message has no checksum that could be checked; it is
+    taken where a frame has to begin: after another frame, before what begins like one, or as all that came at once.
 
     Args:
         crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
