@@ -55,10 +55,11 @@ class Peer:
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
         receives: Whether frames are taken from it.
         sends: Whether frames are given to it.
+        hears_all: Whether it also gets what is for others.
         counts: Frames by what became of them: `in`, `filtered_in`, `filtered_out`, `duplicate`.
     """
 
-    __slots__ = ("_accepts", "_emits", "_knowledge", "counts", "group", "link", "receives", "sends")
+    __slots__ = ("_accepts", "_emits", "_knowledge", "counts", "group", "hears_all", "link", "receives", "sends")
 
     def __init__(
         self,
@@ -69,9 +70,10 @@ class Peer:
         emits: Filter | None = None,
         receives: bool = True,
         sends: bool = True,
+        hears_all: bool = False,
     ) -> None:
         self.link, self.group = link, group
-        self.receives, self.sends = receives, sends
+        self.receives, self.sends, self.hears_all = receives, sends, hears_all
         self._accepts = None if accepts is None or accepts.is_open else accepts
         self._emits = None if emits is None or emits.is_open else emits
         self._knowledge = _Knowledge()
@@ -205,7 +207,7 @@ class Routes(Generic[PeerT]):
             known = each._knowledge
             if not each.sends or source in known.sources:
                 continue
-            if system and self._sniffer not in known.systems:
+            if system and not each.hears_all and self._sniffer not in known.systems:
                 seen = (system << 8 | component) in known.sources if component else system in known.systems
                 if not seen:
                     continue

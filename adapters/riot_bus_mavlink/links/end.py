@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from riot_bus_mavlink.bridge.losses import Losses
 from riot_bus_mavlink.bridge.routing import Peer
-from riot_bus_mavlink.bridge.url import Direction
+from riot_bus_mavlink.bridge.url import Direction, LinkKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,11 +29,12 @@ class End(Peer):
         write: Sends bytes; returns whether they went out, or will.
 
     Attributes:
+        segment: Name of the segment that the link belongs to.
         out: Frames that were given to it.
         lost: Frames that it had no room for.
     """
 
-    __slots__ = ("_lock", "_write", "address", "framer", "losses", "lost", "out")
+    __slots__ = ("_lock", "_write", "address", "framer", "losses", "lost", "out", "segment")
 
     def __init__(self, spec: LinkSpec, address: str, framer: Framer, write: Callable[[bytes], bool]) -> None:
         super().__init__(
@@ -43,7 +44,9 @@ class End(Peer):
             emits=spec.emits,
             receives=spec.direction is not Direction.SENDER,
             sends=spec.direction is not Direction.RECEIVER,
+            hears_all=spec.kind is LinkKind.LOG_WRITER,
         )
+        self.segment = spec.segment
         self.address, self.framer = address, framer
         self.losses = Losses()
         self.out = self.lost = 0
