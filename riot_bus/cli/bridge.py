@@ -120,8 +120,8 @@ def mavlink(
             "--link",
             "-l",
             metavar="[SEGMENT[/NAME]=]URL",
-            help="Such as udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, /dev/ttyACM0,115200, "
-            "or a .tlog file; repeatable.",
+            help="Such as udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, "
+            "/dev/ttyACM0,115200, or a .tlog file; repeatable.",
         ),
     ] = None,
     segment: Annotated[
@@ -148,7 +148,9 @@ def mavlink(
     cfg: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the client; repeatable.")
     ] = None,
-    dialect: Annotated[str, typer.Option(metavar="NAME", help="One of those that pymavlink ships.")] = "all",
+    dialect: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
+    ] = None,
     definitions: Annotated[
         list[Path] | None, typer.Option("--xml", metavar="FILE", help="Defines further messages; repeatable.")
     ] = None,
@@ -169,7 +171,7 @@ def mavlink(
     Links of one segment see each other directly, those of different segments through riot, where their messages can be
     intercepted. With a segment for the autopilot and one for the ground station, riot is between them:
 
-    riot bridge mavlink --segment system --segment unit --link system=/dev/ttyACM0,115200 --link unit=udpout:127.0.0.1:14550
+    riot bridge mavlink --segment system --segment unit --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
     """
     from contextlib import ExitStack
 
@@ -178,17 +180,18 @@ def mavlink(
     from riot_bus.bus.component import client_cfg
     from riot_bus.errors import ConfigError
     from riot_bus_mavlink.bridge.bridge import MavlinkBridge
-    from riot_bus_mavlink.bridge.keys import DEFAULT_TEMPLATE
     from riot_bus_mavlink.bridge.options import BridgeOptions
+    from riot_bus_mavlink.dialect import DEFAULT
+    from riot_bus_mavlink.keys import TEMPLATE
 
     if (segment is None) == (endpoint is None):
         hint = "give --segment NAME or --endpoint ENDPOINT"
         raise ConfigError("which segment?", where="riot bridge mavlink", hint=hint)
     options = BridgeOptions(
         links=link or (),
-        dialect=dialect,
+        dialect=dialect or DEFAULT,
         files=definitions or (),
-        keys=keys or DEFAULT_TEMPLATE,
+        keys=keys or TEMPLATE,
         duplicates=duplicates,
         sniffer=sniffer,
         mirror=mirror,

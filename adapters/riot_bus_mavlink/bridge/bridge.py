@@ -121,7 +121,7 @@ class MavlinkBridge:
         """Return what is going on, as JSON values."""
         return {
             "dialect": self._plan.dialect.name,
-            "keys": self._plan.keys.template,
+            "keys": self._plan.keys.text,
             "segments": {
                 name: {"endpoint": side.port.endpoint, **dict(sorted(side.counts.copy().items()))}
                 for name, side in self._sides.items()

@@ -15,8 +15,8 @@ class SourceCount:
 
     Attributes:
         received: Frames.
-        lost: Frames that are missing, as ground stations count them: the gaps in the sequence numbers. A frame that comes
-            late or twice counts as a gap of nearly 256.
+        lost: Frames that are missing, as ground stations count them: the gaps in the sequence numbers. A frame that
+            comes late or twice counts as a gap of nearly 256.
         last: The last sequence number.
     """
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError
-from riot_bus_mavlink.bridge.keys import DEFAULT_TEMPLATE, Keys
 from riot_bus_mavlink.bridge.url import parse_links
 from riot_bus_mavlink.dialect import DEFAULT, load_dialect
+from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +39,7 @@ class BridgeOptions:
     links: Sequence[str]
     dialect: str = DEFAULT
     files: Sequence[Path] = field(default_factory=tuple)
-    keys: str = DEFAULT_TEMPLATE
+    keys: str = TEMPLATE
     duplicates: float = 0.0
     sniffer: int = 0
     mirror: bool = False
@@ -64,7 +64,7 @@ class BridgeOptions:
             raise ConfigError(f"{self.sniffer} is no system", where="--sniffer", hint="1 to 255")
         dialect = load_dialect(self.dialect, self.files)
         links = parse_links(self.links, id_of=dialect.id_of, segments=segments)
-        return Plan(dialect, Keys(self.keys), links)
+        return Plan(dialect, KeyTemplate(self.keys), links)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,5 +78,5 @@ class Plan:
     """
 
     dialect: Dialect
-    keys: Keys
+    keys: KeyTemplate
     links: Sequence[LinkSpec]

@@ -181,9 +181,9 @@ class Routes(Generic[PeerT]):
         peers = self._peers
         if len(peers) == 1:
             return []
-        return self._receivers(
-            frame, (each for each in peers if each is not origin and (not each.group or each.group != origin.group)), source
-        )
+        group = origin.group
+        others = [each for each in peers if each is not origin and (not group or each.group != group)]
+        return self._receivers(frame, others, source)
 
     def deliver(self, frame: Frame, *, looped: bool) -> list[PeerT]:
         """Return who gets a frame that came from the bus.

@@ -14,11 +14,11 @@ from riot_bus_mavlink.frame import LONGEST, parse_frame
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from riot_bus_mavlink.bridge.keys import Keys
     from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
     from riot_bus_mavlink.bridge.routing import Routes
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
+    from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.links.end import End
 
 __all__ = ["ENCODING", "Side"]
@@ -30,8 +30,8 @@ _MOST_OUTLETS = 4096
 class Side:
     """Carries frames between the links of one segment, and between them and the bus.
 
-    Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them. Frames
-    from the bus are given to the links; Zenoh's threads bring them.
+    Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
+    Frames from the bus are given to the links; Zenoh's threads bring them.
 
     Args:
         port: The segment.
@@ -43,8 +43,8 @@ class Side:
         linked: Whether a source was seen on a link of this bridge.
 
     Attributes:
-        counts: Frames: `to_bus`, `from_bus`, those of them that were `inserted` (renumbered) or `broken` (no whole frame),
-            that had no one who wants them (`unrouted`), and payloads that are too long (`refused`).
+        counts: Frames: `to_bus` and `from_bus`; of these, those that were `inserted` by others than links, that were
+            `broken` (no whole frames), that no link wanted (`unrouted`), and what is too long for one (`refused`).
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Side:
         port: Port,
         routes: Routes[End],
         *,
-        keys: Keys,
+        keys: KeyTemplate,
         name_of: Callable[[int], str],
         mark: bytes,
         streams: OwnStreams,
@@ -67,7 +67,7 @@ class Side:
 
     def open(self) -> None:
         """Listen to the bus."""
-        self._inlet = self.port.subscribe(self._keys.expression, self.hear)
+        self._inlet = self.port.subscribe(self._keys.expression(), self.hear)
 
     def close(self) -> None:
         """End it; no link brings frames any more."""
@@ -133,7 +133,7 @@ class Side:
             return self._streams.renumber(frame)
 
     def _hear_broken(self, payload: bytes) -> None:
-        """What is no frame was broken on purpose, so that the links get it as it is; all of them, as it names no target."""
+        """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""
         fits = 0 < len(payload) <= LONGEST
         with self._lock:
             self.counts["from_bus"] += 1

@@ -19,8 +19,8 @@ _MOST_SOURCES = 4096
 class OwnStreams:
     """Numbers inserted frames on streams of their own, one by system and component, that begin with 0.
 
-    The numbers of a source go from end to end, so that receivers tell losses by them; inserted frames must not use them up,
-    and those of the source are never changed. A receiver that keeps one count by source sees a gap all the same.
+    The numbers of a source go from end to end, so that receivers tell losses by them; inserted frames must not use them
+    up, and those of the source are never changed. A receiver that keeps one count by source sees a gap all the same.
 
     Args:
         crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.

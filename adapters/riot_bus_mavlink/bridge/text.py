@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["ready_line", "summary_lines"]
 
@@ -56,13 +56,15 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
             if link.get(what)
         ]
     for name, segment in status["segments"].items():
-        text = f"{name or 'segment'}: {segment.get('to_bus', 0)} frames to the bus, {segment.get('from_bus', 0)} from it"
-        extra = [f"{segment[what]} {what}" for what in ("inserted", "broken", "refused", "unrouted") if segment.get(what)]
+        to, back = segment.get("to_bus", 0), segment.get("from_bus", 0)
+        text = f"{name or 'segment'}: {to} frames to the bus, {back} from it"
+        words = ("inserted", "broken", "refused", "unrouted")
+        extra = [f"{segment[word]} {word}" for word in words if segment.get(word)]
         notes.append(f"{text} ({', '.join(extra)})" if extra else text)
     return [*notes, *_table(rows)]
 
 
-def _table(rows: list[tuple[str, ...]]) -> list[str]:
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return [
         "  ".join(

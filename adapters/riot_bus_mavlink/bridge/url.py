@@ -141,8 +141,8 @@ def parse_links(
 def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: None) -> LinkSpec:
     """Parse one link, `[SEGMENT][/NAME]=URL` or `URL`.
 
-    A URL is `SCHEME:HOST:PORT`, `SCHEME://HOST:PORT`, `SCHEME:PORT`, `serial:DEVICE:BAUD`, `DEVICE,BAUD`, or the path of a
-    `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
+    A URL is `SCHEME:HOST:PORT`, `SCHEME://HOST:PORT`, `SCHEME:PORT`, `serial:DEVICE:BAUD`, `DEVICE,BAUD`, or the path of
+    a `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
 
     Args:
         text: As written.
@@ -210,7 +210,8 @@ def _settings(query: str, text: str) -> dict[str, str]:
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=64)
     except ValueError as error:
-        raise ConfigError(f"cannot read the settings in {text!r}", where="--link", hint="?KEY=VALUE&KEY=VALUE") from error
+        hint = "?KEY=VALUE&KEY=VALUE"
+        raise ConfigError(f"cannot read the settings in {text!r}", where="--link", hint=hint) from error
     return {re.sub(r"(?<=[a-z])(?=[A-Z])|-", "_", key).lower(): value for key, value in pairs}
 
 
@@ -292,4 +293,3 @@ def _free_name(spec: LinkSpec, taken: set[str]) -> str:
         number += 1
         name = f"{base[:60]}_{number}"
     return name
-

@@ -35,7 +35,7 @@ class LogWriter:
         self._host = host
         self._lock = threading.Lock()
         try:
-            self._file: BinaryIO | None = Path(spec.path).open("ab")
+            self._file: BinaryIO | None = Path(spec.path).open("ab")  # noqa: SIM115 - closed by `close`
         except OSError as error:
             raise EnvironmentFaultError(f"cannot be written: {reason(error)}", where=spec.path) from error
         self._end: End = host.join(spec, spec.path, self._write)

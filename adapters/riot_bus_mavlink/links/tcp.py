@@ -26,7 +26,7 @@ _CONNECT_S = 5.0
 class _Socket:
     def __init__(self, made: socket.socket) -> None:
         self._made = made
-        made.setblocking(False)
+        made.settimeout(0)
         made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
 
@@ -51,7 +51,7 @@ class TcpServer:
             self._listener = socket.create_server(address[:2], family=family)
         except OSError as error:
             raise cannot_listen(spec, error) from error
-        self._listener.setblocking(False)
+        self._listener.settimeout(0)
         host.loop.watch(self._listener.fileno(), self._accept)
 
     @property
@@ -133,7 +133,7 @@ class TcpClient:
         try:
             family, _, _, _, address = socket.getaddrinfo(self.spec.host, self.spec.port, type=socket.SOCK_STREAM)[0]
             made = self._trying = socket.socket(family, socket.SOCK_STREAM)
-            made.setblocking(False)
+            made.settimeout(0)
             code = made.connect_ex(address)
         except OSError as error:
             self._again(reason(error))

@@ -46,7 +46,7 @@ class _UdpLink:
     def _open(self, family: int, bind: tuple[Any, ...] | None) -> socket.socket:
         made = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            made.setblocking(False)
+            made.settimeout(0)
             for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
                 made.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
