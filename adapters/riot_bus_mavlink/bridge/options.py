@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from riot_bus.errors import ConfigError
 from riot_bus_mavlink.bridge.url import parse_links
@@ -33,7 +33,7 @@ class BridgeOptions:
         keys: Template of the keys of frames on the bus.
         duplicates: Seconds within which the same frame is taken once; 0 for always.
         sniffer: A system that gets everything; 0 for none.
-        mirror: Whether frames are also published as JSON, as mavlink-server does.
+        mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
     """
 
     links: Sequence[str]
@@ -42,7 +42,7 @@ class BridgeOptions:
     keys: str = TEMPLATE
     duplicates: float = 0.0
     sniffer: int = 0
-    mirror: bool = False
+    mirror: Literal["messages", "fields"] | None = None
 
     def plan(self, segments: Sequence[str]) -> Plan:
         """Return what is to be bridged.

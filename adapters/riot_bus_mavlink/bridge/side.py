@@ -8,7 +8,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError
-from riot_bus_mavlink.bridge.marks import Mark, origin_of
+from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
 from riot_bus_mavlink.frame import LONGEST, parse_frame
 
 if TYPE_CHECKING:
@@ -119,13 +119,18 @@ class Side:
         for end in ends:
             end.send(payload)
 
-    def insert(self, frame: Frame, link: str, attachment: bytes) -> None:
-        """Put a frame on the bus that came over no link, and give it to the links."""
+    def insert(self, frame: Frame, link: str) -> None:
+        """Give a numbered frame that came over no link to the links and the bus.
+
+        Args:
+            frame: What is sent.
+            link: Stands for a link in its key.
+        """
         for end in self.routes.deliver(frame, looped=False):
             end.send(frame.raw)
         with self._lock:
             self.counts["inserted"] += 1
-        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, attachment)
+        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, INSERTED)
 
     def _renumbered(self, frame: Frame) -> bytes:
         with self._lock:
