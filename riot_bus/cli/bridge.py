@@ -168,6 +168,9 @@ def mavlink(
     duplicates: Annotated[
         float, typer.Option(metavar="SECONDS", help="Drop what came within this time already, over whatever link.")
     ] = 0.0,
+    key_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Key of signed frames, for those that come late or are added.")
+    ] = None,
     sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
     mirror: Annotated[
         Mirror | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
@@ -202,6 +205,7 @@ def mavlink(
         keys=keys or TEMPLATE,
         duplicates=duplicates,
         sniffer=sniffer,
+        key_file=key_file,
         mirror=None if mirror is None else mirror.value,
     )
     config = client_cfg(cfg or ())

@@ -69,7 +69,8 @@ class MavlinkBridge:
         self._ended = threading.Event()
         self._problems: dict[str, None] = {}
         self._stack = ExitStack()
-        dialect, mark, streams = self._plan.dialect, new_mark(), OwnStreams(self._plan.dialect.crc_extra)
+        dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
+        streams = OwnStreams(dialect.crc_extra, signer)
         self._sides = {
             name: Side(
                 port,
@@ -83,6 +84,7 @@ class MavlinkBridge:
                 mark=mark,
                 streams=streams,
                 linked=self._is_linked,
+                signer=signer,
             )
             for name, port in ports.items()
         }
