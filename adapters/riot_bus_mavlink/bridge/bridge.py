@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import Counter
 from contextlib import ExitStack
 from functools import partial
@@ -39,6 +40,7 @@ JSON_LINK = "json"
 
 _LOG = logging.getLogger(__name__)
 _MOST_PROBLEMS = 1000
+_MEET_S = 5.0
 
 
 class MavlinkBridge:
@@ -70,7 +72,6 @@ class MavlinkBridge:
         self._problems: dict[str, None] = {}
         self._stack = ExitStack()
         dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
-        streams = OwnStreams(dialect.crc_extra, signer)
         self._sides = {
             name: Side(
                 port,
@@ -82,7 +83,7 @@ class MavlinkBridge:
                 keys=self._plan.keys,
                 name_of=dialect.name_of,
                 mark=mark,
-                streams=streams,
+                streams=OwnStreams(dialect.crc_extra, signer),
                 linked=self._is_linked,
                 signer=signer,
             )
@@ -94,7 +95,7 @@ class MavlinkBridge:
             for number, (name, side) in enumerate(self._sides.items()):
                 take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments
                 fields = options.mirror == "fields"
-                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=streams, take=take)
+                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
         self.loop = Loop()
@@ -112,6 +113,7 @@ class MavlinkBridge:
                 self._links.append(open_link(spec, self))
             for part in parts:
                 part.open()
+            self._await_each_other()
             stack.callback(self.loop.stop)
             self.loop.start()
             self._stack = stack.pop_all()
@@ -119,6 +121,13 @@ class MavlinkBridge:
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
+
+    def _await_each_other(self) -> None:
+        """Take nothing from links before frames can get to the other segments."""
+        deadline = time.monotonic() + _MEET_S
+        for name, side in self._sides.items() if len(self._sides) > 1 else ():
+            if not side.is_heard(deadline - time.monotonic()):
+                self._problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
 
     def _close_links(self) -> None:
         for link in self._links:
@@ -180,7 +189,9 @@ class MavlinkBridge:
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work, once."""
-        line = f"{spec.name} ({spec.where}): {text}"
+        self._problem(f"{spec.name} ({spec.where}): {text}")
+
+    def _problem(self, line: str) -> None:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
             self._warn(f"warning: {line}")
