@@ -271,3 +271,32 @@ def test_it_says_what_it_does(stack: ExitStack) -> None:
     assert out.startswith("segment: ")
     (row,) = [row for row in rows if row[0] == "fc"]
     assert (int(row[1]) > 2, row[3]) == (True, "4") or int(row[3]) >= 4
+
+
+def test_init_writes_a_system_file_from_a_live_link(stack: ExitStack, tmp_path: Path) -> None:
+    with UdpEnd() as probe:
+        port = probe.port
+    vehicle = stack.enter_context(UdpEnd(("127.0.0.1", port)))
+    ended = threading.Event()
+
+    def talk() -> None:
+        while not ended.wait(0.05):
+            vehicle.send(frame_of(source=VEHICLE, type=2, autopilot=3).raw, frame_of("ATTITUDE", source=VEHICLE).raw)
+
+    talking = threading.Thread(target=talk)
+    talking.start()
+    stack.callback(talking.join)
+    stack.callback(ended.set)
+    link = f"--mavlink=/fc=udpin:127.0.0.1:{port}"
+    code, out, err = riot("init", link, "--seconds=1", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "fc  outside  2 topics  1/1 (QUADROTOR, ARDUPILOTMEGA)",
+        "unit  inside  0 topics  not heard",
+        "written: riot.toml; next, fill in what it marks with FILL IN, above all the commands",
+    ]
+    assert 'inputs = [\n    "mavlink_raw/fc/1/1/ATTITUDE",\n' in (tmp_path / "riot.toml").read_text()
+    code, _, err = riot("init", link, cwd=tmp_path)
+    assert (code, "there is a system file already" in err) == (2, True)
+    code, _, err = riot("init", "--mavlink=udpin:127.0.0.1:0", "--ros2", cwd=tmp_path)
+    assert (code, "--ros2, or --mavlink URL" in err) == (2, True)

@@ -56,6 +56,7 @@ class MavlinkBridge:
     Attributes:
         failure: Why it has ended by itself.
         loop: The thread.
+        crc_extra: Returns a message's extra byte of the checksum.
 
     Raises:
         ConfigError: An option is not usable.
@@ -98,7 +99,7 @@ class MavlinkBridge:
                 self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
-        self.loop = Loop()
+        self.loop, self.crc_extra = Loop(), dialect.crc_extra
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -168,7 +169,7 @@ class MavlinkBridge:
 
     def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
         """Take in a new end of a link; from now on it gets frames."""
-        end = End(spec, address, Framer(self._plan.dialect.crc_extra), write)
+        end = End(spec, address, Framer(self.crc_extra), write)
         self._tallies[spec.name].join(end)
         self._sides[spec.segment].routes.add(end)
         return end
