@@ -132,6 +132,7 @@ class MavlinkBridge:
 
     def _close_links(self) -> None:
         for link in self._links:
+            self._tallies[link.spec.name].end(link)
             link.close()
 
     def wait(self, timeout: float) -> bool:

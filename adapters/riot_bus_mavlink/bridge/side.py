@@ -48,7 +48,7 @@ class Side:
     Attributes:
         routes: Who gets what.
         streams: Numbers inserted frames.
-        counts: Frames: `to_bus` and `from_bus`; of these, those that were `inserted` by others than links, that were
+        counts: Frames: `to_bus`, with those that were `lost_to_bus`, and `from_bus`; of these, those that were `inserted` by others than links, that were
             `broken` (no whole frames), that no link wanted (`unrouted`), and what is too long for one (`refused`).
     """
 
@@ -120,9 +120,11 @@ class Side:
             for other in others:
                 other.send(raw)
             place = (end.link, frame.system, frame.component, frame.message_id)
-            outlet = self._outlets.get(place) or self._outlet(place)
-            outlet.put(raw, mark)
             kept.append(frame)
+            try:
+                (self._outlets.get(place) or self._outlet(place)).put(raw, mark)
+            except Exception:  # the segment is gone; links of this one go on
+                self.counts["lost_to_bus"] += 1
         self.counts["to_bus"] += len(kept)
         return kept
 
