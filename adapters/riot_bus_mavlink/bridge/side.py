@@ -48,8 +48,9 @@ class Side:
     Attributes:
         routes: Who gets what.
         streams: Numbers inserted frames.
-        counts: Frames: `to_bus`, with those that were `lost_to_bus`, and `from_bus`; of these, those that were `inserted` by others than links, that were
-            `broken` (no whole frames), that no link wanted (`unrouted`), and what is too long for one (`refused`).
+        counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
+            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), and too long for
+            one (`refused`).
     """
 
     def __init__(
