@@ -2,8 +2,8 @@
 
 One process sends ATTITUDE over UDP, one frame in each packet, and gets it again over UDP behind: nothing (the sockets
 alone), a forwarding loop of pymavlink, the same with one field changed, two links of one segment of `riot bridge
-mavlink`, and two segments of a `riot router`, un-intercepted and with one field patched. Everything between is
-processes of its own. Throughput is that of a window of frames that are under way; nothing may be lost. Delays are those
+mavlink`, and two segments of a `riot router`, un-intercepted and with one field patched, with one bridge for both
+segments and with one for each. Everything between is processes of its own. Throughput is that of a window of frames that are under way; nothing may be lost. Delays are those
 of a steady rate. In each round all ways are measured in turn; ratios are those of one round.
 """
 
@@ -32,7 +32,15 @@ import psutil
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
 
-WAYS = ("sockets alone", "pymavlink loop", "pymavlink loop, patched", "one segment", "native", "patched")
+WAYS = (
+    "sockets alone",
+    "pymavlink loop",
+    "pymavlink loop, patched",
+    "one segment",
+    "native",
+    "patched",
+    "two bridges, patched",
+)
 PEER = "pymavlink loop"
 WINDOW = 256
 TARGET_RATE, TARGET_RATIO, TARGET_DELAY_US = 20_000, 3.0, 150.0
@@ -111,7 +119,10 @@ class Way:
             del segments["unit"]
         named = [f"--segment={name}={where}" for name, where in segments.items()]
         links = ["--link=system/fc=udpin:127.0.0.1:0", f"--link={unit}/gcs=udpout:127.0.0.1:{port}"]
-        ready = json.loads(self._start([*RIOT, "bridge", "mavlink", "--format=json", *named, *links]))
+        bridge = [*RIOT, "bridge", "mavlink", "--format=json"]
+        if self.name.startswith("two bridges"):
+            self._start([*bridge, named.pop(), links.pop()])
+        ready = json.loads(self._start([*bridge, *named, *links]))
         return int(ready["links"]["fc"]["where"].rpartition(":")[2])
 
     def _start(self, words: list[str]) -> str:
@@ -230,7 +241,7 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
     """Return rows: medians, and the ratio to the peer in the same round."""
     rows = [f"{'':24} {'frames/s':>9} {'x peer':>7} {'CPU us':>7} {'p50 us':>7} {'added':>7} {'p99 us':>7} {'lost':>6}"]
     for name, result in found.items():
-        peer = found[PEER + (", patched" if name == "patched" else "")]["rate"]
+        peer = found[PEER + (", patched" if name.endswith("patched") else "")]["rate"]
         ratio = statistics.median(mine / other for mine, other in zip(result["rate"], peer, strict=True))
         bare = found["sockets alone"]["p50"]
         added = statistics.median(mine - other for mine, other in zip(result["p50"], bare, strict=True))

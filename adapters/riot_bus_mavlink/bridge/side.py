@@ -49,7 +49,7 @@ class Side:
         routes: Who gets what.
         streams: Numbers inserted frames.
         counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
-            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), and too long for
+            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), or too long for
             one (`refused`).
     """
 
