@@ -3,8 +3,9 @@
 One process sends ATTITUDE over UDP, one frame in each packet, and gets it again over UDP behind: nothing (the sockets
 alone), a forwarding loop of pymavlink, the same with one field changed, two links of one segment of `riot bridge
 mavlink`, and two segments of a `riot router`, un-intercepted and with one field patched, with one bridge for both
-segments and with one for each. Everything between is processes of its own. Throughput is that of a window of frames that are under way; nothing may be lost. Delays are those
-of a steady rate. In each round all ways are measured in turn; ratios are those of one round.
+segments and with one for each. Everything between is processes of its own. Throughput is that of a window of frames
+that are under way; nothing may be lost. Delays are those of a steady rate. In each round all ways are measured in turn;
+ratios are those of one round.
 """
 
 from __future__ import annotations
