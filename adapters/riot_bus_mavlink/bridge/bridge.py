@@ -99,7 +99,8 @@ class MavlinkBridge:
                 self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
-        self.loop, self.crc_extra = Loop(), dialect.crc_extra
+        self.loop = Loop()
+        self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
