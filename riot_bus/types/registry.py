@@ -32,6 +32,7 @@ ValueT = TypeVar("ValueT")
 _GROUP = "riot_bus.adapters"
 _VARIABLE = "RIOT_ADAPTERS"
 _BUILT_IN = {
+    "mavlink": "riot_bus_mavlink.adapter:MavlinkAdapter",
     "ros2": "riot_bus_ros2.adapter:Ros2Adapter",
     "ros2dds": "riot_bus_ros2.ros2dds_adapter:Ros2DdsAdapter",
 }
@@ -46,7 +47,8 @@ class TypeRegistry:
     Args:
         adapters: Asked in this order.
         declared: Type names by topic name or key expression, as in `riot.toml`.
-        definitions: Files that define types; a codec takes those whose ending is its own, the adapters the others.
+        definitions: Files that define types; a codec or an adapter takes those whose ending is its own, the other
+            adapters take the others.
 
     Raises:
         ConfigError: A declared type is unknown, or a file does not define one.
@@ -280,15 +282,17 @@ class TypeRegistry:
         return [*self._adapters, *(each for each in self._codecs.loaded() if isinstance(each, TypeSource))]
 
     def _load(self, definitions: Sequence[Path]) -> None:
+        owners = {ending: adapter for adapter in self._adapters for ending in _endings(adapter)}
         others = []
         for file in definitions:
-            source = self._codecs.of_file(file)
+            source = self._codecs.of_file(file) or owners.get(file.suffix)
             if source is None:
                 others.append(file)
             else:
                 source.load([file])
         for adapter in self._adapters if others else ():
-            adapter.load(others)
+            if not _endings(adapter):
+                adapter.load(others)
 
     def _infer(self, payload: bytes) -> MessageType | None:
         if is_container(payload):
@@ -297,6 +301,12 @@ class TypeRegistry:
             found = self.type_named("json")
             return found if found is not None and found.opaque(payload) is None else None
         return None
+
+
+def _endings(adapter: Adapter) -> Sequence[str]:
+    """Return the endings of the files that an adapter takes, empty if it takes all that nobody else does."""
+    endings: Sequence[str] = getattr(adapter, "endings", ())
+    return endings
 
 
 def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:

@@ -30,7 +30,8 @@ class Outlet:
         *,
         reliable: bool,
         latched: int | None = None,
-        changed: Callable[[], None] = lambda: None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
     ) -> None:
         import zenoh
         from zenoh import ext
@@ -40,13 +41,16 @@ class Outlet:
             "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
+        if encoding:
+            settings["encoding"] = zenoh.Encoding(encoding)
         self._publisher: Any = session.declare_publisher(key, **settings)
         self._put: Any = self._publisher.put
-        self._listener: Any = self._publisher.declare_matching_listener(lambda status: changed())
-        self._latch: Any = None
+        self._declared: list[Any] = [self._publisher]
+        if changed is not None:
+            self._declared.insert(0, self._publisher.declare_matching_listener(lambda status: changed()))
         if latched is not None:
             beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
-            self._latch = ext.declare_advanced_publisher(
+            latch: Any = ext.declare_advanced_publisher(
                 session,
                 key,
                 cache=ext.CacheConfig(latched),
@@ -54,7 +58,8 @@ class Outlet:
                 publisher_detection=True,
                 **settings,
             )
-            self._put = self._latch.put
+            self._put = latch.put
+            self._declared.append(latch)
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish; waits for slow receivers if it is reliable."""
@@ -66,7 +71,7 @@ class Outlet:
 
     def close(self) -> None:
         """Take it away."""
-        release(self._listener, self._publisher, *([self._latch] if self._latch is not None else []))
+        release(*self._declared)
 
 
 class Inlet:
@@ -132,7 +137,8 @@ class SegmentPort:
         *,
         reliable: bool,
         latched: int | None = None,
-        changed: Callable[[], None] = lambda: None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
     ) -> Outlet:
         """Return a new publisher.
 
@@ -141,8 +147,9 @@ class SegmentPort:
             reliable: Slow receivers hold it up, instead of losing messages.
             latched: Late joiners get so many of the last messages; None if they get none.
             changed: Called on a thread of Zenoh's when `matched` may have changed.
+            encoding: Zenoh's encoding string, empty for its default.
         """
-        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed)
+        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
         """Subscribe to what others put.

@@ -1,0 +1,1 @@
+"""MAVLink for riot_bus: frames, dialects, types of messages, signing, tlogs."""

@@ -1,0 +1,139 @@
+"""MAVLink for riot: names of keys, types of frames by dialect, by the user's XML, and by the definitions of a log."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.types.model import Schema, TopicName
+from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
+from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
+from riot_bus_mavlink.message_type import PREFIX, MavlinkType
+from riot_bus_mavlink.schema_text import ENCODING, parse_schema
+from riot_bus_mavlink.signing import Signer, read_key
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus_mavlink.definitions import MessageTable
+
+__all__ = ["MavlinkAdapter"]
+
+_OPTIONS = ("dialect", "key_file", "template")
+_SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Za-z][A-Za-z0-9_]*)")
+
+
+class MavlinkAdapter:
+    """Implements `riot_bus.types.model.Adapter` for frames of MAVLink, one in each payload.
+
+    Args:
+        options: A dialect's name, or some of `dialect=NAME;key_file=FILE;template=KEY`: the key that signs what was
+            changed of signed frames, and how keys are made (see `riot_bus_mavlink.keys`).
+
+    Raises:
+        MissingExtraError: pymavlink or fastcrc is not installed.
+        ConfigError: There is no such option, the template is wrong, or the key cannot be read.
+    """
+
+    name = "mavlink"
+    endings: Sequence[str] = (".xml",)
+
+    def __init__(self, options: str = "") -> None:
+        for package in ("pymavlink", "fastcrc"):
+            if find_spec(package) is None:
+                raise MissingExtraError(package, "mavlink")
+        chosen = _options(options)
+        self.template = KeyTemplate(chosen.get("template", TEMPLATE))
+        self.signer = Signer(read_key(Path(chosen["key_file"]))) if "key_file" in chosen else None
+        self._dialect_name = chosen.get("dialect", DEFAULT)
+        self._files: list[Path] = []
+        self._types: dict[str, MavlinkType] = {}
+        self._from_schemas: dict[Schema, MavlinkType | None] = {}
+        if "dialect" in chosen:
+            load_dialect(self._dialect_name)  # a wrong name is told at once
+
+    @cached_property
+    def dialect(self) -> Dialect:
+        """The messages that are known."""
+        return load_dialect(self._dialect_name, self._files)
+
+    def topic(self, key: str) -> TopicName | None:
+        """Return the key itself and the type that it names, None if the template does not fit it."""
+        parsed = self.template.parse(key)
+        return None if parsed is None else TopicName(key, PREFIX + parsed.message)
+
+    def key_expression(self, topic: str) -> str | None:
+        """Return an expression for `HEARTBEAT` from anybody, or for `1/1/HEARTBEAT` and `1/*/HEARTBEAT`."""
+        match = _SHORT.fullmatch(topic)
+        if match is None or self.dialect.message(match[3]) is None:
+            return None
+        return self.template.expression("*", match[1] or "*", match[2] or "*", match[3])
+
+    def load(self, files: Sequence[Path]) -> None:
+        """Take in dialects: XML files, which may include those that pymavlink ships.
+
+        Raises:
+            ConfigError: A file is missing or wrong.
+        """
+        self._files += [Path(file) for file in files]
+        self.__dict__.pop("dialect", None)
+        self._types.clear()
+        self._from_schemas.clear()
+        _ = self.dialect  # errors are told at once
+
+    def type_named(self, type_name: str) -> MavlinkType | None:
+        """Return the type `mavlink/HEARTBEAT`."""
+        if not type_name.startswith(PREFIX):
+            return None
+        found = self._types.get(type_name)
+        if found is None:
+            message = self.dialect.message(type_name.removeprefix(PREFIX))
+            if message is None:
+                return None
+            found = self._types[type_name] = self._type(message, self.dialect)
+        return found
+
+    def type_names(self) -> list[str]:
+        """Return the names of all types."""
+        return [PREFIX + message.name for message in self.dialect.messages.values()]
+
+    def type_of_schema(self, schema: Schema) -> MavlinkType | None:
+        """Return the type by a log's definition, which holds for that log whatever is known here.
+
+        If the definition is the same as here, the type knows more: parameters of commands, all enums.
+        """
+        if schema.encoding != ENCODING:
+            return None
+        if schema not in self._from_schemas:
+            self._from_schemas[schema] = self._parse_schema(schema)
+        return self._from_schemas[schema]
+
+    def _parse_schema(self, schema: Schema) -> MavlinkType | None:
+        here = self.type_named(schema.name)
+        found = parse_schema(schema)
+        if found is None:
+            return here if not schema.data.strip() else None
+        message = found.messages[0]
+        if here is not None and (here.message.id, here.message.places) == (message.id, message.places):
+            return here
+        return self._type(message, Dialect(schema.name, [found]))
+
+    def _type(self, message: MessageTable, dialect: Dialect) -> MavlinkType:
+        return MavlinkType(message, dialect.enums, signer=self.signer)
+
+
+def _options(text: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for part in filter(None, (each.strip() for each in text.split(";"))):
+        name, equals, value = part.partition("=")
+        if not equals:
+            name, value = "dialect", part
+        if name not in _OPTIONS or name in found or not value:
+            hint = did_you_mean(name, _OPTIONS)
+            raise ConfigError(f"{part!r} is no option of the adapter mavlink", hint=hint)
+        found[name] = value
+    return found

@@ -1,0 +1,38 @@
+"""What a bridge needs of a segment; `riot_bus.bus.bridge` has it. Methods are described there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Closeable", "Outlet", "Port"]
+
+
+class Closeable(Protocol):
+    """Something that was declared."""
+
+    def close(self) -> None:
+        """Take it away."""
+
+
+class Outlet(Closeable, Protocol):
+    """A publisher."""
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish."""
+
+
+class Port(Protocol):
+    """A segment."""
+
+    @property
+    def endpoint(self) -> str:
+        """Where it is connected."""
+
+    def publisher(self, key: str, *, reliable: bool, encoding: str = "") -> Outlet:
+        """Return a new publisher."""
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
+        """Subscribe to what others put."""

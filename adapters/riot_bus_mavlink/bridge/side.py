@@ -1,0 +1,155 @@
+"""One segment of a bridge: its links among themselves, and between them and the bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError
+from riot_bus_mavlink.bridge.marks import Mark, origin_of
+from riot_bus_mavlink.frame import LONGEST, parse_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
+    from riot_bus_mavlink.bridge.routing import Routes
+    from riot_bus_mavlink.bridge.streams import OwnStreams
+    from riot_bus_mavlink.frame import Frame
+    from riot_bus_mavlink.keys import KeyTemplate
+    from riot_bus_mavlink.links.end import End
+
+__all__ = ["ENCODING", "Side"]
+
+ENCODING = "application/octet-stream;mavlink"
+_MOST_OUTLETS = 4096
+
+
+class Side:
+    """Carries frames between the links of one segment, and between them and the bus.
+
+    Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
+    Frames from the bus are given to the links; Zenoh's threads bring them.
+
+    Args:
+        port: The segment.
+        routes: Who gets what.
+        keys: Of frames on the bus.
+        name_of: Returns the name of a message.
+        mark: Attached to frames that came over links of this bridge.
+        streams: Numbers inserted frames.
+        linked: Whether a source was seen on a link of this bridge.
+
+    Attributes:
+        counts: Frames: `to_bus` and `from_bus`; of these, those that were `inserted` by others than links, that were
+            `broken` (no whole frames), that no link wanted (`unrouted`), and what is too long for one (`refused`).
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        routes: Routes[End],
+        *,
+        keys: KeyTemplate,
+        name_of: Callable[[int], str],
+        mark: bytes,
+        streams: OwnStreams,
+        linked: Callable[[int, int], bool],
+    ) -> None:
+        self.port, self.routes = port, routes
+        self.counts: Counter[str] = Counter()
+        self._keys, self._name_of, self._mark, self._streams, self._linked = keys, name_of, mark, streams, linked
+        self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
+        self._inlet: Closeable | None = None
+        self._lock, self._declaring = threading.Lock(), threading.Lock()
+
+    def open(self) -> None:
+        """Listen to the bus."""
+        self._inlet = self.port.subscribe(self._keys.expression(), self.hear)
+
+    def close(self) -> None:
+        """End it; no link brings frames any more."""
+        if self._inlet is not None:
+            self._inlet.close()
+        for outlet in self._outlets.values():
+            outlet.close()
+        self._outlets.clear()
+
+    def take(self, end: End, frames: Iterable[Frame]) -> list[Frame]:
+        """Carry what came over a link.
+
+        Returns:
+            What was not dropped.
+        """
+        now = time.monotonic()
+        receive, losses, mark = self.routes.receive, end.losses, self._mark
+        kept = []
+        for frame in frames:
+            losses.see(frame.system, frame.component, frame.sequence)
+            others = receive(frame, end, now)
+            if others is None:
+                continue
+            raw = frame.raw
+            for other in others:
+                other.send(raw)
+            place = (end.link, frame.system, frame.component, frame.message_id)
+            outlet = self._outlets.get(place) or self._outlet(place)
+            outlet.put(raw, mark)
+            kept.append(frame)
+        self.counts["to_bus"] += len(kept)
+        return kept
+
+    def hear(self, payload: bytes, attachment: bytes | None) -> None:
+        """Carry what came from the bus."""
+        counts = self.counts
+        mark = origin_of(attachment, self._mark)
+        try:
+            frame = parse_frame(payload)
+        except PayloadError:
+            self._hear_broken(payload)
+            return
+        if mark is Mark.NONE and self._linked(frame.system, frame.component):
+            payload = self._renumbered(frame)
+        ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
+        with self._lock:
+            counts["from_bus"] += 1
+            counts["unrouted"] += not ends
+        for end in ends:
+            end.send(payload)
+
+    def insert(self, frame: Frame, link: str, attachment: bytes) -> None:
+        """Put a frame on the bus that came over no link, and give it to the links."""
+        for end in self.routes.deliver(frame, looped=False):
+            end.send(frame.raw)
+        with self._lock:
+            self.counts["inserted"] += 1
+        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, attachment)
+
+    def _renumbered(self, frame: Frame) -> bytes:
+        with self._lock:
+            self.counts["inserted"] += 1
+            return self._streams.renumber(frame)
+
+    def _hear_broken(self, payload: bytes) -> None:
+        """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""
+        fits = 0 < len(payload) <= LONGEST
+        with self._lock:
+            self.counts["from_bus"] += 1
+            self.counts["broken" if fits else "refused"] += 1
+        if fits:
+            for end in self.routes.peers:
+                if end.sends:
+                    end.send(payload)
+
+    def _outlet(self, place: tuple[str, int, int, int]) -> Outlet:
+        with self._declaring:
+            outlet = self._outlets.get(place)
+            if outlet is None:
+                if len(self._outlets) >= _MOST_OUTLETS:
+                    self._outlets.pop(next(iter(self._outlets))).close()
+                link, system, component, message_id = place
+                key = self._keys.key(link, system, component, self._name_of(message_id))
+                outlet = self._outlets[place] = self.port.publisher(key, reliable=True, encoding=ENCODING)
+            return outlet

@@ -1,0 +1,189 @@
+"""What a dialect says of a message: fields with their places, units, enums and markers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus_mavlink.crc import load_crc
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = [
+    "LONGEST_PAYLOAD",
+    "SIZES",
+    "DefinitionError",
+    "EnumEntry",
+    "EnumTable",
+    "FieldText",
+    "MessageTable",
+    "Param",
+    "Place",
+    "make_message",
+]
+
+LONGEST_PAYLOAD = 255
+
+SIZES = {
+    "char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "float": 4,
+    "int64_t": 8, "uint64_t": 8, "double": 8,
+}  # fmt: skip
+"""Bytes of one element, by the name that a type has in dialects."""
+
+_TYPES = {"char": "string", "float": "float32", "double": "float64"}
+
+
+class DefinitionError(ValueError):
+    """A message cannot be as it is defined."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldText:
+    """A field as a dialect's file has it.
+
+    Attributes:
+        name: Such as `lat`.
+        type: Such as `int32_t`, one of `SIZES`.
+        array: Number of elements, 0 if it is no array.
+        extension: Whether it is not sent in MAVLink 1, and no part of the checksum.
+        unit: As it is written there: `degE7`, `cdeg`, `mm`, `d%`.
+        enum: Name of the enum that its values are of.
+        bitmask: Whether these are flags, in any combination.
+        invalid: The marker for "not known": `UINT16_MAX`, `NaN`, `[NaN:]`.
+        low: Smallest sensible value.
+        high: Largest sensible value.
+    """
+
+    name: str
+    type: str
+    array: int = 0
+    extension: bool = False
+    unit: str = ""
+    enum: str = ""
+    bitmask: bool = False
+    invalid: str = ""
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes that it takes."""
+        return SIZES[self.type] * (self.array or 1)
+
+    @property
+    def kind(self) -> str:
+        """Type of one value as riot names it: `int32`, `float32`, `string`."""
+        return _TYPES.get(self.type) or self.type.removesuffix("_t")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A field, and at which byte of the payload it begins."""
+
+    field: FieldText
+    offset: int
+
+    @property
+    def end(self) -> int:
+        """The first byte after it."""
+        return self.offset + self.field.size
+
+
+@dataclass(frozen=True, slots=True)
+class MessageTable:
+    """A message of a dialect.
+
+    Attributes:
+        id: 0 to 16777215.
+        name: Such as `GLOBAL_POSITION_INT`.
+        places: Its fields in the order of its definition.
+        base_size: Bytes of its payload in MAVLink 1.
+        size: Bytes of its payload in MAVLink 2, before trailing zeros are cut off.
+        crc_extra: What stands for the definition in the checksum.
+    """
+
+    id: int
+    name: str
+    places: Mapping[str, Place]
+    base_size: int
+    size: int
+    crc_extra: int
+
+    @property
+    def targets(self) -> tuple[int | None, int | None]:
+        """At which bytes of the payload `target_system` and `target_component` are, None where there is none."""
+        system, component = (self.places.get(name) for name in ("target_system", "target_component"))
+        return (None if system is None else system.offset, None if component is None else component.offset)
+
+
+@dataclass(frozen=True, slots=True)
+class Param:
+    """What a parameter of a command means: one of the seven of MAV_CMD."""
+
+    index: int
+    label: str = ""
+    unit: str = ""
+    enum: str = ""
+    low: float | None = None
+    high: float | None = None
+    increment: float | None = None
+    reserved: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class EnumEntry:
+    """One value of an enum; commands have parameters."""
+
+    name: str
+    value: int
+    params: Sequence[Param] = ()
+
+
+@dataclass(slots=True)
+class EnumTable:
+    """The values of an enum, from all files that add to it."""
+
+    name: str
+    bitmask: bool = False
+    entries: dict[int, EnumEntry] = field(default_factory=dict)
+
+    @property
+    def flags(self) -> int:
+        """All bits of a bitmask."""
+        bits = 0
+        for value in self.entries:
+            bits |= value
+        return bits
+
+
+def make_message(message_id: int, name: str, fields: Sequence[FieldText]) -> MessageTable:
+    """Return a message with the places of its fields: larger types first, extensions in their order at the end.
+
+    Raises:
+        DefinitionError: Two fields have the same name, or the fields do not fit in a payload.
+        MissingExtraError: fastcrc is not installed.
+    """
+    base = sorted((each for each in fields if not each.extension), key=lambda each: -SIZES[each.type])
+    offsets: dict[str, int] = {}
+    size = base_size = 0
+    for each in (*base, *(each for each in fields if each.extension)):
+        if each.name in offsets:
+            raise DefinitionError(f"two fields are called {each.name!r}")
+        offsets[each.name] = size
+        size += each.size
+        base_size = base_size if each.extension else size
+    if size > LONGEST_PAYLOAD:
+        raise DefinitionError(f"its fields take {size} bytes of {LONGEST_PAYLOAD}")
+    places = {each.name: Place(each, offsets[each.name]) for each in fields}
+    return MessageTable(message_id, name, places, base_size, size, _crc_extra(name, base))
+
+
+def _crc_extra(name: str, base: Sequence[FieldText]) -> int:
+    text = b"%b " % name.encode()
+    for each in base:
+        text += b"%b %b " % (each.type.encode(), each.name.encode())
+        if each.array:
+            text += bytes([each.array])
+    crc = load_crc()(text, 0xFFFF)
+    return (crc & 0xFF) ^ (crc >> 8)

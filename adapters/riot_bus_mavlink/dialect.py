@@ -1,0 +1,172 @@
+"""Dialects: the messages and enums of one that pymavlink ships, and of the user's own files."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus_mavlink.definitions import EnumTable, MessageTable
+from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+__all__ = ["DEFAULT", "Dialect", "dialect_names", "load_dialect"]
+
+DEFAULT = "all"
+"""The dialect that contains all others that pymavlink ships."""
+
+_UNKNOWN = "UNKNOWN_"
+_MOST_FILES = 256
+
+
+class Dialect:
+    """The messages that are known.
+
+    Args:
+        name: Of the dialect.
+        parts: What its files define; what comes later replaces messages of the same id or name, and adds to enums.
+    """
+
+    def __init__(self, name: str, parts: Iterable[DialectFile]) -> None:
+        self.name = name
+        self._messages: dict[int, MessageTable] = {}
+        self._ids: dict[str, int] = {}
+        self._enums: dict[str, EnumTable] = {}
+        for part in parts:
+            for message in part.messages:
+                self._add(message)
+            for enum in part.enums:
+                known = self._enums.setdefault(enum.name, EnumTable(enum.name))
+                known.bitmask = known.bitmask or enum.bitmask
+                known.entries.update(enum.entries)
+        self._extras = {number: message.crc_extra for number, message in self._messages.items()}
+        self._targets = {number: message.targets for number, message in self._messages.items()}
+
+    @property
+    def messages(self) -> Mapping[int, MessageTable]:
+        """The messages by id."""
+        return self._messages
+
+    @property
+    def enums(self) -> Mapping[str, EnumTable]:
+        """The enums by name."""
+        return self._enums
+
+    def crc_extra(self, message_id: int) -> int | None:
+        """Return what stands for a message's definition in its checksum, None if the message is unknown."""
+        return self._extras.get(message_id)
+
+    def name_of(self, message_id: int) -> str:
+        """Return the name of a message: `UNKNOWN_1234` if it is not known."""
+        message = self._messages.get(message_id)
+        return f"{_UNKNOWN}{message_id}" if message is None else message.name
+
+    def id_of(self, name: str) -> int | None:
+        """Return the id of a message, also of `UNKNOWN_1234`; None if there is no such name."""
+        number = self._ids.get(name)
+        if number is None and name.startswith(_UNKNOWN):
+            text = name.removeprefix(_UNKNOWN)
+            number = int(text) if text.isdecimal() and text.isascii() and len(text) <= 8 else None
+        return number
+
+    def message(self, name: str) -> MessageTable | None:
+        """Return the definition of a message, None if it is not known."""
+        number = self._ids.get(name)
+        return None if number is None else self._messages[number]
+
+    def targets(self, message_id: int) -> tuple[int | None, int | None]:
+        """Return at which bytes of the payload the target system and component are, None where there is none.
+
+        Bytes beyond the end of a payload are zeros that were cut off.
+        """
+        return self._targets.get(message_id, (None, None))
+
+    def _add(self, message: MessageTable) -> None:
+        before = self._messages.pop(message.id, None)
+        if before is not None:
+            del self._ids[before.name]
+        other = self._ids.pop(message.name, None)
+        if other is not None:
+            del self._messages[other]
+        self._messages[message.id] = message
+        self._ids[message.name] = message.id
+
+
+def dialect_names() -> list[str]:
+    """Return the names of the dialects that pymavlink ships.
+
+    Raises:
+        MissingExtraError: pymavlink is not installed.
+    """
+    return sorted(file.stem for file in _shipped_folder().glob("*.xml"))
+
+
+def load_dialect(name: str = DEFAULT, files: Sequence[Path] = ()) -> Dialect:
+    """Load a dialect that pymavlink ships, and files of the user's.
+
+    Args:
+        name: Such as `all` or `ardupilotmega`; empty for none.
+        files: XML files. What they include is looked for beside them, then among pymavlink's.
+
+    Raises:
+        ConfigError: There is no such dialect, or a file is missing or wrong.
+        MissingExtraError: pymavlink or fastcrc is not installed.
+    """
+    if not files:
+        return _shipped(name)
+    parts: dict[Path, DialectFile] = {}
+    if name:
+        _read(_shipped_file(name), parts)
+    for file in files:
+        _read(Path(file), parts)
+    return Dialect(name, parts.values())
+
+
+@lru_cache(maxsize=4)
+def _shipped(name: str) -> Dialect:
+    parts: dict[Path, DialectFile] = {}
+    if name:
+        _read(_shipped_file(name), parts)
+    return Dialect(name, parts.values())
+
+
+def _shipped_folder() -> Path:
+    spec = find_spec("pymavlink")
+    if spec is None or not spec.submodule_search_locations:
+        raise MissingExtraError("pymavlink", "mavlink")
+    return Path(next(iter(spec.submodule_search_locations))) / "dialects" / "v20"
+
+
+def _shipped_file(name: str) -> Path:
+    known = dialect_names()
+    if name not in known:
+        raise ConfigError(f"unknown dialect {name!r} of MAVLink", hint=did_you_mean(name, known))
+    return _shipped_folder() / f"{name}.xml"
+
+
+def _read(file: Path, parts: dict[Path, DialectFile]) -> None:
+    """Read a file and those that it includes, each once, into `parts`; includers come last."""
+    place = file.resolve()
+    if place in parts:
+        return
+    if len(parts) >= _MOST_FILES:
+        raise ConfigError(f"more than {_MOST_FILES} files are included", where=str(file))
+    try:
+        data = place.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", where=str(file)) from error
+    found = parse_dialect(data, where=str(file))
+    parts[place] = DialectFile()  # holds its place, so that circles end
+    for include in found.includes:
+        _read(_included(include, file), parts)
+    del parts[place]
+    parts[place] = found
+
+
+def _included(name: str, by: Path) -> Path:
+    beside = by.parent / name
+    return beside if beside.is_file() else _shipped_folder() / Path(name).name

@@ -1,0 +1,284 @@
+"""Frames of MAVLink 1 and 2 as bytes, and finding them in a stream.
+
+A frame is `FE len seq sys comp id` (MAVLink 1) or `FD len incompat compat seq sys comp id id id` (2), so many bytes of
+payload, a checksum over all of this but the first byte and over one more that stands for the message's definition
+(`crc_extra`), and in signed frames of MAVLink 2 a signature of 13 bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError
+from riot_bus_mavlink.crc import load_crc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = [
+    "LONGEST",
+    "SIGNATURE",
+    "SIGNED",
+    "V1",
+    "V2",
+    "Counts",
+    "Frame",
+    "Framer",
+    "checksum_fits",
+    "pack_frame",
+    "parse_frame",
+    "seal",
+    "trimmed",
+]
+
+V1 = 0xFE
+V2 = 0xFD
+SIGNED = 0x01
+"""Incompatibility flag of signed frames, the only one that is defined."""
+SIGNATURE = 13
+"""Bytes of a signature."""
+LONGEST = 280
+"""Bytes of the longest frame: 10 of header, 255 of payload, 2 of checksum, 13 of signature."""
+
+_STARTS = (V1, V2)
+_CRC_START = 0xFFFF
+_EXTRA = [bytes([number]) for number in range(256)]
+
+
+@dataclass(slots=True, frozen=True)
+class Frame:
+    """One frame as it came, and what its header says.
+
+    Attributes:
+        raw: All bytes, from the first one (FE or FD) to the checksum or signature.
+        version: 1 or 2.
+        sequence: Number at the sender, 0 to 255.
+        system: Id of the sending system.
+        component: Id of the sending component.
+        message_id: Which message it is.
+        signed: Whether a signature follows the checksum.
+    """
+
+    raw: bytes
+    version: int
+    sequence: int
+    system: int
+    component: int
+    message_id: int
+    signed: bool = False
+
+    @property
+    def payload(self) -> bytes:
+        """The payload as it was sent: trailing zeros may be cut off in MAVLink 2."""
+        start = 6 if self.version == 1 else 10
+        return self.raw[start : start + self.raw[1]]
+
+
+@dataclass(slots=True)
+class Counts:
+    """What came out of a stream; `bytes` is the sum of `frame_bytes`, `junk_bytes` and what waits for more.
+
+    Attributes:
+        frames: Frames that were passed on.
+        unknown: Those of them whose message is unknown, so that their checksum could not be checked.
+        bad_crc: What looked like a frame but has a wrong checksum.
+        bytes: All that came.
+        frame_bytes: In frames that were passed on.
+        junk_bytes: In nothing that was passed on.
+    """
+
+    frames: int = 0
+    unknown: int = 0
+    bad_crc: int = 0
+    bytes: int = 0
+    frame_bytes: int = 0
+    junk_bytes: int = 0
+
+
+class Framer:
+    """Finds frames in a stream of bytes, however it is split; after damage it goes on with the next whole frame.
+
+    A frame with a wrong checksum is junk; the search goes on after its first byte, so that no frame is lost to bytes
+    that only look like the beginning of one. A frame of an unknown message has no checksum that could be checked; it is
+    taken where a frame has to begin: after another frame, before what begins like one, or as all that came at once.
+
+    Args:
+        crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
+
+    Raises:
+        MissingExtraError: fastcrc is not installed.
+    """
+
+    def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
+        self.counts = Counts()
+        self._extra = crc_extra
+        self._crc = load_crc()
+        self._rest = b""
+        self._in_step = True
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for the rest of their frame."""
+        return len(self._rest)
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that are complete with these bytes, in their order."""
+        counts = self.counts
+        counts.bytes += len(data)
+        if self._rest:
+            data = self._rest + data
+        return self._scan(data, ended=False)
+
+    def flush(self) -> list[Frame]:
+        """Return the whole frames in what waits for more, which never comes; the rest of it is junk."""
+        return self._scan(self._rest, ended=True) if self._rest else []
+
+    def _scan(self, data: bytes, *, ended: bool) -> list[Frame]:
+        counts = self.counts
+        found: list[Frame] = []
+        at, size = 0, len(data)
+        fresh = not self._rest
+        while at < size:
+            first = data[at]
+            if first != V2 and first != V1:
+                following = _next_start(data, at)
+                counts.junk_bytes += following - at
+                self._in_step = False
+                at = following
+                continue
+            length = _frame_length(data, at)
+            if length < 0 or at + length > size:
+                if length < 0 or ended:
+                    at += self._skip()
+                    continue
+                break
+            frame = self._take(data, at, length, alone=fresh and length == size)
+            if frame is None:
+                at += self._skip()
+                continue
+            found.append(frame)
+            counts.frames += 1
+            counts.frame_bytes += length
+            at += length
+        self._rest = data[at:]
+        return found
+
+    def _skip(self) -> int:
+        self.counts.junk_bytes += 1
+        self._in_step = False
+        return 1
+
+    def _take(self, data: bytes, at: int, length: int, *, alone: bool) -> Frame | None:
+        """Return the frame at a place, None if its checksum is wrong, or if it is not to be trusted."""
+        frame = _parse(data, at, length)
+        extra = self._extra(frame.message_id)
+        if extra is None:
+            end = at + length
+            if not self._in_step and not alone and (end >= len(data) or data[end] not in _STARTS):
+                return None
+            self.counts.unknown += 1
+            return frame
+        end = length - SIGNATURE if frame.signed else length
+        raw = frame.raw
+        if self._crc(_EXTRA[extra], self._crc(raw[1 : end - 2], _CRC_START)) != raw[end - 2] | raw[end - 1] << 8:
+            self.counts.bad_crc += 1
+            return None
+        self._in_step = True
+        return frame
+
+
+def parse_frame(data: bytes) -> Frame:
+    """Return the one frame that these bytes are; its checksum is not checked.
+
+    Raises:
+        PayloadError: They are no frame, or more than one.
+    """
+    if len(data) < 8 or data[0] not in _STARTS:
+        raise PayloadError("no MAVLink frame: it begins with FE or FD and has at least 8 bytes")
+    length = _frame_length(data, 0)
+    if length != len(data):
+        why = "has flags that are not defined" if length < 0 else f"should have {length} bytes by its header"
+        raise PayloadError(f"no MAVLink frame: it has {len(data)} bytes and {why}")
+    return _parse(data, 0, length)
+
+
+def checksum_fits(frame: Frame, crc_extra: int) -> bool:
+    """Return whether the checksum of a frame is right."""
+    raw = frame.raw
+    end = len(raw) - (SIGNATURE if frame.signed else 0)
+    return _checksum(raw[1 : end - 2], crc_extra) == raw[end - 2] | raw[end - 1] << 8
+
+
+def seal(head: bytes, payload: bytes, crc_extra: int) -> bytes:
+    """Return a header and payload with their checksum; the header's length is taken as it is.
+
+    Raises:
+        MissingExtraError: fastcrc is not installed.
+    """
+    body = head + payload
+    return body + _checksum(body[1:], crc_extra).to_bytes(2, "little")
+
+
+def pack_frame(
+    message_id: int, payload: bytes, crc_extra: int, *, version: int, sequence: int, system: int, component: int
+) -> bytes:
+    """Return an unsigned frame; of MAVLink 2, trailing zeros of the payload are cut off.
+
+    Args:
+        message_id: At most 255 in MAVLink 1.
+        payload: At most 255 bytes, in MAVLink 1 without fields of extensions.
+        crc_extra: Of the message.
+        version: 1 or 2.
+        sequence: Taken modulo 256.
+        system: Of the sender, 0 to 255.
+        component: Of the sender, 0 to 255.
+
+    Raises:
+        ValueError: A number is out of range.
+        MissingExtraError: fastcrc is not installed.
+    """
+    if version == 1:
+        return seal(bytes([V1, len(payload), sequence & 255, system, component, message_id]), payload, crc_extra)
+    payload = trimmed(payload)
+    head = bytes([V2, len(payload), 0, 0, sequence & 255, system, component])
+    try:
+        return seal(head + message_id.to_bytes(3, "little"), payload, crc_extra)
+    except OverflowError as error:
+        raise ValueError(f"{message_id} is no id of a message") from error
+
+
+def trimmed(payload: bytes) -> bytes:
+    """Return a payload as MAVLink 2 sends it: without trailing zeros, but not without its first byte."""
+    return payload.rstrip(b"\0") or payload[:1]
+
+
+def _checksum(data: bytes, crc_extra: int) -> int:
+    crc = load_crc()
+    return crc(_EXTRA[crc_extra], crc(data, _CRC_START))
+
+
+def _next_start(data: bytes, at: int) -> int:
+    """Return where the next byte is that may begin a frame, or the end."""
+    old, new = data.find(V1, at), data.find(V2, at)
+    size = len(data)
+    return min(size if old < 0 else old, size if new < 0 else new)
+
+
+def _frame_length(data: bytes, at: int) -> int:
+    """Return how long the frame at a place is: at least 8 if its header is not whole, -1 if this is no frame."""
+    if data[at] == V1:
+        return 8 + data[at + 1] if at + 1 < len(data) else 8
+    if at + 2 >= len(data):
+        return 12
+    flags = data[at + 2]
+    if flags & ~SIGNED:
+        return -1
+    return 12 + data[at + 1] + (SIGNATURE if flags else 0)
+
+
+def _parse(data: bytes, at: int, length: int) -> Frame:
+    raw = data[at : at + length]
+    if raw[0] == V1:
+        return Frame(raw, 1, raw[2], raw[3], raw[4], raw[5])
+    return Frame(raw, 2, raw[4], raw[5], raw[6], raw[7] | raw[8] << 8 | raw[9] << 16, raw[2] == SIGNED)

@@ -1,0 +1,72 @@
+"""Definitions of single messages as they are kept in logs: a dialect of one message and the enums that it refers to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+
+from riot_bus.errors import ConfigError
+from riot_bus.types.model import Schema
+from riot_bus_mavlink.xml_files import parse_dialect
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from riot_bus_mavlink.definitions import EnumTable, MessageTable
+    from riot_bus_mavlink.xml_files import DialectFile
+
+__all__ = ["ENCODING", "parse_schema", "schema_of"]
+
+ENCODING = "mavlink"
+"""The encoding of payloads (one frame each) and of schemas in MCAP."""
+
+
+def schema_of(name: str, message: MessageTable, enums: Mapping[str, EnumTable]) -> Schema:
+    """Return the definition of a message for a log."""
+    return Schema(name, ENCODING, "\n".join(_lines(message, enums)).encode())
+
+
+def parse_schema(schema: Schema) -> DialectFile | None:
+    """Return what a log says of one message, None if this is no such definition."""
+    if schema.encoding != ENCODING or not schema.data:
+        return None
+    try:
+        found = parse_dialect(schema.data, where=schema.name)
+    except ConfigError:
+        return None
+    return found if len(found.messages) == 1 and not found.includes else None
+
+
+def _lines(message: MessageTable, enums: Mapping[str, EnumTable]) -> Iterator[str]:
+    fields = [place.field for place in message.places.values()]
+    named = sorted({field.enum for field in fields} & enums.keys())
+    yield "<mavlink>"
+    yield " <enums>"
+    for name in named:
+        table = enums[name]
+        yield f"  <enum name={quoteattr(name)}{_flag('bitmask', value=table.bitmask)}>"
+        for entry in table.entries.values():
+            yield f'   <entry value="{entry.value}" name={quoteattr(entry.name)}/>'
+        yield "  </enum>"
+    yield " </enums>"
+    yield " <messages>"
+    yield f'  <message id="{message.id}" name={quoteattr(message.name)}>'
+    extended = False
+    for field in fields:
+        if field.extension and not extended:
+            yield "   <extensions/>"
+            extended = True
+        array = f"[{field.array}]" if field.array else ""
+        told = {"units": field.unit, "enum": field.enum, "invalid": field.invalid}
+        limits = {"minValue": field.low, "maxValue": field.high}
+        more = "".join(f" {key}={quoteattr(text)}" for key, text in told.items() if text)
+        more += "".join(f' {key}="{value!r}"' for key, value in limits.items() if value is not None)
+        more += ' display="bitmask"' if field.bitmask else ""
+        yield f"   <field type={quoteattr(field.type + array)} name={quoteattr(field.name)}{more}/>"
+    yield "  </message>"
+    yield " </messages>"
+    yield "</mavlink>"
+
+
+def _flag(name: str, *, value: bool) -> str:
+    return f' {name}="true"' if value else ""

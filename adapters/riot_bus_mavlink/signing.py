@@ -1,0 +1,171 @@
+"""Signatures of MAVLink 2: a link id, a time that only grows, and the first bytes of a hash with a secret key.
+
+Anybody who knows the key can sign; receivers accept what is newer than the last message of the same sender and link.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, PayloadError
+from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame, parse_frame, seal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["KEY_BYTES", "Renewer", "Signer", "key_of_phrase", "link_of", "read_key", "sign_frame", "ticks", "time_of"]
+
+KEY_BYTES = 32
+_HASH_BYTES = 6
+_EPOCH = 1_420_070_400
+"""2015-01-01 UTC, where the time of signatures begins, in seconds since the Unix epoch."""
+_TICK = 10_000
+_MOST_TICKS = (1 << 48) - 1
+
+
+class Signer:
+    """Signs frames, and checks signatures.
+
+    Args:
+        key: The secret.
+
+    Raises:
+        ConfigError: It does not have 32 bytes.
+    """
+
+    def __init__(self, key: bytes) -> None:
+        if len(key) != KEY_BYTES:
+            raise ConfigError(f"a key of MAVLink has {KEY_BYTES} bytes, this one {len(key)}")
+        self._key = key
+
+    def __repr__(self) -> str:
+        return "Signer(...)"
+
+    def sign(self, body: bytes, link: int, time: int) -> bytes:
+        """Return a frame with its signature.
+
+        Args:
+            body: From FD to the checksum, with the flag of signed frames in its header.
+            link: 0 to 255.
+            time: 0 to 2**48 - 1, see `ticks`.
+        """
+        head = b"%b%c%b" % (body, link, time.to_bytes(6, "little"))
+        return head + self._hash(head)
+
+    def fits(self, frame: Frame) -> bool:
+        """Return whether a signed frame has the signature that this key makes."""
+        return frame.signed and hmac.compare_digest(frame.raw[-_HASH_BYTES:], self._hash(frame.raw[:-_HASH_BYTES]))
+
+    def _hash(self, data: bytes) -> bytes:
+        return hashlib.sha256(self._key + data).digest()[:_HASH_BYTES]
+
+
+class Renewer:
+    """Keeps the times of signatures growing when frames were delayed, repeated, added, or played from a log.
+
+    Each sender (system and component) has a time of its own on each link.
+
+    Args:
+        signer: Knows the key.
+    """
+
+    def __init__(self, signer: Signer) -> None:
+        self._signer = signer
+        self._last: dict[bytes, int] = {}
+
+    @property
+    def last(self) -> Mapping[bytes, int]:
+        """The last time by link, system and component (3 bytes)."""
+        return self._last
+
+    def renew(self, raw: bytes, *, now: int = 0) -> bytes:
+        """Return a frame as it may be sent now: as it is if its time has grown, else signed with a later time.
+
+        Args:
+            raw: One frame. Those that are not signed stay as they are.
+            now: The least time that it should have, see `ticks`; 0 for what is not played from a log.
+
+        Raises:
+            PayloadError: This is no frame, or there is no later time.
+        """
+        if len(raw) < 12 + SIGNATURE or raw[0] != V2 or raw[2] != SIGNED:
+            return raw
+        stream = raw[-13:-12] + raw[5:7]
+        last = self._last.get(stream, -1)
+        time = int.from_bytes(raw[-12:-6], "little")
+        if time <= last or time < now:
+            time = max(now, last + 1)
+            if time > _MOST_TICKS:
+                raise PayloadError("there is no later time for a signature")
+            raw = self._signer.sign(raw[:-SIGNATURE], raw[-13], time)
+        self._last[stream] = time
+        return raw
+
+
+def sign_frame(raw: bytes, signer: Signer, crc_extra: int, *, link: int, time: int) -> bytes:
+    """Return an unsigned frame of MAVLink 2 with a signature.
+
+    Args:
+        raw: The frame.
+        signer: Knows the key.
+        crc_extra: Of its message.
+        link: Id of the link, 0 to 255.
+        time: See `ticks`.
+
+    Raises:
+        PayloadError: It is no frame of MAVLink 2, or it is signed.
+    """
+    frame = parse_frame(raw)
+    if frame.version != 2 or frame.signed:
+        raise PayloadError("only unsigned frames of MAVLink 2 can be signed")
+    head = b"%b%c%b" % (raw[:2], SIGNED, raw[3:10])
+    return signer.sign(seal(head, frame.payload, crc_extra), link, time)
+
+
+def ticks(unix_nanoseconds: int) -> int:
+    """Return a time as signatures have it: units of 10 microseconds since 2015-01-01 UTC."""
+    return max(0, unix_nanoseconds - _EPOCH * 1_000_000_000) // _TICK
+
+
+def time_of(frame: Frame) -> int:
+    """Return the time in the signature of a signed frame, in ticks."""
+    return int.from_bytes(frame.raw[-12:-6], "little")
+
+
+def link_of(frame: Frame) -> int:
+    """Return the link id in the signature of a signed frame."""
+    return frame.raw[-13]
+
+
+def key_of_phrase(phrase: str) -> bytes:
+    """Return the key that ground stations make of a passphrase: its SHA-256."""
+    return hashlib.sha256(phrase.encode()).digest()
+
+
+def read_key(file: Path) -> bytes:
+    """Read a key: 32 bytes, 64 hexadecimal digits, or a passphrase on one line.
+
+    Raises:
+        ConfigError: The file cannot be read, or is empty.
+    """
+    try:
+        data = Path(file).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"the key cannot be read: {error.strerror}", where=str(file)) from error
+    if len(data) == KEY_BYTES:
+        return data
+    try:
+        text = data.decode().strip()
+    except UnicodeDecodeError:
+        text = ""
+    if not text or "\n" in text or len(text) > 1024:
+        hint = "32 bytes, 64 hexadecimal digits, or a passphrase on one line"
+        raise ConfigError("this is no key of MAVLink", where=str(file), hint=hint)
+    try:
+        key = bytes.fromhex(text)
+    except ValueError:
+        key = b""
+    return key if len(key) == KEY_BYTES else key_of_phrase(text)

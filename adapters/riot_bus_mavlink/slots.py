@@ -1,0 +1,139 @@
+"""Single values in a frame: where they are, and how they are read and written."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.types.model import parse_path, wrap_integer
+
+if TYPE_CHECKING:
+    from riot_bus.trial import Scalar
+    from riot_bus_mavlink.definitions import MessageTable, Place
+
+__all__ = ["HEADER", "Number", "Slot", "Text", "find_slot", "slots_of"]
+
+_CODES = {
+    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
+    "float32": "f", "float64": "d",
+}  # fmt: skip
+
+HEADER = {"header.sequence": (2, 4), "header.system_id": (3, 5), "header.component_id": (4, 6)}
+"""Fields of the header, and where they are in frames of MAVLink 1 and 2; all are of type uint8."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number at a place of the payload."""
+
+    path: str
+    kind: str
+    offset: int
+    form: struct.Struct
+
+    @property
+    def end(self) -> int:
+        """The first byte after it."""
+        return self.offset + self.form.size
+
+    def read(self, body: bytes) -> Scalar:
+        """Return the value; bytes that a payload lacks are zeros."""
+        if len(body) < self.offset + self.form.size:
+            body = body.ljust(self.offset + self.form.size, b"\0")
+        value: Scalar = self.form.unpack_from(body, self.offset)[0]
+        return value
+
+    def pack(self, value: Scalar) -> bytes:
+        """Return the bytes of a value; integers wrap, floats overflow to infinity.
+
+        Raises:
+            PayloadError: It is no number, or no finite one for an integer.
+        """
+        if isinstance(value, str | bytes):
+            raise PayloadError(f"{value!r} is no {self.kind}", where=self.path)
+        if self.kind.startswith("float"):
+            try:
+                return self.form.pack(float(value))
+            except OverflowError:
+                return self.form.pack(math.inf if value > 0 else -math.inf)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise PayloadError(f"{value!r} is no {self.kind}", where=self.path)
+        return self.form.pack(wrap_integer(int(value), bits=8 * self.form.size, signed=self.kind[0] == "i"))
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """An array of characters: text that ends at the first NUL, or at the end of the array."""
+
+    path: str
+    offset: int
+    size: int
+
+    kind = "string"
+
+    @property
+    def end(self) -> int:
+        """The first byte after it."""
+        return self.offset + self.size
+
+    def read(self, body: bytes) -> Scalar:
+        """Return the text; bytes that are no UTF-8 become surrogates."""
+        data = body[self.offset : self.offset + self.size].partition(b"\0")[0]
+        return data.decode(errors="surrogateescape")
+
+    def pack(self, value: Scalar) -> bytes:
+        """Return the bytes of a text, filled with NULs; what is too long is cut.
+
+        Raises:
+            PayloadError: It is no text, or cannot be encoded.
+        """
+        if not isinstance(value, str):
+            raise PayloadError(f"{value!r} is no text", where=self.path)
+        try:
+            data = value.encode(errors="surrogateescape")
+        except UnicodeEncodeError as error:
+            raise PayloadError(f"{value!r} cannot be encoded: {error}", where=self.path) from error
+        return data[: self.size].ljust(self.size, b"\0")
+
+
+Slot = Number | Text
+
+
+def slots_of(message: MessageTable) -> dict[str, Slot]:
+    """Return the single values of a message by path, in the order of its definition."""
+    found: dict[str, Slot] = {}
+    for name, place in message.places.items():
+        for slot in _slots(name, place):
+            found[slot.path] = slot
+    return found
+
+
+def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot | int:
+    """Return the value that a path names, or the length of an array.
+
+    Raises:
+        PayloadError: There is no such field.
+    """
+    slot = slots.get(path)
+    if slot is not None:
+        return slot
+    parsed = parse_path(path)
+    place = message.places.get(path[len("len(") : -1]) if parsed.length else None
+    if place is not None and place.field.array and place.field.type != "char":
+        return place.field.array
+    raise PayloadError("no such field", where=f"{message.name}: {path}", hint=did_you_mean(path, [*slots, *HEADER]))
+
+
+def _slots(name: str, place: Place) -> list[Slot]:
+    field = place.field
+    if field.type == "char":
+        return [Text(name, place.offset, field.size)]
+    form = struct.Struct("<" + _CODES[field.kind])
+    if not field.array:
+        return [Number(name, field.kind, place.offset, form)]
+    return [
+        Number(f"{name}[{index}]", field.kind, place.offset + index * form.size, form) for index in range(field.array)
+    ]
