@@ -6,9 +6,8 @@ Prints what it has seen as one JSON object.
 import json
 import sys
 import threading
-import time
 
-from mavsdk import Configuration, ComponentType, Mavsdk
+from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from mavsdk.plugins.param import Param
