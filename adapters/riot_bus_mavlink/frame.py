@@ -101,7 +101,7 @@ class Framer:
 
     A frame with a wrong checksum is junk; the search goes on after its first byte, so that no frame is lost to bytes
     that only look like the beginning of one. A frame of an unknown message has no checksum that could be checked; it is
-    taken where a frame has to begin: after another frame, before what begins like one, or as all that came at once.
+    taken before what begins like a frame or, if nothing follows, after one, or as all that came at once.
 
     Args:
         crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
@@ -175,7 +175,8 @@ class Framer:
         extra = self._extra(frame.message_id)
         if extra is None:
             end = at + length
-            if not self._in_step and not alone and (end >= len(data) or data[end] not in _STARTS):
+            fits = data[end] in _STARTS if end < len(data) else self._in_step or alone
+            if not fits:
                 return None
             self.counts.unknown += 1
             return frame

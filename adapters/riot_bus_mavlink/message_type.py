@@ -10,6 +10,7 @@ from riot_bus.errors import PayloadError
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, Schema
 from riot_bus_mavlink.crc import load_crc
+from riot_bus_mavlink.definitions import Place
 from riot_bus_mavlink.exceptional import exceptional_values, why_brittle
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V1, V2, trimmed
 from riot_bus_mavlink.schema_text import ENCODING, schema_of
@@ -78,7 +79,7 @@ class MavlinkType:
         parts = self._parts(payload)
         found = [Leaf(path, "uint8", payload[places[parts.version - 1]]) for path, places in HEADER.items()]
         body = self._body(payload, parts)
-        size = self._size(parts.version)
+        size = len(body)
         for path, slot in self._slots.items():
             if slot.end <= size and (path[-1] != "]" or int(path[path.rindex("[") + 1 : -1]) < elements):
                 found.append(Leaf(path, slot.kind, slot.read(body)))
@@ -99,9 +100,9 @@ class MavlinkType:
         if places is not None:
             return payload[places[parts.version - 1]]
         slot = self._slot(path)
-        if isinstance(slot, int):
-            return slot
-        self._check_version(slot, parts.version)
+        self._check_place(slot, parts)
+        if isinstance(slot, Place):
+            return slot.field.array
         return slot.read(payload[parts.start : parts.end])
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
@@ -110,16 +111,16 @@ class MavlinkType:
         if not changes:
             return payload
         head = bytearray(payload[: parts.start])
-        body = bytearray(payload[parts.start : parts.end].ljust(self._size(parts.version), b"\0"))
+        body = bytearray(self._body(payload, parts))
         for path, value in changes.items():
             places = HEADER.get(path)
             if places is not None:
                 head[places[parts.version - 1]] = Number(path, "uint8", 0, _BYTE).pack(value)[0]
                 continue
             slot = self._slot(path)
-            if isinstance(slot, int):
+            if isinstance(slot, Place):
                 raise PayloadError("this array has a fixed length", where=f"{self.name}: {path}")
-            self._check_version(slot, parts.version)
+            self._check_place(slot, parts)
             body[slot.offset : slot.end] = slot.pack(value)
         return self._closed(payload, parts, bytes(head), bytes(body))
 
@@ -133,15 +134,14 @@ class MavlinkType:
             value: What it is set to.
         """
         slot = None if path in HEADER else self._slot(path)
-        if slot is None or isinstance(slot, int):
+        if slot is None or isinstance(slot, Place):
             return None
         packed = slot.pack(value)
         start, end = slot.offset, slot.end
-        size = {version: self._size(version) for version in (1, 2)}
 
         def patch(payload: bytes) -> bytes:
             parts = self._parts(payload)
-            body = payload[parts.start : parts.end].ljust(size[parts.version], b"\0")
+            body = self._body(payload, parts)
             if end > len(body):
                 return self.patch(payload, {path: value})  # says what is wrong
             body = b"%b%b%b" % (body[:start], packed, body[end:])
@@ -228,18 +228,16 @@ class MavlinkType:
         return self._signer.sign(frame, payload[-13], int.from_bytes(payload[-12:-6], "little"))
 
     def _body(self, payload: bytes, parts: _Parts) -> bytes:
-        """Return the payload of a frame with the zeros that were cut off."""
-        return payload[parts.start : parts.end].ljust(self._size(parts.version), b"\0")
+        """Return the payload of a frame, of MAVLink 2 with the zeros that were cut off."""
+        body = payload[parts.start : parts.end]
+        return body.ljust(self.message.size, b"\0") if parts.version == 2 else body
 
-    def _size(self, version: int) -> int:
-        return self.message.size if version == 2 else self.message.base_size
-
-    def _slot(self, path: str) -> Slot | int:
+    def _slot(self, path: str) -> Slot | Place:
         return self._slots.get(path) or find_slot(self._slots, self.message, path)
 
-    def _check_version(self, slot: Slot, version: int) -> None:
-        if version == 1 and slot.end > self.message.base_size:
-            raise PayloadError("frames of MAVLink 1 have no such field", where=f"{self.name}: {slot.path}")
+    def _check_place(self, slot: Slot | Place, parts: _Parts) -> None:
+        if parts.version == 1 and slot.end > parts.end - parts.start:
+            raise PayloadError("this frame of MAVLink 1 has no such field", where=self.name)
 
     def _bounds(self, field: FieldText) -> tuple[float | None, float | None]:
         table = self._enums.get(field.enum)

@@ -111,8 +111,8 @@ def slots_of(message: MessageTable) -> dict[str, Slot]:
     return found
 
 
-def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot | int:
-    """Return the value that a path names, or the length of an array.
+def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot | Place:
+    """Return the value that a path names, or the array whose length it names.
 
     Raises:
         PayloadError: There is no such field.
@@ -123,7 +123,7 @@ def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot 
     parsed = parse_path(path)
     place = message.places.get(path[len("len(") : -1]) if parsed.length else None
     if place is not None and place.field.array and place.field.type != "char":
-        return place.field.array
+        return place
     raise PayloadError("no such field", where=f"{message.name}: {path}", hint=did_you_mean(path, [*slots, *HEADER]))
 
 

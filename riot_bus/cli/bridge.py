@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,13 @@ from riot_bus.cli.options import Format, OutputFormat
 __all__ = ["register"]
 
 Names = list[str] | None
+
+
+class Mirror(StrEnum):
+    """What of a frame is published as JSON."""
+
+    MESSAGES = "messages"
+    FIELDS = "fields"
 
 
 def register(app: typer.Typer) -> None:
@@ -160,10 +168,13 @@ def mavlink(
     duplicates: Annotated[
         float, typer.Option(metavar="SECONDS", help="Drop what came within this time already, over whatever link.")
     ] = 0.0,
+    key_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Key of signed frames, for those that come late or are added.")
+    ] = None,
     sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
     mirror: Annotated[
-        bool, typer.Option("--mirror", help="Also publish JSON on mavlink/..., as mavlink-server does.")
-    ] = False,
+        Mirror | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
+    ] = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Route MAVLink between links and segments, until Ctrl-C.
@@ -194,7 +205,8 @@ def mavlink(
         keys=keys or TEMPLATE,
         duplicates=duplicates,
         sniffer=sniffer,
-        mirror=mirror,
+        key_file=key_file,
+        mirror=None if mirror is None else mirror.value,
     )
     config = client_cfg(cfg or ())
     places = _places(segment or [f"={endpoint}"], config, system=system)

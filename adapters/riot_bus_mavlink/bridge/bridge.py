@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import Counter
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus_mavlink.bridge.duplicates import Duplicates
+from riot_bus_mavlink.bridge.json_form import JsonForm
 from riot_bus_mavlink.bridge.marks import new_mark
+from riot_bus_mavlink.bridge.mirror import Mirror
 from riot_bus_mavlink.bridge.routing import Routes
 from riot_bus_mavlink.bridge.side import Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
@@ -28,7 +32,10 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import Link
 
-__all__ = ["MavlinkBridge"]
+__all__ = ["JSON_LINK", "MavlinkBridge"]
+
+JSON_LINK = "json"
+"""Stands for a link in the keys of frames that came as JSON."""
 
 _LOG = logging.getLogger(__name__)
 _MOST_PROBLEMS = 1000
@@ -62,7 +69,8 @@ class MavlinkBridge:
         self._ended = threading.Event()
         self._problems: dict[str, None] = {}
         self._stack = ExitStack()
-        dialect, mark, streams = self._plan.dialect, new_mark(), OwnStreams(self._plan.dialect.crc_extra)
+        dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
+        streams = OwnStreams(dialect.crc_extra, signer)
         self._sides = {
             name: Side(
                 port,
@@ -76,9 +84,17 @@ class MavlinkBridge:
                 mark=mark,
                 streams=streams,
                 linked=self._is_linked,
+                signer=signer,
             )
             for name, port in ports.items()
         }
+        self._mirrors: dict[str, Mirror] = {}
+        if options.mirror is not None:
+            form = JsonForm(dialect)
+            for number, (name, side) in enumerate(self._sides.items()):
+                take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments
+                fields = options.mirror == "fields"
+                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
         self.loop = Loop()
@@ -88,13 +104,14 @@ class MavlinkBridge:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self.loop.close)
-            for side in self._sides.values():
-                stack.callback(side.close)
+            parts: list[Side | Mirror] = [*self._sides.values(), *self._mirrors.values()]
+            for part in parts:
+                stack.callback(part.close)
             stack.callback(self._close_links)
             for spec in self._plan.links:
                 self._links.append(open_link(spec, self))
-            for side in self._sides.values():
-                side.open()
+            for part in parts:
+                part.open()
             stack.callback(self.loop.stop)
             self.loop.start()
             self._stack = stack.pop_all()
@@ -123,7 +140,7 @@ class MavlinkBridge:
             "dialect": self._plan.dialect.name,
             "keys": self._plan.keys.text,
             "segments": {
-                name: {"endpoint": side.port.endpoint, **dict(sorted(side.counts.copy().items()))}
+                name: {"endpoint": side.port.endpoint, **dict(sorted(self._counts(name).items()))}
                 for name, side in self._sides.items()
             },
             "links": {link.spec.name: self._tallies[link.spec.name].status(link) for link in self._links},
@@ -157,7 +174,9 @@ class MavlinkBridge:
         """Take bytes that came."""
         frames = end.framer.feed(data)
         if frames:
-            self._sides[end.segment].take(end, frames)
+            kept = self._sides[end.segment].take(end, frames)
+            if kept and self._mirrors:
+                self._mirrors[end.segment].offer(kept)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work, once."""
@@ -165,6 +184,10 @@ class MavlinkBridge:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
             self._warn(f"warning: {line}")
+
+    def _counts(self, segment: str) -> Counter[str]:
+        mirror = self._mirrors.get(segment)
+        return self._sides[segment].counts + (Counter() if mirror is None else mirror.counts)
 
     def _is_linked(self, system: int, component: int) -> bool:
         return any(side.routes.knows(system, component) for side in self._sides.values())

@@ -5,9 +5,11 @@ from __future__ import annotations
 import secrets
 from enum import Enum
 
-__all__ = ["Mark", "new_mark", "origin_of"]
+__all__ = ["INSERTED", "Mark", "new_mark", "origin_of"]
 
 _MAGIC = b"mavlink-link-1 "
+INSERTED = _MAGIC + b"inserted"
+"""Attached to frames that a bridge has put on the bus for somebody else; they have numbers already."""
 _ID_BYTES = 8
 
 

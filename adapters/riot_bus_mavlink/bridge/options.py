@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from riot_bus.errors import ConfigError
 from riot_bus_mavlink.bridge.url import parse_links
 from riot_bus_mavlink.dialect import DEFAULT, load_dialect
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
+from riot_bus_mavlink.signing import Signer, read_key
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +34,8 @@ class BridgeOptions:
         keys: Template of the keys of frames on the bus.
         duplicates: Seconds within which the same frame is taken once; 0 for always.
         sniffer: A system that gets everything; 0 for none.
-        mirror: Whether frames are also published as JSON, as mavlink-server does.
+        key_file: Has the key of signed frames.
+        mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
     """
 
     links: Sequence[str]
@@ -42,7 +44,8 @@ class BridgeOptions:
     keys: str = TEMPLATE
     duplicates: float = 0.0
     sniffer: int = 0
-    mirror: bool = False
+    key_file: Path | None = None
+    mirror: Literal["messages", "fields"] | None = None
 
     def plan(self, segments: Sequence[str]) -> Plan:
         """Return what is to be bridged.
@@ -64,7 +67,8 @@ class BridgeOptions:
             raise ConfigError(f"{self.sniffer} is no system", where="--sniffer", hint="1 to 255")
         dialect = load_dialect(self.dialect, self.files)
         links = parse_links(self.links, id_of=dialect.id_of, segments=segments)
-        return Plan(dialect, KeyTemplate(self.keys), links)
+        signer = None if self.key_file is None else Signer(read_key(self.key_file))
+        return Plan(dialect, KeyTemplate(self.keys), links, signer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +79,10 @@ class Plan:
         dialect: Messages that are known.
         keys: Of frames on the bus.
         links: To be opened.
+        signer: Knows the key of signed frames, if that was given.
     """
 
     dialect: Dialect
     keys: KeyTemplate
     links: Sequence[LinkSpec]
+    signer: Signer | None = None

@@ -8,8 +8,9 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError
-from riot_bus_mavlink.bridge.marks import Mark, origin_of
+from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
 from riot_bus_mavlink.frame import LONGEST, parse_frame
+from riot_bus_mavlink.signing import Renewer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.keys import KeyTemplate
     from riot_bus_mavlink.links.end import End
+    from riot_bus_mavlink.signing import Signer
 
 __all__ = ["ENCODING", "Side"]
 
@@ -41,6 +43,7 @@ class Side:
         mark: Attached to frames that came over links of this bridge.
         streams: Numbers inserted frames.
         linked: Whether a source was seen on a link of this bridge.
+        signer: Knows the key of signed frames; None if nobody does, then they go on as they are.
 
     Attributes:
         counts: Frames: `to_bus` and `from_bus`; of these, those that were `inserted` by others than links, that were
@@ -57,10 +60,12 @@ class Side:
         mark: bytes,
         streams: OwnStreams,
         linked: Callable[[int, int], bool],
+        signer: Signer | None = None,
     ) -> None:
         self.port, self.routes = port, routes
         self.counts: Counter[str] = Counter()
         self._keys, self._name_of, self._mark, self._streams, self._linked = keys, name_of, mark, streams, linked
+        self._renewer = None if signer is None else Renewer(signer)
         self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
         self._inlet: Closeable | None = None
         self._lock, self._declaring = threading.Lock(), threading.Lock()
@@ -116,16 +121,27 @@ class Side:
         with self._lock:
             counts["from_bus"] += 1
             counts["unrouted"] += not ends
+            if frame.signed and ends and self._renewer is not None:
+                try:
+                    payload = self._renewer.renew(payload)  # it may be late, repeated, or from a log
+                except PayloadError:
+                    counts["refused"] += 1
+                    return
         for end in ends:
             end.send(payload)
 
-    def insert(self, frame: Frame, link: str, attachment: bytes) -> None:
-        """Put a frame on the bus that came over no link, and give it to the links."""
+    def insert(self, frame: Frame, link: str) -> None:
+        """Give a numbered frame that came over no link to the links and the bus.
+
+        Args:
+            frame: What is sent.
+            link: Stands for a link in its key.
+        """
         for end in self.routes.deliver(frame, looped=False):
             end.send(frame.raw)
         with self._lock:
             self.counts["inserted"] += 1
-        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, attachment)
+        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, INSERTED)
 
     def _renumbered(self, frame: Frame) -> bytes:
         with self._lock:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus_mavlink.frame import V1, seal
+from riot_bus_mavlink.frame import seal
+from riot_bus_mavlink.signing import link_of, time_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus_mavlink.frame import Frame
+    from riot_bus_mavlink.signing import Signer
 
 __all__ = ["OwnStreams"]
 
@@ -24,10 +26,11 @@ class OwnStreams:
 
     Args:
         crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
+        signer: Signs signed frames anew; None if the key is not known.
     """
 
-    def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
-        self._extra = crc_extra
+    def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:
+        self._extra, self._signer = crc_extra, signer
         self._next: dict[int, int] = {}
 
     def next(self, system: int, component: int) -> int:
@@ -42,13 +45,16 @@ class OwnStreams:
     def renumber(self, frame: Frame) -> bytes:
         """Return a frame with the next number of its source's own stream.
 
-        Signed frames and those of unknown messages stay as they are: no signature or checksum can be made for them.
+        Those of unknown messages stay as they are, since no checksum can be made for them; so do signed ones without
+        the key.
         """
         extra = self._extra(frame.message_id)
-        if frame.signed or extra is None:
+        if extra is None or (frame.signed and self._signer is None):
             return frame.raw
-        raw = bytearray(frame.raw[:-2])
-        place = 2 if raw[0] == V1 else 4
-        raw[place] = self.next(frame.system, frame.component)
-        start = 6 if raw[0] == V1 else 10
-        return seal(bytes(raw[:start]), bytes(raw[start:]), extra)
+        first = frame.version == 1
+        head = bytearray(frame.raw[: 6 if first else 10])
+        head[2 if first else 4] = self.next(frame.system, frame.component)
+        raw = seal(bytes(head), frame.payload, extra)
+        if not frame.signed or self._signer is None:
+            return raw
+        return self._signer.sign(raw, link_of(frame), time_of(frame))

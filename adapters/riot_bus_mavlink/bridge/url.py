@@ -20,6 +20,7 @@ DEFAULT_BAUD = 57600
 _LARGEST_PORT = 65535
 _MOST_LINKS = 256
 _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or /dev/ttyACM0,115200"
+_SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
 _NAMED = re.compile(r"(?P<segment>[A-Za-z0-9_-]+)?(?:/(?P<name>[A-Za-z0-9_.-]+))?=(?P<url>.*)", re.DOTALL)
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
@@ -141,8 +142,8 @@ def parse_links(
 def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: None) -> LinkSpec:
     """Parse one link, `[SEGMENT][/NAME]=URL` or `URL`.
 
-    A URL is `SCHEME:HOST:PORT`, `SCHEME://HOST:PORT`, `SCHEME:PORT`, `serial:DEVICE:BAUD`, `DEVICE,BAUD`, or the path of
-    a `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
+    A URL is `SCHEME:HOST:PORT`, `SCHEME://HOST:PORT`, `SCHEME:PORT`, `serial:DEVICE:BAUD`, `DEVICE,BAUD`, or the path
+    of a `.tlog` file, followed by settings such as `?name=gcs&group=radio&block_msg_id_out=HEARTBEAT`.
 
     Args:
         text: As written.
@@ -181,7 +182,7 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
     )
     if settings:
         unknown = sorted(settings)[0]
-        known = {"name", "group", "direction", "timeout", "rate", "baud", *FILTER_NAMES["in"], *FILTER_NAMES["out"]}
+        known = {*_SETTINGS, *FILTER_NAMES["in"], *FILTER_NAMES["out"]}
         raise ConfigError(f"unknown setting {unknown!r}", where=text, hint=did_you_mean(unknown, known))
     return LinkSpec(
         kind, host, port, path, baud, name, segment, group, direction, silence, rate, accepts, emits, text.strip()

@@ -54,8 +54,9 @@ class Stream:
         self._waiting = bytearray()
         self._open = True
         self._number = transport.fileno()
-        self.end: End = host.join(spec, address, self._write)
-        host.loop.watch(self._number, self._handle)
+        with self._lock:  # nothing is written before it is watched
+            self.end: End = host.join(spec, address, self._write)
+            host.loop.watch(self._number, self._handle)
 
     def close(self) -> None:
         """Close it."""

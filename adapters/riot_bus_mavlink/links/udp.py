@@ -33,13 +33,6 @@ class _UdpLink:
         self._host = host
         self._socket: socket.socket | None = None
 
-    @property
-    def where(self) -> str:
-        if self._socket is None:
-            return self.spec.where
-        address: tuple[Any, ...] = self._socket.getsockname()
-        return _text(address)
-
     def dropped(self) -> int:
         return 0 if self._socket is None else _drops(self._socket)
 
@@ -95,6 +88,11 @@ class UdpServer(_UdpLink):
             raise cannot_listen(spec, error) from error
         host.loop.watch(made.fileno(), self._read)
         self._timer = host.loop.later(spec.silence / 4, self._forget_silent)
+
+    @property
+    def where(self) -> str:
+        """Return where it listens."""
+        return self.spec.where if self._socket is None else _text(self._socket.getsockname())
 
     @property
     def state(self) -> str:
@@ -163,6 +161,11 @@ class UdpClient(_UdpLink):
         self._many = False
         self._answering: tuple[tuple[Any, ...], float] | None = None
         self._timer = None if self._try() else host.loop.later(_RETRY_S, self._retry)
+
+    @property
+    def where(self) -> str:
+        """Return where it sends to."""
+        return self.spec.where
 
     @property
     def state(self) -> str:
