@@ -13,6 +13,7 @@ from drone.commands import ACCEPTED, DENIED, HIGHEST, UNSUPPORTED, carry_out, go
 from drone.link import Link
 from drone.mission import DEGREES, Missions
 from drone.parameters import Parameters
+from drone.route import ROUTE, route_item
 from drone.telemetry import GROUND, REPORTS, STREAMS
 from drone.vehicle import Mode, Place, Vehicle
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     Message = mavlink.MAVLink_message
 
 SYSTEM, COMPONENT = 1, mavlink.MAV_COMP_ID_AUTOPILOT1
-STEP = 0.02
+STEP, PAUSE = 0.02, 2.0
 GUIDED_POINT = 2
 ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 FTP_REFUSED, FTP_UNKNOWN_COMMAND = 129, 7
@@ -35,19 +36,28 @@ class Autopilot:
 
     Args:
         seed: Of its noise.
+        fly: Whether it has a route from the beginning and flies it by itself, again and again.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, *, fly: bool = False) -> None:
         self.vehicle = Vehicle(seed)
         self.parameters = Parameters()
         self.missions = Missions(self._changed)
         self._due = dict.fromkeys(STREAMS, 0.0)
         self._last = self._state()
+        self._fly = fly
+        if fly:
+            self.missions.items[0] = [route_item(number, SYSTEM, COMPONENT) for number in range(len(ROUTE))]
+            self._changed(0)
 
     def tick(self) -> Iterator[Message]:
         """Let one step of time pass; yield what is sent by itself."""
         self.vehicle.step(STEP)
         now = self.vehicle.time
+        if self._fly and now > PAUSE and not self.vehicle.armed:
+            self.vehicle.armed = True
+            self.vehicle.current = 0
+            self.vehicle.enter(Mode.AUTO)
         for stream, rate in STREAMS.items():
             if now >= self._due[stream]:
                 self._due[stream] += 1 / rate
@@ -180,6 +190,7 @@ def main() -> None:
     """Run as a process; at the end it says what was lost on the way to it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--connect", default="udpout:127.0.0.1:14550", help="udpin:, udpout:, tcp: or tcpin:HOST:PORT")
+    parser.add_argument("--fly", action="store_true", help="fly a route without being told to")
     parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time")
     parser.add_argument("--seed", type=int, default=1, help="of its noise")
     parser.add_argument("--duration", type=float, default=0.0, help="seconds until the end, 0 for none")
@@ -191,7 +202,7 @@ def main() -> None:
         try:
             run(
                 link,
-                Autopilot(options.seed),
+                Autopilot(options.seed, fly=options.fly),
                 speed=options.speed,
                 duration=options.duration,
                 wait=options.wait,

@@ -10,7 +10,8 @@ from time import monotonic
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drone.link import Link
-from drone.vehicle import HOME, Mode
+from drone.route import ROUTE, route_item
+from drone.vehicle import Mode
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -34,15 +35,6 @@ GAUGE = (
     "[######### ]",
     "[##########]",
 )
-ROUTE = (
-    (mavlink.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0),
-    (mavlink.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 15.0),
-    (mavlink.MAV_CMD_NAV_WAYPOINT, 0.0005, 0.0, 20.0),
-    (mavlink.MAV_CMD_NAV_WAYPOINT, 0.0005, 0.0007, 25.0),
-    (mavlink.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0007, 20.0),
-    (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0.0, 0.0, 0.0),
-)
-"""Command, degrees north and east of home, metres above it."""
 
 
 class Station:
@@ -143,11 +135,7 @@ class Station:
         """Send an item of the route."""
         if message.mission_type or message.seq >= len(ROUTE) or self.vehicle is None:
             return
-        command, north, east, height = ROUTE[message.seq]
-        frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT if message.seq else mavlink.MAV_FRAME_GLOBAL
-        x, y = round((HOME[0] + north) * 1e7), round((HOME[1] + east) * 1e7)
-        rest = (frame, command, int(message.seq == 0), 1, 0.0, 0.0, 0.0, 0.0, x, y, height if message.seq else HOME[2])
-        yield mavlink.MAVLink_mission_item_int_message(*self.vehicle, message.seq, *rest, 0)
+        yield route_item(message.seq, *self.vehicle)
 
     on_mission_request_int = on_mission_request
 
