@@ -26,6 +26,7 @@ __all__ = [
     "Frame",
     "Framer",
     "checksum_fits",
+    "frame_length",
     "pack_frame",
     "parse_frame",
     "seal",
@@ -147,7 +148,7 @@ class Framer:
                 self._in_step = False
                 at = following
                 continue
-            length = _frame_length(data, at)
+            length = frame_length(data, at)
             if length < 0 or at + length > size:
                 if length < 0 or ended:
                     at += self._skip()
@@ -197,7 +198,7 @@ def parse_frame(data: bytes) -> Frame:
     """
     if len(data) < 8 or data[0] not in _STARTS:
         raise PayloadError("no MAVLink frame: it begins with FE or FD and has at least 8 bytes")
-    length = _frame_length(data, 0)
+    length = frame_length(data, 0)
     if length != len(data):
         why = "has flags that are not defined" if length < 0 else f"should have {length} bytes by its header"
         raise PayloadError(f"no MAVLink frame: it has {len(data)} bytes and {why}")
@@ -266,7 +267,7 @@ def _next_start(data: bytes, at: int) -> int:
     return min(size if old < 0 else old, size if new < 0 else new)
 
 
-def _frame_length(data: bytes, at: int) -> int:
+def frame_length(data: bytes, at: int) -> int:
     """Return how long the frame at a place is: at least 8 if its header is not whole, -1 if this is no frame."""
     if data[at] == V1:
         return 8 + data[at + 1] if at + 1 < len(data) else 8

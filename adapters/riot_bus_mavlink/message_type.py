@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Payloads
-    from riot_bus.types.exceptional import Exceptional
+    from riot_bus.types.exceptional import Entry
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
 
@@ -176,7 +176,7 @@ class MavlinkType:
                 if place.end <= len(body):
                     yield np.frombuffer(body, dtype, place.field.array, place.offset)
 
-    def exceptional(self, payload: bytes, path: str) -> Sequence[Exceptional]:
+    def exceptional(self, payload: bytes, path: str) -> Sequence[Entry]:
         """Return values worth trying, as `riot_bus.types.exceptional.Exceptions` says."""
         return exceptional_values(self, self.message, self._enums, payload, path)
 

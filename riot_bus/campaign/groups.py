@@ -79,10 +79,11 @@ def groups_of(
         for kind, payloads in _by_type(samples):
             for part in _parts(kind):
                 for mutation in dictionary.mutations_for(part.type_name):
+                    asked = mutation.opt_in
                     _check(mutation, part, kind)
                     for base in _places(part.path, kind, payloads):
                         paths = [path for path, _ in mutation.at(base)]
-                        if not all(may_change(topic, p, leave, include, asked=mutation.opt_in) for p in paths):
+                        if not all(may_change(topic, p, leave, include, kind=kind, asked=asked) for p in paths):
                             continue
                         growth = _growth(mutation, base, kind, payloads)
                         if growth is not None:

@@ -53,7 +53,7 @@ class Schedule:
         self._families: dict[str, dict[str, list[Target]]] = {}
         for topic, fields in targets.items():
             for target in fields:
-                if dictionary.values_for(target.type, f"{topic}:{target.path}"):
+                if dictionary.values_for(target.type, f"{topic}:{target.path}", told=target.told):
                     family = _INDEX.sub("[*]", target.path)
                     self._families.setdefault(topic, {}).setdefault(family, []).append(target)
         self._groups = groups or {}
@@ -90,7 +90,7 @@ class Schedule:
             Injection(
                 topic,
                 target.path,
-                draw.choice(values(target.type, f"{topic}:{target.path}")).value,
+                draw.choice(values(target.type, f"{topic}:{target.path}", told=target.told)).value,
                 first=first,
                 last=last,
                 seed=self._seed,

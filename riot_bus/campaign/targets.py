@@ -7,12 +7,14 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError
-from riot_bus.inject.brittle import is_brittle
+from riot_bus.inject.brittle import why_brittle
+from riot_bus.types.exceptional import entries_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from riot_bus.message import Message
+    from riot_bus.types.exceptional import Entry
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
 
@@ -24,12 +26,17 @@ _ELEMENTS = 4
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One field that may be injected, and how many messages carry it."""
+    """One field that may be injected, and how many messages carry it.
+
+    Attributes:
+        told: Values that its definition tells.
+    """
 
     topic: str
     path: str
     type: str
     messages: int
+    told: tuple[Entry, ...] = ()
 
 
 def targets_of(
@@ -51,6 +58,8 @@ def targets_of(
     targets: dict[str, list[Target]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, str] = {}
+        told: dict[str, dict[object, Entry]] = {}
+        kinds: dict[str, MessageType] = {}
         for kind, payload in samples:
             try:
                 leaves = kind.leaves(payload, elements=_ELEMENTS)
@@ -58,10 +67,13 @@ def targets_of(
                 continue
             for leaf in leaves:
                 fields.setdefault(leaf.path, leaf.type)
+                kinds.setdefault(leaf.path, kind)
+                for entry in entries_of(kind, payload, leaf.path):
+                    told.setdefault(leaf.path, {}).setdefault(repr(entry.value), entry)
         chosen = [
-            Target(topic, path, type_name, count)
+            Target(topic, path, type_name, count, tuple(told.get(path, {}).values()))
             for path, type_name in fields.items()
-            if not path.startswith("len(") and may_change(topic, path, leave, include)
+            if not path.startswith("len(") and may_change(topic, path, leave, include, kind=kinds[path])
         ]
         if chosen:
             targets[topic] = chosen
@@ -87,7 +99,15 @@ def samples_by_topic(
     return found
 
 
-def may_change(topic: str, path: str, leave: tuple[str, ...], include: tuple[str, ...], *, asked: bool = False) -> bool:
+def may_change(
+    topic: str,
+    path: str,
+    leave: tuple[str, ...],
+    include: tuple[str, ...],
+    *,
+    kind: MessageType | None = None,
+    asked: bool = False,
+) -> bool:
     """Return whether a field may be injected.
 
     Args:
@@ -95,11 +115,12 @@ def may_change(topic: str, path: str, leave: tuple[str, ...], include: tuple[str
         path: Its path.
         leave: Patterns of fields to leave alone.
         include: Patterns of fields that are asked for.
+        kind: Type of its messages.
         asked: Whether it has to be asked for, brittle or not.
     """
     if _listed(leave, topic, path):
         return False
-    return _listed(include, topic, path) or not (asked or is_brittle(path))
+    return _listed(include, topic, path) or not (asked or why_brittle(path, kind))
 
 
 def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:

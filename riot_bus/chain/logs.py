@@ -118,6 +118,8 @@ class NamedField:
         name: `topic:path`, or `topic[i]:path` where the log holds several messages of the topic.
         position: Which message.
         original: Value before the injection, None if the field was not changed.
+        kind: Type of the message.
+        payload: Of the message.
     """
 
     name: str
@@ -125,6 +127,8 @@ class NamedField:
     position: int
     leaf: Leaf
     original: Scalar | None
+    kind: MessageType
+    payload: bytes
 
 
 class NamedFields:
@@ -140,14 +144,14 @@ class NamedFields:
         for position, (topic, message) in enumerate(zip(topics, log.messages, strict=True)):
             prefix = f"{topic}[{seen[topic]}]" if topic in several else topic
             seen[topic] += 1
-            for leaf, original in self._leaves(message):
+            kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+            if kind is None or message.kind == "delete":
+                continue
+            for leaf, original in self._leaves(kind, message):
                 name = f"{prefix}:{leaf.path}"
-                self.fields[name] = NamedField(name, topic, position, leaf, original)
+                self.fields[name] = NamedField(name, topic, position, leaf, original, kind, message.payload)
 
-    def _leaves(self, message: Message) -> Iterable[tuple[Leaf, Scalar | None]]:
-        kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        if kind is None or message.kind == "delete":
-            return
+    def _leaves(self, kind: MessageType, message: Message) -> Iterable[tuple[Leaf, Scalar | None]]:
         before = self.log.originals.get(message.sequence)
         try:
             leaves = kind.leaves(message.payload, elements=_ELEMENTS if before is None else _CHANGED)

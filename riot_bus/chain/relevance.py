@@ -11,8 +11,9 @@ from riot_bus.chain.robustness import dictionary_of
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord, Value
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.relevance import FieldSpace, RelevantField, relevant_fields
-from riot_bus.inject.brittle import is_brittle
+from riot_bus.inject.brittle import why_brittle
 from riot_bus.trial import Scalar, TestCase, Verdict
+from riot_bus.types.exceptional import entries_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,11 +40,13 @@ def plain(value: Scalar) -> Value:
 
 def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scalar]) -> tuple[Scalar, ...]:
     """Return replacement values for a field: exceptional ones, and some that it had in the nominal log."""
-    entries = [entry.value for entry in dictionary.values_for(field.leaf.type, f"{field.topic}:{field.leaf.path}")]
+    told = entries_of(field.kind, field.payload, field.leaf.path)
+    known = dictionary.values_for(field.leaf.type, f"{field.topic}:{field.leaf.path}", told=told)
+    entries = [entry.value for entry in known]
     some = list(observed[:: max(1, len(observed) // _OBSERVED)])[:_OBSERVED]
     values: list[Scalar] = []
     for value in (*some, *entries):
-        if not any(same_scalar(value, known) for known in values):
+        if not any(same_scalar(value, other) for other in values):
             values.append(value)
     return tuple(values)
 
@@ -53,7 +56,9 @@ def _considered(fields: NamedFields, unit: Unit) -> list[NamedField]:
         name = f"{field.topic}:{field.leaf.path}"
         if field.original is not None or any(fnmatchcase(name, pattern) for pattern in unit.include):
             return True
-        return not is_brittle(field.leaf.path) and not any(fnmatchcase(name, pattern) for pattern in unit.leave)
+        return not why_brittle(field.leaf.path, field.kind) and not any(
+            fnmatchcase(name, pattern) for pattern in unit.leave
+        )
 
     return [field for field in fields.fields.values() if wanted(field)]
 

@@ -7,8 +7,14 @@ faults behind it. Such fields are injected only when the user names them.
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
-__all__ = ["is_brittle"]
+from riot_bus.types.exceptional import Guarded
+
+if TYPE_CHECKING:
+    from riot_bus.types.model import MessageType
+
+__all__ = ["is_brittle", "why_brittle"]
 
 _REASONS = {
     "header stamp": r"stamps?",
@@ -46,3 +52,14 @@ def is_brittle(path: str, type_name: str | None = None) -> str | None:
             if pattern.fullmatch(word):
                 return reason
     return None
+
+
+def why_brittle(path: str, kind: MessageType | None = None) -> str | None:
+    """Return why a field should be left alone: by its type if that tells, else by its name; None if it may be injected.
+
+    Args:
+        path: Field path.
+        kind: Type of the message.
+    """
+    told = kind.brittle(path) if isinstance(kind, Guarded) else None
+    return is_brittle(path) if told is None else told or None

@@ -34,6 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
+from riot_bus.types.exceptional import Entry
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -54,14 +55,6 @@ TYPES = ("bool", *_INTEGERS, "float32", "float64", "string", "bytes")
 _GROUP = "riot_bus.dictionaries"
 _BUILT_IN = "riot_bus_dictionaries"
 _STRICT = ConfigDict(extra="forbid", strict=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One exceptional value, and why it is worth trying."""
-
-    value: Scalar
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +121,13 @@ class Dictionary:
         """Return the message types that there are mutations for, sorted."""
         return tuple(sorted(self._mutations))
 
-    def values_for(self, type: str, path: str | None = None) -> tuple[Entry, ...]:
+    def values_for(self, type: str, path: str | None = None, *, told: Iterable[Entry] = ()) -> tuple[Entry, ...]:
         """Return the values worth trying in a field, those bound to its path first.
 
         Args:
             type: Primitive type of the field.
             path: Field path (or `topic:path`) to look bindings up by.
+            told: What the field's definition tells (`riot_bus.types.exceptional`), not where a binding says `only`.
 
         Raises:
             ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
@@ -155,6 +149,9 @@ class Dictionary:
                 found.setdefault(_identity(type, entry.value), entry)
             only = only or binding.only
         if not only:
+            for entry in told:
+                if eligible(type, entry.value):
+                    found.setdefault(_identity(type, entry.value), entry)
             for kind, entry in self._entries:
                 if kind == type or (kind is None and eligible(type, entry.value)):
                     found.setdefault(_identity(type, entry.value), entry)

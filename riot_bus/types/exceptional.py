@@ -9,13 +9,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.trial import Scalar
+    from riot_bus.types.model import MessageType
 
-__all__ = ["Exceptional", "Exceptions", "Guarded"]
+__all__ = ["Entry", "Exceptions", "Guarded", "entries_of"]
 
 
 @dataclass(frozen=True, slots=True)
-class Exceptional:
-    """A value worth trying, and why."""
+class Entry:
+    """One exceptional value, and why it is worth trying."""
 
     value: Scalar
     reason: str
@@ -25,7 +26,7 @@ class Exceptional:
 class Exceptions(Protocol):
     """What a `MessageType` can offer besides its protocol, if definitions tell more of values than their type does."""
 
-    def exceptional(self, payload: bytes, path: str) -> Sequence[Exceptional]:
+    def exceptional(self, payload: bytes, path: str) -> Sequence[Entry]:
         """Return values of a field that are worth trying: unusual, at limits, beyond limits, undefined.
 
         Args:
@@ -49,3 +50,8 @@ class Guarded(Protocol):
             The reason, empty if it may be changed, None if nothing tells; then its name decides.
         """
         ...
+
+
+def entries_of(kind: MessageType | None, payload: bytes, path: str) -> Sequence[Entry]:
+    """Return the values that a field's definition tells, none if its type tells nothing."""
+    return kind.exceptional(payload, path) if isinstance(kind, Exceptions) else ()

@@ -46,11 +46,15 @@ def describe(kind: MessageType) -> TypeListing:
 def describe_named(name: str, registry: TypeRegistry) -> TypeListing:
     """Return the fields of a type that is known; `Odometry` will do if only one package has such.
 
+    Letters may be small or large if that leaves one.
+
     Raises:
         ConfigError: The type is unknown.
     """
     known = registry.type_names()
     short = [each for each in known if _short(each) == _short(name)]
+    same = [each for each in short if _last(each) == _last(name)]
+    short = same if len(same) == 1 else short
     for candidate in (name, *(short if len(short) == 1 and name.isidentifier() else ())):
         found = registry.type_named(candidate)
         if found is not None:
@@ -60,4 +64,8 @@ def describe_named(name: str, registry: TypeRegistry) -> TypeListing:
 
 
 def _short(name: str) -> str:
-    return re.split(r"[/.]", name)[-1].lower()
+    return _last(name).lower()
+
+
+def _last(name: str) -> str:
+    return re.split(r"[/.]", name)[-1]

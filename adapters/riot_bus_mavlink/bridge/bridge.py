@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import Counter
 from contextlib import ExitStack
 from functools import partial
@@ -40,6 +41,7 @@ JSON_LINK = "json"
 
 _LOG = logging.getLogger(__name__)
 _MOST_PROBLEMS = 1000
+_MEET_S = 5.0
 
 
 class MavlinkBridge:
@@ -55,6 +57,7 @@ class MavlinkBridge:
     Attributes:
         failure: Why it has ended by itself.
         loop: The thread.
+        crc_extra: Returns a message's extra byte of the checksum.
 
     Raises:
         ConfigError: An option is not usable.
@@ -72,7 +75,6 @@ class MavlinkBridge:
         self._problems: dict[str, None] = {}
         self._stack = ExitStack()
         dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
-        streams = OwnStreams(dialect.crc_extra, signer)
         self._sides = {
             name: Side(
                 port,
@@ -84,7 +86,7 @@ class MavlinkBridge:
                 keys=self._plan.keys,
                 name_of=dialect.name_of,
                 mark=mark,
-                streams=streams,
+                streams=OwnStreams(dialect.crc_extra, signer),
                 linked=self._is_linked,
                 signer=signer,
             )
@@ -96,10 +98,10 @@ class MavlinkBridge:
             for number, (name, side) in enumerate(self._sides.items()):
                 take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments
                 fields = options.mirror == "fields"
-                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=streams, take=take)
+                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
-        self.loop = Loop()
+        self.loop, self.crc_extra = Loop(), dialect.crc_extra
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -114,6 +116,7 @@ class MavlinkBridge:
                 self._links.append(open_link(spec, self))
             for part in self._mirrors.values() if self._patient else parts:
                 part.open()
+            self._await_each_other()
             stack.callback(self.loop.stop)
             self.loop.start()
             self._stack = stack.pop_all()
@@ -122,8 +125,16 @@ class MavlinkBridge:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
+    def _await_each_other(self) -> None:
+        """Take nothing from links before frames can get to the other segments."""
+        deadline = time.monotonic() + _MEET_S
+        for name, side in self._sides.items() if len(self._sides) > 1 else ():
+            if not side.is_heard(deadline - time.monotonic()):
+                self._problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
+
     def _close_links(self) -> None:
         for link in self._links:
+            self._tallies[link.spec.name].end(link)
             link.close()
 
     def wait(self, timeout: float) -> bool:
@@ -166,7 +177,7 @@ class MavlinkBridge:
 
     def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
         """Take in a new end of a link; from now on it gets frames."""
-        end = End(spec, address, Framer(self._plan.dialect.crc_extra), write)
+        end = End(spec, address, Framer(self.crc_extra), write)
         self._tallies[spec.name].join(end)
         self._sides[spec.segment].routes.add(end)
         return end
@@ -187,7 +198,9 @@ class MavlinkBridge:
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work, once."""
-        line = f"{spec.name} ({spec.where}): {text}"
+        self._problem(f"{spec.name} ({spec.where}): {text}")
+
+    def _problem(self, line: str) -> None:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
             self._warn(f"warning: {line}")

@@ -23,6 +23,9 @@ class Outlet(Closeable, Protocol):
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish."""
 
+    def matched(self) -> bool:
+        """Return whether somebody elsewhere subscribes."""
+
 
 class Port(Protocol):
     """A segment."""
@@ -31,7 +34,9 @@ class Port(Protocol):
     def endpoint(self) -> str:
         """Where it is connected."""
 
-    def publisher(self, key: str, *, reliable: bool, encoding: str = "") -> Outlet:
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> Outlet:
         """Return a new publisher."""
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:

@@ -46,8 +46,11 @@ class Side:
         signer: Knows the key of signed frames; None if nobody does, then they go on as they are.
 
     Attributes:
-        counts: Frames: `to_bus` and `from_bus`; of these, those that were `inserted` by others than links, that were
-            `broken` (no whole frames), that no link wanted (`unrouted`), and what is too long for one (`refused`).
+        routes: Who gets what.
+        streams: Numbers inserted frames.
+        counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
+            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), and too long for
+            one (`refused`).
     """
 
     def __init__(
@@ -64,7 +67,8 @@ class Side:
     ) -> None:
         self.port, self.routes = port, routes
         self.counts: Counter[str] = Counter()
-        self._keys, self._name_of, self._mark, self._streams, self._linked = keys, name_of, mark, streams, linked
+        self.streams = streams
+        self._keys, self._name_of, self._mark, self._linked = keys, name_of, mark, linked
         self._renewer = None if signer is None else Renewer(signer)
         self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
         self._inlet: Closeable | None = None
@@ -78,6 +82,23 @@ class Side:
     def open(self) -> None:
         """Listen to the bus."""
         self._inlet = self.port.subscribe(self._keys.expression(), self.hear)
+
+    def is_heard(self, seconds: float) -> bool:
+        """Wait until somebody else on the bus takes frames, else the first would be lost; return whether anybody does.
+
+        Args:
+            seconds: How long at most.
+        """
+        matched = threading.Event()
+        outlet = self.port.publisher(self._keys.key("any", 0, 0, "ANY"), reliable=True, changed=matched.set)
+        try:
+            deadline = time.monotonic() + seconds
+            while not outlet.matched() and (left := deadline - time.monotonic()) > 0:
+                matched.wait(left)
+                matched.clear()
+            return outlet.matched()
+        finally:
+            outlet.close()
 
     def close(self) -> None:
         """End it; no link brings frames any more."""
@@ -105,9 +126,11 @@ class Side:
             for other in others:
                 other.send(raw)
             place = (end.link, frame.system, frame.component, frame.message_id)
-            outlet = self._outlets.get(place) or self._outlet(place)
-            outlet.put(raw, mark)
             kept.append(frame)
+            try:
+                (self._outlets.get(place) or self._outlet(place)).put(raw, mark)
+            except Exception:  # the segment is gone; links of this one go on
+                self.counts["lost_to_bus"] += 1
         self.counts["to_bus"] += len(kept)
         return kept
 
@@ -151,7 +174,7 @@ class Side:
     def _renumbered(self, frame: Frame) -> bytes:
         with self._lock:
             self.counts["inserted"] += 1
-            return self._streams.renumber(frame)
+            return self.streams.renumber(frame)
 
     def _hear_broken(self, payload: bytes) -> None:
         """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""

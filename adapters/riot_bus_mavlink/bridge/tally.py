@@ -25,6 +25,7 @@ class LinkTally:
     def __init__(self, spec: LinkSpec) -> None:
         self.spec = spec
         self._ends: list[End] = []
+        self._ended: dict[str, Any] | None = None
         self._past: Counter[str] = Counter()
         self._past_sources: dict[tuple[int, int], Counter[str]] = {}
 
@@ -39,6 +40,10 @@ class LinkTally:
         _add_sources(self._past_sources, end)
         self._ends = [each for each in self._ends if each is not end]
 
+    def end(self, link: Link) -> None:
+        """Keep what a link says of itself, since it is about to be closed."""
+        self._ended = _state_of(link)
+
     def status(self, link: Link) -> dict[str, Any]:
         """Return what is known, as JSON values.
 
@@ -52,10 +57,8 @@ class LinkTally:
             _add_sources(sources, end)
         return {
             "kind": str(self.spec.kind),
-            "where": link.where,
             "segment": self.spec.segment,
-            "state": link.state,
-            "dropped_packets": link.dropped(),
+            **(self._ended or _state_of(link)),
             **dict(sorted(total.items())),
             "ends": [
                 {"address": end.address, "sources": [f"{system}/{part}" for system, part in sorted(end.sources)]}
@@ -63,6 +66,10 @@ class LinkTally:
             ],
             "sources": {f"{system}/{part}": dict(counts) for (system, part), counts in sorted(sources.items())},
         }
+
+
+def _state_of(link: Link) -> dict[str, Any]:
+    return {"where": link.where, "state": link.state, "dropped_packets": link.dropped()}
 
 
 def _counts_of(end: End) -> Counter[str]:

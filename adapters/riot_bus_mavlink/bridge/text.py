@@ -58,7 +58,7 @@ def summary_lines(status: Mapping[str, Any]) -> list[str]:
     for name, segment in status["segments"].items():
         to, back = segment.get("to_bus", 0), segment.get("from_bus", 0)
         text = f"{name or 'segment'}: {to} frames to the bus, {back} from it"
-        words = ("inserted", "broken", "refused", "unrouted")
+        words = ("lost_to_bus", "inserted", "broken", "refused", "unrouted")
         extra = [f"{segment[word]} {word}" for word in words if segment.get(word)]
         notes.append(f"{text} ({', '.join(extra)})" if extra else text)
     return [*notes, *_table(rows)]

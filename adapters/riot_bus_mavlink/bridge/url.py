@@ -101,6 +101,12 @@ class LinkSpec:
     text: str = ""
 
     @property
+    def url(self) -> str:
+        """Return what was written, without segment and name."""
+        named = _NAMED.fullmatch(self.text)
+        return self.text if named is None else named["url"]
+
+    @property
     def where(self) -> str:
         """Return the place as text: an address, a device or a file."""
         if self.path:

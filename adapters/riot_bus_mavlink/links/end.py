@@ -66,6 +66,7 @@ class Host(Protocol):
     """Who opens links."""
 
     loop: Loop
+    crc_extra: Callable[[int], int | None]
 
     def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
         """Take in a new end of a link, from now on it gets frames."""

@@ -52,10 +52,11 @@ class _UdpLink:
         return made
 
     def _send(self, data: bytes, address: tuple[Any, ...]) -> bool:
-        if self._socket is None:
+        made = self._socket
+        if made is None:
             return False
         try:
-            return self._socket.sendto(data, address) == len(data)
+            return made.sendto(data, address) == len(data)
         except OSError:  # no room, no way, or nobody there
             return False
 

@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus.inject.brittle import is_brittle
+from riot_bus.inject.brittle import is_brittle, why_brittle
 
 
 @pytest.mark.parametrize(
@@ -50,3 +50,19 @@ def test_injectable(path):
 def test_some_types_are_nothing_but_a_stamp():
     assert is_brittle("clock.sec", "rosgraph_msgs/msg/Clock") == "timestamp"
     assert is_brittle("pose.x", "geometry_msgs/msg/Pose") is None
+
+
+class Telling:
+    """A type that knows which of its fields receivers check."""
+
+    def brittle(self, path):
+        return {"seq": "", "mode": "address"}.get(path)
+
+
+def test_a_type_knows_better_than_names():
+    assert why_brittle("seq") == "sequence number"
+    assert why_brittle("seq", Telling()) is None
+    assert why_brittle("mode", Telling()) == "address"
+    assert why_brittle("crc", Telling()) == "checksum"
+    assert why_brittle("speed", Telling()) is None
+    assert why_brittle("speed", object()) is None

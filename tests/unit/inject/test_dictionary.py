@@ -113,3 +113,14 @@ def test_user_files_and_broken_packages(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "entry_points", lambda group: [point])
     with pytest.raises(ConfigError, match="broken = no_such_module_here"):
         load_dictionary()
+
+
+def test_what_a_definition_tells_comes_after_bindings_and_before_types():
+    dictionary = Dictionary()
+    dictionary.add('[[entry]]\nvalue = 7\nreason = "general"\ntype = "uint8"', where="a")
+    told = [Entry(3, "undefined"), Entry(300, "too large"), Entry(7, "told")]
+    assert dictionary.values_for("uint8", "t:mode", told=told) == (Entry(3, "undefined"), Entry(7, "told"))
+    dictionary.add('[[field]]\npath = "mode"\nentries = [{ value = 9, reason = "mine" }]', where="b")
+    assert [entry.value for entry in dictionary.values_for("uint8", "t:mode", told=told)] == [9, 3, 7]
+    dictionary.add('[[field]]\npath = "mode"\nonly = true\nentries = [{ value = 1, reason = "mine" }]', where="c")
+    assert [entry.value for entry in dictionary.values_for("uint8", "t:mode", told=told)] == [1, 9]

@@ -29,6 +29,9 @@ class Outlet:
     def put(self, payload: bytes, attachment: bytes) -> None:
         self._port.puts.append((self._key, payload, attachment))
 
+    def matched(self) -> bool:
+        return False
+
     def close(self) -> None:
         self._port.closed.append(self._key)
 
@@ -48,7 +51,9 @@ class Port:
         self.closed: list[str] = []
         self.expressions: list[str] = []
 
-    def publisher(self, key: str, *, reliable: bool, encoding: str = "") -> Outlet:
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> Outlet:
         assert (reliable, encoding) == (True, ENCODING)
         return Outlet(self, key)
 

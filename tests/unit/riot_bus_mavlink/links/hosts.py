@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Self
 
 from riot_bus_mavlink.bridge.url import LinkSpec, parse_link
+from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End, Link
 from riot_bus_mavlink.links.loop import Loop
@@ -22,6 +23,7 @@ class KeepingHost:
 
     def __init__(self) -> None:
         self.loop = Loop()
+        self.crc_extra: Callable[[int], int | None] = load_dialect("common").crc_extra
         self.ends: list[End] = []
         self.data: dict[str, bytes] = {}
         self.warnings: list[str] = []
@@ -30,7 +32,7 @@ class KeepingHost:
 
     def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
         with self._bell:
-            end = End(spec, address, Framer(lambda number: None), write)
+            end = End(spec, address, Framer(self.crc_extra), write)
             self.ends = [*self.ends, end]
             self._bell.notify_all()
             return end

@@ -128,23 +128,3 @@ def test_a_device_is_opened_again_when_it_comes_back(tmp_path: Path) -> None:
             os.close(master)
             assert host.wait(lambda: host.ends == [])
         assert "unplugged; it is tried again" in host.warnings
-
-
-def test_a_log_is_written(tmp_path: Path) -> None:
-    file = tmp_path / "out.tlog"
-    with KeepingHost() as host:
-        link = host.open(f"tlogwriter:{file}")
-        assert link.state == "writing"
-        (end,) = host.ends
-        assert end.hears_all
-        assert not end.receives
-        for number in range(3):
-            end.send(b"frame %d" % number)
-    data = file.read_bytes()
-    records = [data[start : start + 15] for start in range(0, len(data), 15)]
-    assert [record[8:] for record in records] == [b"frame 0", b"frame 1", b"frame 2"]
-    times = [int.from_bytes(record[:8], "big") for record in records]
-    assert times == sorted(times)
-    assert abs(times[0] / 1e6 - file.stat().st_mtime) < 60
-    with KeepingHost() as host, pytest.raises(EnvironmentFaultError, match="cannot be written"):
-        host.open(f"tlogwriter:{tmp_path}/none/x.tlog")

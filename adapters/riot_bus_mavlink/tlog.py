@@ -1,0 +1,133 @@
+"""Telemetry logs (.tlog), as ground stations write them: each frame after its time, 8 bytes of microseconds since 1970.
+
+Ground stations keep the number of the link in the last two bits of the time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus_mavlink.frame import V1, V2, Frame, checksum_fits, frame_length, parse_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Record", "TlogCounts", "TlogReader", "tlog_record"]
+
+_TIME = 8
+_LEAST, _MOST = 10**15, 5 * 10**15
+"""Times between 2001 and 2128, in microseconds."""
+
+
+class Record(NamedTuple):
+    """A frame and when it was received, in nanoseconds since the Unix epoch."""
+
+    time: int
+    frame: Frame
+
+
+@dataclass(slots=True)
+class TlogCounts:
+    """What a log held; `bytes` is the sum of `frame_bytes`, `junk_bytes` and what waits for more.
+
+    Attributes:
+        records: Frames with a time.
+        unknown: Those of them whose message is unknown, so that their checksum could not be checked.
+        bad_crc: Records whose frame has a wrong checksum, and which the next record follows all the same.
+        bytes: All that came.
+        frame_bytes: In records.
+        junk_bytes: In none.
+    """
+
+    records: int = 0
+    unknown: int = 0
+    bad_crc: int = 0
+    bytes: int = 0
+    frame_bytes: int = 0
+    junk_bytes: int = 0
+
+
+class TlogReader:
+    """Takes a telemetry log apart, however it is read; after damage it goes on with the next sound record.
+
+    Args:
+        crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
+    """
+
+    def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
+        self.counts = TlogCounts()
+        self._extra = crc_extra
+        self._rest = b""
+        self._in_step = True
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for the rest of their record."""
+        return len(self._rest)
+
+    def feed(self, data: bytes) -> list[Record]:
+        """Return the records that are complete with these bytes."""
+        self.counts.bytes += len(data)
+        return self._scan(self._rest + data, ended=False)
+
+    def flush(self) -> list[Record]:
+        """Return what is left when the file has ended; the rest of it is junk."""
+        return self._scan(self._rest, ended=True)
+
+    def _scan(self, data: bytes, *, ended: bool) -> list[Record]:
+        counts = self.counts
+        found: list[Record] = []
+        at, size = 0, len(data)
+        while at < size:
+            begin = at + _TIME
+            wanted = 8 if begin >= size else frame_length(data, begin) if data[begin] in (V1, V2) else -1
+            if wanted >= 0 and begin + wanted + _TIME >= size and not ended:
+                break  # what follows tells whether a damaged record is one
+            record = None
+            end = begin + wanted
+            if wanted >= 0 and end <= size:
+                record = self._record(data, at, end)
+            if record is not None:
+                found.append(record)
+                counts.records += 1
+                counts.frame_bytes += end - at
+                at = end
+            elif self._in_step and wanted >= 0 and _begins(data, end):
+                counts.bad_crc += 1
+                counts.junk_bytes += end - at
+                at = end
+            else:
+                counts.junk_bytes += 1
+                self._in_step = False
+                at += 1
+        self._rest = data[at:]
+        return found
+
+    def _record(self, data: bytes, at: int, end: int) -> Record | None:
+        frame = parse_frame(data[at + _TIME : end])
+        extra = self._extra(frame.message_id)
+        time = int.from_bytes(data[at : at + _TIME])
+        if not self._in_step and (extra is None or not _LEAST <= time < _MOST):
+            return None
+        if time >= _MOST or (extra is not None and not checksum_fits(frame, extra)):
+            return None
+        if extra is None and end < len(data) and not _begins(data, end):
+            return None
+        self.counts.unknown += extra is None
+        self._in_step = True
+        return Record(time * 1_000, frame)
+
+
+def _begins(data: bytes, at: int) -> bool:
+    return at + _TIME < len(data) and data[at + _TIME] in (V1, V2)
+
+
+def tlog_record(time: int, raw: bytes) -> bytes:
+    """Return the bytes of a record.
+
+    Args:
+        time: Nanoseconds since the Unix epoch.
+        raw: One frame.
+    """
+    return (max(0, time) // 1_000).to_bytes(_TIME) + raw
