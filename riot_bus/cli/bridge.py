@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from riot_bus.bus.bridge.program import Program
+    from riot_bus_mavlink.bridge.bridge import MavlinkBridge
 
 __all__ = ["register"]
 
@@ -121,6 +126,15 @@ def ros2(
 
 
 def mavlink(
+    program: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[-- PROGRAM [ARG]...]",
+            help="Is run behind the bridge, ends with it, and is a component with it; {port} is where the first link "
+            "listens.",
+            show_default=False,
+        ),
+    ] = None,
     *,
     link: Annotated[
         list[str] | None,
@@ -187,6 +201,7 @@ def mavlink(
     from contextlib import ExitStack
 
     from riot_bus.bus.bridge.port import open_port
+    from riot_bus.bus.bridge.program import end_as
     from riot_bus.bus.bridge.running import run_bridge
     from riot_bus.bus.component import client_cfg
     from riot_bus.errors import ConfigError
@@ -217,7 +232,17 @@ def mavlink(
             for name, (endpoints, settings) in places.items()
         }
         bridge = MavlinkBridge(ports, options, warn=lambda line: typer.echo(line, err=True))
-        run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON)
+        start = partial(_start, program, bridge) if program else None
+        status = run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON, program=start)
+    if status:
+        end_as(status)
+        raise typer.Exit(status)
+
+
+def _start(command: list[str], bridge: MavlinkBridge) -> Program:
+    from riot_bus.bus.bridge.program import Program
+
+    return Program(command, bridge.words(), ended=bridge.stop)
 
 
 def _places(

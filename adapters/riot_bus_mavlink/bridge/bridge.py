@@ -19,6 +19,7 @@ from riot_bus_mavlink.bridge.side import Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines
+from riot_bus_mavlink.bridge.url import LISTENS
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
@@ -67,6 +68,7 @@ class MavlinkBridge:
         self, ports: Mapping[str, Port], options: BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
         self.failure: RiotError | None = None
+        self._patient = options.patient
         self._plan = options.plan(list(ports))
         self._warn = warn
         self._ended = threading.Event()
@@ -113,7 +115,7 @@ class MavlinkBridge:
             stack.callback(self._close_links)
             for spec in self._plan.links:
                 self._links.append(open_link(spec, self))
-            for part in parts:
+            for part in self._mirrors.values() if self._patient else parts:
                 part.open()
             self._await_each_other()
             stack.callback(self.loop.stop)
@@ -162,6 +164,11 @@ class MavlinkBridge:
     def ready(self) -> str:
         """Return a line that says what is bridged."""
         return ready_line(self.status())
+
+    def words(self) -> dict[str, str]:
+        """Return what `{port}` stands for in the command of a program behind the bridge: the first link's port."""
+        first = next((link for link in self._links if link.spec.kind in LISTENS), None)
+        return {} if first is None else {"port": first.where.rpartition(":")[2]}
 
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""

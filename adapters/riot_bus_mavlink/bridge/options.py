@@ -36,6 +36,8 @@ class BridgeOptions:
         sniffer: A system that gets everything; 0 for none.
         key_file: Has the key of signed frames.
         mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
+        patient: Whether a segment is listened to only once something has come over one of its links, so that nothing
+            is played to a program that does not listen yet.
     """
 
     links: Sequence[str]
@@ -46,6 +48,7 @@ class BridgeOptions:
     sniffer: int = 0
     key_file: Path | None = None
     mirror: Literal["messages", "fields"] | None = None
+    patient: bool = False
 
     def plan(self, segments: Sequence[str]) -> Plan:
         """Return what is to be bridged.

@@ -74,6 +74,11 @@ class Side:
         self._inlet: Closeable | None = None
         self._lock, self._declaring = threading.Lock(), threading.Lock()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus is listened to."""
+        return self._inlet is not None
+
     def open(self) -> None:
         """Listen to the bus."""
         self._inlet = self.port.subscribe(self._keys.expression(), self.hear)

@@ -14,7 +14,7 @@ from riot_bus_mavlink.bridge.filters import FILTER_NAMES, Filter, filter_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
+__all__ = ["LISTENS", "Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
 
 DEFAULT_BAUD = 57600
 _LARGEST_PORT = 65535
@@ -61,7 +61,7 @@ _SHORT = {
     LinkKind.TCP_CLIENT: "tcp",
 }
 _OF_FILES = frozenset({LinkKind.LOG_READER, LinkKind.LOG_WRITER})
-_LISTENS = frozenset({LinkKind.UDP_SERVER, LinkKind.TCP_SERVER})
+LISTENS = frozenset({LinkKind.UDP_SERVER, LinkKind.TCP_SERVER})
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +232,7 @@ def _address(kind: LinkKind, rest: str, text: str) -> tuple[str, int]:
     bare = host.strip("[]")
     if ":" in bare and not re.fullmatch(r"\[[^\[\]]+\]", host):
         raise ConfigError(f"the address in {text!r} is not clear", where="--link", hint="brackets: udpin:[::1]:14550")
-    if kind not in _LISTENS and (not bare or int(port) == 0):
+    if kind not in LISTENS and (not bare or int(port) == 0):
         raise ConfigError(f"nobody can connect to {text!r}", where="--link", hint=_HINT)
     if re.search(r"[\s/@,]", bare):
         raise ConfigError(f"{bare!r} in {text!r} is no host", where="--link", hint=_HINT)
