@@ -49,10 +49,11 @@ PATCHED_ROLL = struct.pack("<f", 0.25)
 TIMEOUT_S = 30.0
 RIOT = [sys.executable, "-m", "riot_bus"]
 ATTITUDE = 30
+FIRST_STEADY = 1 << 24
 
 
-def frames(count: int) -> list[bytes]:
-    """Return ATTITUDE frames; `time_boot_ms` is the number of the frame."""
+def frames(count: int, *, first: int = 0) -> list[bytes]:
+    """Return ATTITUDE frames; `time_boot_ms` is the number of the frame, beginning with `first`."""
     extra = load_dialect("common").crc_extra(ATTITUDE)
     assert extra is not None
     payload = struct.Struct("<I6f")
@@ -66,7 +67,7 @@ def frames(count: int) -> list[bytes]:
             system=1,
             component=1,
         )
-        for number in range(count)
+        for number in range(first, first + count)
     ]
 
 
@@ -189,7 +190,9 @@ class Way:
         raw = self.back.recv(300)
         if self.patched and raw[14:18] != PATCHED_ROLL:
             raise AssertionError(f"{self.name}: the field is not patched")
-        found.append((now - sent[int.from_bytes(raw[10:14], "little")]) / 1000)
+        number = int.from_bytes(raw[10:14], "little") - FIRST_STEADY
+        if number >= 0:  # else it is late, from before
+            found.append((now - sent[number]) / 1000)
 
 
 def forward(port: int, *, patch: bool) -> None:
@@ -222,7 +225,7 @@ def measure(*, rounds: int, count: int, rate: float, seconds: float, folder: Pat
     found: dict[str, dict[str, list[float]]] = {
         name: {"rate": [], "cpu_us": [], "p50": [], "p99": [], "lost": []} for name in WAYS
     }
-    flood, steady = frames(count), frames(int(rate * seconds))
+    flood, steady = frames(count), frames(int(rate * seconds), first=FIRST_STEADY)
     for _ in range(rounds):
         for name in WAYS:
             with Way(name, folder) as way:
