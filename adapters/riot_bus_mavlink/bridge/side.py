@@ -33,7 +33,7 @@ class Side:
     """Carries frames between the links of one segment, and between them and the bus.
 
     Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
-    Frames from the bus are given to the links; Zenoh's threads bring them.
+    Frames from the bus are given to the links; another thread brings them.
 
     Args:
         port: The segment.
@@ -81,7 +81,7 @@ class Side:
 
     def open(self) -> None:
         """Listen to the bus."""
-        self._inlet = self.port.subscribe(self._keys.expression(), self.hear)
+        self._inlet = self.port.collect(self._keys.expression(), self.hear)
 
     def is_heard(self, seconds: float) -> bool:
         """Wait until somebody else on the bus takes frames, else the first would be lost; return whether anybody does.
