@@ -117,7 +117,8 @@ class MavlinkBridge:
                 self._links.append(open_link(spec, self))
             for part in self._mirrors.values() if self._patient else parts:
                 part.open()
-            self._await_each_other()
+            if not self._patient:
+                self._await_each_other()
             stack.callback(self.loop.stop)
             self.loop.start()
             self._stack = stack.pop_all()

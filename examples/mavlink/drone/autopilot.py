@@ -136,8 +136,10 @@ class Autopilot:
             vehicle.reached = None
 
 
-def _place(item: Message) -> Place | None:
-    """Return where an item of a mission is, None if it is no place; the first one is home, and not flown to."""
+def _place(item: Message) -> Place | Mode | None:
+    """Return where an item of a mission is, or what it does, None if neither; the first is home, and not flown to."""
+    if item.seq and item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+        return Mode.RTL
     if item.seq == 0 or item.command not in PLACES or not (item.x or item.y):
         return None
     above = item.z - GROUND if item.frame in ABSOLUTE else item.z

@@ -42,7 +42,7 @@ class Vehicle:
 
     Attributes:
         seed: Of its noise.
-        route: Targets of the mission, None where an item is no place.
+        route: Items of the mission: places, modes to enter, and None for what is neither.
         target: Where it is going.
         current: Item of the mission that it is flying to.
         reached: Item that it has just reached.
@@ -57,7 +57,7 @@ class Vehicle:
     home: Place = field(default_factory=lambda: Place(HOME[0], HOME[1]))
     place: Place = field(default_factory=lambda: Place(HOME[0], HOME[1]))
     target: Place | None = None
-    route: list[Place | None] = field(default_factory=list)
+    route: list[Place | Mode | None] = field(default_factory=list)
     current: int = 0
     reached: int | None = None
     time: float = 0.0
@@ -103,7 +103,11 @@ class Vehicle:
         """Fly to an item of the mission next."""
         self.current = item
         if self.mode is Mode.AUTO:
-            self.target = self.route[item] if item < len(self.route) else None
+            found = self.route[item] if item < len(self.route) else None
+            if isinstance(found, Mode):
+                self.enter(found)
+            else:
+                self.target = found
 
     def step(self, seconds: float) -> None:
         """Let time pass."""

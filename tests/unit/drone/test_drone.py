@@ -27,7 +27,7 @@ def sent(message, source=ME):
 
 
 def ask(autopilot, message):
-    return list(autopilot.answer(sent(message)))
+    return [sent(answer, (1, 1)) for answer in autopilot.answer(sent(message))]
 
 
 def command(number, *values):
@@ -51,9 +51,9 @@ def test_parameters_by_name_by_number_and_all():
     everything = ask(autopilot, mavlink.MAVLink_param_request_list_message(1, 1))
     assert [each.param_index for each in everything] == list(range(everything[0].param_count))
     (one,) = ask(autopilot, mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_ALT", -1))
-    assert (one.param_id, one.param_value) == (b"RTL_ALT", 1500)
+    assert (one.param_id, one.param_value) == ("RTL_ALT", 1500)
     (again,) = ask(autopilot, mavlink.MAVLink_param_request_read_message(1, 1, b"", one.param_index))
-    assert again.param_id == b"RTL_ALT"
+    assert again.param_id == "RTL_ALT"
     (changed,) = ask(autopilot, mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 2000.4, one.param_type))
     assert changed.param_value == 2000
     assert ask(autopilot, mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", math.nan, 9))[0].param_value == 2000
