@@ -181,7 +181,10 @@ class MavlinkBridge:
         """Take in a new end of a link; from now on it gets frames."""
         end = End(spec, address, Framer(self.crc_extra), write)
         self._tallies[spec.name].join(end)
-        self._sides[spec.segment].routes.add(end)
+        side = self._sides[spec.segment]
+        side.routes.add(end)
+        if self._patient and not side.is_open:
+            side.open()
         return end
 
     def leave(self, end: End) -> None:

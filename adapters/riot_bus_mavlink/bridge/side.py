@@ -80,7 +80,7 @@ class Side:
         return self._inlet is not None
 
     def open(self) -> None:
-        """Listen to the bus."""
+        """Listen to the bus; to be called once."""
         self._inlet = self.port.collect(self._keys.expression(), self.hear)
 
     def is_heard(self, seconds: float) -> bool:
