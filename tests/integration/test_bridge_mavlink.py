@@ -339,3 +339,26 @@ def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: Ex
     publisher.put(frame_of(sequence=5).raw)
     assert process.stdout.readline() == f"got {frame_of(sequence=5).raw.hex()}\n"
     assert process.wait(timeout=WAIT_S) == 7
+
+
+def test_it_goes_on_with_a_router_that_was_killed_and_started_again(stack: ExitStack) -> None:
+    endpoints = {"system": free_endpoint(), "unit": free_endpoint()}
+    first = stack.enter_context(RouterProcess(endpoints=endpoints))
+    ground = stack.enter_context(UdpEnd())
+    links = ["system/fc=udpin:127.0.0.1:0", f"unit/gcs=udpout:127.0.0.1:{ground.port}"]
+    bridge = stack.enter_context(MavlinkBridgeProcess(endpoints, links))
+    vehicle = stack.enter_context(UdpEnd(bridge.address("fc")))
+
+    def crossed() -> bool:
+        vehicle.send(frame_of(source=VEHICLE).raw)
+        return ground.get(0.1) is not None
+
+    assert wait_until(crossed, WAIT_S)
+    first.process.kill()
+    first.process.wait()
+    while ground.get(1.0) is not None:
+        pass  # it was sent before
+    assert not crossed()
+    stack.enter_context(RouterProcess(endpoints=endpoints))
+    assert wait_until(crossed, 60)
+    bridge.end()
