@@ -2,9 +2,10 @@
 
 One process sends ATTITUDE over UDP, one frame in each packet, and gets it again over UDP behind: nothing (the sockets
 alone), a forwarding loop of pymavlink, the same with one field changed, two links of one segment of `riot bridge
-mavlink`, and two segments of a `riot router`, un-intercepted and with one field patched. Everything between is
-processes of its own. Throughput is that of a window of frames that are under way; nothing may be lost. Delays are those
-of a steady rate. In each round all ways are measured in turn; ratios are those of one round.
+mavlink`, and two segments of a `riot router`, un-intercepted and with one field patched, with one bridge for both
+segments and with one for each. Everything between is processes of its own. Throughput is that of a window of frames
+that are under way; nothing may be lost. Delays are those of a steady rate. In each round all ways are measured in turn;
+ratios are those of one round.
 """
 
 from __future__ import annotations
@@ -32,7 +33,15 @@ import psutil
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
 
-WAYS = ("sockets alone", "pymavlink loop", "pymavlink loop, patched", "one segment", "native", "patched")
+WAYS = (
+    "sockets alone",
+    "pymavlink loop",
+    "pymavlink loop, patched",
+    "one segment",
+    "native",
+    "patched",
+    "two bridges, patched",
+)
 PEER = "pymavlink loop"
 WINDOW = 256
 TARGET_RATE, TARGET_RATIO, TARGET_DELAY_US = 20_000, 3.0, 150.0
@@ -40,10 +49,11 @@ PATCHED_ROLL = struct.pack("<f", 0.25)
 TIMEOUT_S = 30.0
 RIOT = [sys.executable, "-m", "riot_bus"]
 ATTITUDE = 30
+FIRST_STEADY = 1 << 24
 
 
-def frames(count: int) -> list[bytes]:
-    """Return ATTITUDE frames; `time_boot_ms` is the number of the frame."""
+def frames(count: int, *, first: int = 0) -> list[bytes]:
+    """Return ATTITUDE frames; `time_boot_ms` is the number of the frame, beginning with `first`."""
     extra = load_dialect("common").crc_extra(ATTITUDE)
     assert extra is not None
     payload = struct.Struct("<I6f")
@@ -57,7 +67,7 @@ def frames(count: int) -> list[bytes]:
             system=1,
             component=1,
         )
-        for number in range(count)
+        for number in range(first, first + count)
     ]
 
 
@@ -111,7 +121,10 @@ class Way:
             del segments["unit"]
         named = [f"--segment={name}={where}" for name, where in segments.items()]
         links = ["--link=system/fc=udpin:127.0.0.1:0", f"--link={unit}/gcs=udpout:127.0.0.1:{port}"]
-        ready = json.loads(self._start([*RIOT, "bridge", "mavlink", "--format=json", *named, *links]))
+        bridge = [*RIOT, "bridge", "mavlink", "--format=json"]
+        if self.name.startswith("two bridges"):
+            self._start([*bridge, named.pop(), links.pop()])
+        ready = json.loads(self._start([*bridge, *named, *links]))
         return int(ready["links"]["fc"]["where"].rpartition(":")[2])
 
     def _start(self, words: list[str]) -> str:
@@ -177,7 +190,9 @@ class Way:
         raw = self.back.recv(300)
         if self.patched and raw[14:18] != PATCHED_ROLL:
             raise AssertionError(f"{self.name}: the field is not patched")
-        found.append((now - sent[int.from_bytes(raw[10:14], "little")]) / 1000)
+        number = int.from_bytes(raw[10:14], "little") - FIRST_STEADY
+        if number >= 0:  # else it is late, from before
+            found.append((now - sent[number]) / 1000)
 
 
 def forward(port: int, *, patch: bool) -> None:
@@ -210,7 +225,7 @@ def measure(*, rounds: int, count: int, rate: float, seconds: float, folder: Pat
     found: dict[str, dict[str, list[float]]] = {
         name: {"rate": [], "cpu_us": [], "p50": [], "p99": [], "lost": []} for name in WAYS
     }
-    flood, steady = frames(count), frames(int(rate * seconds))
+    flood, steady = frames(count), frames(int(rate * seconds), first=FIRST_STEADY)
     for _ in range(rounds):
         for name in WAYS:
             with Way(name, folder) as way:
@@ -230,7 +245,7 @@ def table(found: dict[str, dict[str, list[float]]]) -> list[str]:
     """Return rows: medians, and the ratio to the peer in the same round."""
     rows = [f"{'':24} {'frames/s':>9} {'x peer':>7} {'CPU us':>7} {'p50 us':>7} {'added':>7} {'p99 us':>7} {'lost':>6}"]
     for name, result in found.items():
-        peer = found[PEER + (", patched" if name == "patched" else "")]["rate"]
+        peer = found[PEER + (", patched" if name.endswith("patched") else "")]["rate"]
         ratio = statistics.median(mine / other for mine, other in zip(result["rate"], peer, strict=True))
         bare = found["sockets alone"]["p50"]
         added = statistics.median(mine - other for mine, other in zip(result["p50"], bare, strict=True))

@@ -8,27 +8,30 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
 from riot_bus.types.model import Schema, TopicName
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
+from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
 from riot_bus_mavlink.message_type import PREFIX, MavlinkType
 from riot_bus_mavlink.schema_text import ENCODING, parse_schema
 from riot_bus_mavlink.signing import Signer, read_key
+from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from riot_bus.message import Message
     from riot_bus_mavlink.definitions import MessageTable
 
 __all__ = ["MavlinkAdapter"]
 
 _OPTIONS = ("dialect", "key_file", "template")
-_SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Za-z][A-Za-z0-9_]*)")
+_SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
 class MavlinkAdapter:
-    """Implements `riot_bus.types.model.Adapter` for frames of MAVLink, one in each payload.
+    """Implements `Adapter` and `Archiving` (of `riot_bus.types`) for frames of MAVLink, one in each payload.
 
     Args:
         options: A dialect's name, or some of `dialect=NAME;key_file=FILE;template=KEY`: the key that signs what was
@@ -41,6 +44,7 @@ class MavlinkAdapter:
 
     name = "mavlink"
     endings: Sequence[str] = (".xml",)
+    archives: Sequence[str] = (".tlog",)
 
     def __init__(self, options: str = "") -> None:
         for package in ("pymavlink", "fastcrc"):
@@ -111,6 +115,23 @@ class MavlinkAdapter:
         if schema not in self._from_schemas:
             self._from_schemas[schema] = self._parse_schema(schema)
         return self._from_schemas[schema]
+
+    def unpacker(self) -> TlogUnpacker:
+        """Return what takes a telemetry log apart; its messages come over a link called `tlog`."""
+        return TlogUnpacker(self.dialect, self.template)
+
+    def packed(self, message: Message) -> bytes | None:
+        """Return the record of a frame in a telemetry log, None if a message is none."""
+        if message.kind == "delete" or message.payload[:1] not in (b"\xfe", b"\xfd"):
+            return None
+        try:
+            frame = parse_frame(message.payload)
+        except PayloadError:
+            return None
+        extra = self.dialect.crc_extra(frame.message_id)
+        if not checksum_fits(frame, extra) if extra is not None else self.topic(message.key) is None:
+            return None
+        return tlog_record(message.time, message.payload)
 
     def _parse_schema(self, schema: Schema) -> MavlinkType | None:
         here = self.type_named(schema.name)

@@ -24,6 +24,7 @@ _EPOCH = 1_420_070_400
 """2015-01-01 UTC, where the time of signatures begins, in seconds since the Unix epoch."""
 _TICK = 10_000
 _MOST_TICKS = (1 << 48) - 1
+_MOST_STREAMS = 1 << 14
 
 
 class Signer:
@@ -66,7 +67,8 @@ class Signer:
 class Renewer:
     """Keeps the times of signatures growing when frames were delayed, repeated, added, or played from a log.
 
-    Each sender (system and component) has a time of its own on each link.
+    Each sender (system and component) has a time of its own on each link. Of 16384 of them, the one that was heard
+    first is forgotten when another one comes.
 
     Args:
         signer: Knows the key.
@@ -101,6 +103,8 @@ class Renewer:
             if time > _MOST_TICKS:
                 raise PayloadError("there is no later time for a signature")
             raw = self._signer.sign(raw[:-SIGNATURE], raw[-13], time)
+        if last < 0 and len(self._last) >= _MOST_STREAMS:
+            del self._last[next(iter(self._last))]
         self._last[stream] = time
         return raw
 

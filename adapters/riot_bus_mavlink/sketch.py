@@ -186,7 +186,7 @@ def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
     return [
         f"[components.{unit.name}]",
         f"# What is tested: {who}. FILL IN: the program, which has a bridge of its own.",
-        *_command("--link", "/unit=udpin:127.0.0.1:0", "--patient", "--", "PROGRAM", "udpout:127.0.0.1:{port}"),
+        *_command("--link", "/unit=udpin:127.0.0.1:0", "--", "PROGRAM", "udpout:127.0.0.1:{port}"),
         f'segment = "{INSIDE}"',
         *_topics("inputs", dict.fromkeys(inputs)),
         *_topics("outputs", unit.topics),

@@ -121,7 +121,8 @@ class _Listener:
     """A host of links that only listens."""
 
     def __init__(self, dialect: Dialect, warn: Callable[[str], None]) -> None:
-        self.loop, self.crc_extra = Loop(), dialect.crc_extra
+        self.loop = Loop()
+        self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
         self.survey = Survey(dialect.targets)
         self._warn = warn
 

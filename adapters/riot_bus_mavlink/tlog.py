@@ -8,12 +8,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from riot_bus.message import Message
 from riot_bus_mavlink.frame import V1, V2, Frame, checksum_fits, frame_length, parse_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-__all__ = ["Record", "TlogCounts", "TlogReader", "tlog_record"]
+    from riot_bus_mavlink.dialect import Dialect
+    from riot_bus_mavlink.keys import KeyTemplate
+
+__all__ = ["ENCODING", "LINK", "Record", "TlogCounts", "TlogReader", "TlogUnpacker", "tlog_record"]
+
+LINK = "tlog"
+"""The name of the link over which messages of a telemetry log come."""
+ENCODING = "application/octet-stream;mavlink"
+"""The encoding of frames on the bus, as mavlink-server has it."""
 
 _TIME = 8
 _LEAST, _MOST = 10**15, 5 * 10**15
@@ -117,6 +126,42 @@ class TlogReader:
         self.counts.unknown += extra is None
         self._in_step = True
         return Record(time * 1_000, frame)
+
+
+class TlogUnpacker:
+    """A telemetry log as messages of the bus: `riot_bus.types.archive.Unpacker`.
+
+    Args:
+        dialect: Knows the messages.
+        template: Makes their keys.
+    """
+
+    def __init__(self, dialect: Dialect, template: KeyTemplate) -> None:
+        self._dialect, self._template = dialect, template
+        self._reader = TlogReader(dialect.crc_extra)
+        self._number = 0
+
+    def feed(self, data: bytes) -> Sequence[Message]:
+        """Return the messages that are complete with these bytes."""
+        return [self._message(record) for record in self._reader.feed(data)]
+
+    def end(self) -> Sequence[Message]:
+        """Return what is left when the file has ended."""
+        return [self._message(record) for record in self._reader.flush()]
+
+    def loss(self) -> str:
+        """Return what could not be read, empty if nothing."""
+        counts = self._reader.counts
+        if not counts.junk_bytes:
+            return ""
+        return f"{counts.junk_bytes} bytes are no records, {counts.bad_crc} records among them have a wrong checksum"
+
+    def _message(self, record: Record) -> Message:
+        frame = record.frame
+        name = self._dialect.name_of(frame.message_id)
+        key = self._template.key(LINK, frame.system, frame.component, name)
+        self._number += 1
+        return Message(record.time, key, frame.raw, encoding=ENCODING, sequence=self._number)
 
 
 def _begins(data: bytes, at: int) -> bool:

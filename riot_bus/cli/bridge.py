@@ -222,6 +222,7 @@ def mavlink(
         sniffer=sniffer,
         key_file=key_file,
         mirror=None if mirror is None else mirror.value,
+        patient=bool(program),
     )
     config = client_cfg(cfg or ())
     places = _places(segment or [f"={endpoint}"], config, system=system)

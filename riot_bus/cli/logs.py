@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from riot_bus.cli.archives import messages_to_file
 from riot_bus.cli.options import Format, OutputFormat
 
 if TYPE_CHECKING:
@@ -116,11 +117,16 @@ def types(
 def export(
     log: Annotated[Path, typer.Argument(help="An MCAP file.")],
     *,
-    field: Annotated[
-        list[str],
-        typer.Option(metavar="TOPIC:FIELD", help="A column, such as '/odom:pose.pose.position.x'; repeatable."),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="A file .csv or .parquet; or .tlog, of all messages.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="A file .csv or .parquet.")],
+    field: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TOPIC:FIELD", help="A column, such as '/odom:pose.pose.position.x'; repeatable."),
+    ] = None,
+    topics: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC", help="With .tlog: these topics alone; repeatable.")
+    ] = None,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="Begin there: seconds from the beginning, or a date and time.")
     ] = None,
@@ -130,7 +136,7 @@ def export(
     msg: _Definitions = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Write fields of a log as a table: one row per message, by time.
+    """Write fields of a log as a table, one row per message; or its messages as a file .tlog of MAVLink.
 
     Exit code 3: the log is damaged, and what could be read was written.
     """
@@ -144,15 +150,13 @@ def export(
     with LogReader(log) as reader:
         registry = _registry(reader, type_, msg)
         begin = (span_of(reader) or (0, 0))[0] if start is not None or end is not None else 0
-    done = export_table(
-        log,
-        field,
-        out,
-        start=None if start is None else parse_time(start, begin, where="--start"),
-        end=None if end is None else parse_time(end, begin, where="--end"),
-        force=force,
-        registry=registry,
-    )
+    first = None if start is None else parse_time(start, begin, where="--start")
+    last = None if end is None else parse_time(end, begin, where="--end")
+    if field is None or topics is not None:
+        loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=field is not None, force=force)
+        _end(loss, None, log)
+        return
+    done = export_table(log, field, out, start=first, end=last, force=force, registry=registry)
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"file": str(out), "rows": done.rows, "values": done.values}))
     else:

@@ -10,6 +10,7 @@ import typer
 from riot_bus import __version__
 from riot_bus.cli import (
     agent,
+    archives,
     bridge,
     chain,
     ctl,
@@ -57,7 +58,23 @@ def _options(
     """Robustness Inside-Out Testing on a message bus."""
 
 
-for _module in (chain, reports, logs, play, edit, record, router, ctl, graph, init, doctor, fleet, agent, bridge):
+for _module in (
+    chain,
+    reports,
+    logs,
+    archives,
+    play,
+    edit,
+    record,
+    router,
+    ctl,
+    graph,
+    init,
+    doctor,
+    fleet,
+    agent,
+    bridge,
+):
     _module.register(app)
 
 

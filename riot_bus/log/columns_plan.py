@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.types.bulk import Gathered
     from riot_bus.types.model import MessageType
 
-__all__ = ["Feed", "Wish", "chosen_rows", "log_registry", "plan_columns", "topic_types"]
+__all__ = ["Feed", "Wish", "chosen_rows", "is_chosen", "log_registry", "plan_columns", "topic_types"]
 
 _SAMPLES = 16
 _MOST_SAMPLED = 100_000
@@ -110,7 +110,7 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
         problem: PayloadError | ConfigError | None = None
         found = False
         for number, source in delivered.items():
-            if not (source.chosen([wish.topic]) or registry.matches(wish.topic, source.key)):
+            if not is_chosen(source, [wish.topic], registry):
                 continue
             feed = feeds.get(number) or Feed(number, source)
             try:
@@ -132,6 +132,11 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
     return wishes, list(feeds.values())
 
 
+def is_chosen(source: ChannelSource, topics: Sequence[str] | None, registry: TypeRegistry) -> bool:
+    """Return whether a channel is of one of these topics, by the log's names or by those that adapters know."""
+    return source.chosen(topics) or any(registry.matches(topic, source.key) for topic in topics or ())
+
+
 def topic_types(
     reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
 ) -> list[tuple[str, TypeListing]]:
@@ -142,7 +147,11 @@ def topic_types(
         registry: Of `log_registry`.
         topics: Topic names or key expressions; None for all.
     """
-    sources = [source for source in reader.sources().values() if source.role == "delivered" and source.chosen(topics)]
+    sources = [
+        source
+        for source in reader.sources().values()
+        if source.role == "delivered" and is_chosen(source, topics, registry)
+    ]
     kinds = {
         source.key: registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
         for source in sources

@@ -10,7 +10,7 @@ import numpy as np
 
 from riot_bus.errors import PayloadError
 from riot_bus.log.columns_blocks import load_ahead
-from riot_bus.log.columns_plan import Feed, log_registry
+from riot_bus.log.columns_plan import Feed, is_chosen, log_registry
 from riot_bus.log.layout import MAX_BLOCK
 from riot_bus.types.bulk import as_array, gather
 from riot_bus.types.fields import MOST_FIELDS, Described, FieldType, of_numbers
@@ -139,7 +139,7 @@ def field_ranges(
     sources = {
         number: source
         for number, source in reader.sources().items()
-        if source.role == "delivered" and source.chosen(topics)
+        if source.role == "delivered" and is_chosen(source, topics, registry)
     }
     feeds = {number: Feed(number, source) for number, source in sources.items()}
     found: dict[str, TopicFields] = {}

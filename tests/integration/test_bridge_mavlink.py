@@ -6,6 +6,7 @@ import json
 import queue
 import socket
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -300,3 +301,41 @@ def test_init_writes_a_system_file_from_a_live_link(stack: ExitStack, tmp_path: 
     assert (code, "there is a system file already" in err) == (2, True)
     code, _, err = riot("init", "--mavlink=udpin:127.0.0.1:0", "--ros2", cwd=tmp_path)
     assert (code, "--ros2, or --mavlink URL" in err) == (2, True)
+
+
+def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: ExitStack, tmp_path: Path) -> None:
+    router = stack.enter_context(RouterProcess())
+    unit = router.endpoints["unit"]
+    client = open_client(unit)
+    stack.callback(client.close)
+    go = tmp_path / "go"
+    program = (
+        "import pathlib, socket, sys, time\n"
+        f"while not pathlib.Path({str(go)!r}).exists(): time.sleep(0.01)\n"
+        "made = socket.create_connection(('127.0.0.1', int(sys.argv[1])))\n"
+        "print('got', made.recv(300).hex(), flush=True)\n"
+        "sys.exit(7)\n"
+    )
+    process = stack.enter_context(
+        subprocess.Popen(
+            [
+                *RIOT,
+                *("bridge", "mavlink", f"--endpoint={unit}", "--link=/x=tcpin:127.0.0.1:0"),
+                *("--", sys.executable, "-c", program, "{port}"),
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=ENVIRONMENT,
+        )
+    )
+    stack.callback(process.kill)
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("ready: ")
+    key = "mavlink_raw/tester/1/1/HEARTBEAT"
+    publisher = client.session.declare_publisher(key)
+    assert not publisher.matching_status.matching
+    go.touch()
+    assert wait_until(lambda: bool(publisher.matching_status.matching), WAIT_S)
+    publisher.put(frame_of(sequence=5).raw)
+    assert process.stdout.readline() == f"got {frame_of(sequence=5).raw.hex()}\n"
+    assert process.wait(timeout=WAIT_S) == 7

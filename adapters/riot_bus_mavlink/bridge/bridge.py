@@ -101,7 +101,8 @@ class MavlinkBridge:
                 self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
         self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
         self._links: list[Link] = []
-        self.loop, self.crc_extra = Loop(), dialect.crc_extra
+        self.loop = Loop()
+        self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
 
     # -- life ---------------------------------------------------------------------------------------------------------
 
@@ -180,7 +181,10 @@ class MavlinkBridge:
         """Take in a new end of a link; from now on it gets frames."""
         end = End(spec, address, Framer(self.crc_extra), write)
         self._tallies[spec.name].join(end)
-        self._sides[spec.segment].routes.add(end)
+        side = self._sides[spec.segment]
+        side.routes.add(end)
+        if self._patient and not side.is_open:
+            side.open()
         return end
 
     def leave(self, end: End) -> None:

@@ -36,8 +36,8 @@ class BridgeOptions:
         sniffer: A system that gets everything; 0 for none.
         key_file: Has the key of signed frames.
         mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
-        patient: Whether a segment is listened to only once something has come over one of its links, so that nothing
-            is played to a program that does not listen yet.
+        patient: Whether a segment is listened to only once one of its links has somebody at its other end, so that
+            nothing is played to a program that is not connected yet.
     """
 
     links: Sequence[str]

@@ -41,3 +41,6 @@ class Port(Protocol):
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
         """Subscribe to what others put."""
+
+    def collect(self, expression: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
+        """Subscribe to what others put, on a thread of its own."""

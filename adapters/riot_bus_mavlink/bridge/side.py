@@ -33,7 +33,7 @@ class Side:
     """Carries frames between the links of one segment, and between them and the bus.
 
     Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
-    Frames from the bus are given to the links; Zenoh's threads bring them.
+    Frames from the bus are given to the links; another thread brings them.
 
     Args:
         port: The segment.
@@ -49,7 +49,7 @@ class Side:
         routes: Who gets what.
         streams: Numbers inserted frames.
         counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
-            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), and too long for
+            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), or too long for
             one (`refused`).
     """
 
@@ -80,8 +80,8 @@ class Side:
         return self._inlet is not None
 
     def open(self) -> None:
-        """Listen to the bus."""
-        self._inlet = self.port.subscribe(self._keys.expression(), self.hear)
+        """Listen to the bus; to be called once."""
+        self._inlet = self.port.collect(self._keys.expression(), self.hear)
 
     def is_heard(self, seconds: float) -> bool:
         """Wait until somebody else on the bus takes frames, else the first would be lost; return whether anybody does.

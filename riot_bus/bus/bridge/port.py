@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import logging
+import threading
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.config import client_config
@@ -14,8 +16,10 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
+__all__ = ["Collector", "Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
 
+_LOG = logging.getLogger(__name__)
+_CHANNEL = 4096  # messages
 _HEARTBEAT_S = 0.5
 _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 
@@ -83,6 +87,40 @@ class Inlet:
     def close(self) -> None:
         """Take it away."""
         release(self._declared)
+
+
+class Collector:
+    """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
+
+    def __init__(self, session: zenoh.Session, expression: str, take: Callable[[bytes, bytes | None], None]) -> None:
+        import zenoh
+
+        self._take, self._zenoh_error = take, zenoh.ZError
+        self._subscriber: Any = session.declare_subscriber(
+            expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._channel: Any = self._subscriber.handler
+        self._thread = threading.Thread(target=self._run, name="riot-port", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take it away, after what has come in."""
+        release(self._subscriber)
+        self._thread.join()
+
+    def _run(self) -> None:
+        take, receive, fetch = self._take, self._channel.recv, self._channel.try_recv
+        with contextlib.suppress(self._zenoh_error):  # the subscriber is closed, and nothing is left in its channel
+            while True:
+                sample = receive()
+                while sample is not None:
+                    try:
+                        if int(sample.kind) == 0:
+                            attachment = sample.attachment
+                            take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+                    except Exception:
+                        _LOG.exception("a message of %s was lost", sample.key_expr)
+                    sample = fetch()
 
 
 class Question:
@@ -182,6 +220,16 @@ class SegmentPort:
                 subscriber_detection=True,
             )
         )
+
+    def collect(self, expression: str, take: Callable[[bytes, bytes | None], None]) -> Collector:
+        """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
+
+        Args:
+            expression: Which.
+            take: Called with payload and attachment on one thread, none of Zenoh's; while it is busy, messages
+                wait, and when many wait, so does the link.
+        """
+        return Collector(self._session, expression, take)
 
     def announce(self, token: str) -> Inlet:
         """Show a liveliness token."""

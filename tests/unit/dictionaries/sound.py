@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from riot_bus.types.model import MessageType
+from riot_bus_mavlink.adapter import MavlinkAdapter
+from riot_bus_mavlink.frame import pack_frame
 from riot_bus_ros2.adapter import Ros2Adapter
 
 ROVER = Path(__file__).resolve().parents[3] / "examples" / "rover"
 ADAPTER = Ros2Adapter()
+MAVLINK = MavlinkAdapter()
 ADAPTER.load([ROVER / "map_msgs/msg/OccupancyGridUpdate.msg"])
 
 TURN = {"x": 0.5, "y": -0.5, "z": 0.5, "w": 0.5}
@@ -113,12 +117,82 @@ SOUND: dict[str, dict[str, Any]] = {
     },
     "visualization_msgs/msg/MarkerArray": {"len(markers)": 2},
 }  # fmt: skip
+MAVLINK_SOUND: dict[str, dict[str, Any]] = {
+    "ATTITUDE": {"roll": 0.25, "pitch": 0.5, "yaw": 1.0},
+    "ATTITUDE_QUATERNION": {"q1": 1.0},
+    "BATTERY_STATUS": {
+        "id": 1, "battery_remaining": 50, "current_battery": 100, "current_consumed": 7, "energy_consumed": 8,
+        "voltages[0]": 4000,
+    },
+    "CAMERA_INFORMATION": {
+        "resolution_h": 640, "resolution_v": 480, "sensor_size_h": 5.0, "sensor_size_v": 4.0, "focal_length": 3.0,
+    },
+    "CAN_FRAME": {"len": 4, "id": 5},
+    "COMMAND_ACK": {"command": 400},
+    "COMMAND_INT": {"command": 192, "frame": 5, "x": 480000000, "y": 110000000, "param1": 1.0},
+    "COMMAND_LONG": {"command": 400, "param1": 1.0, "confirmation": 1},
+    "DATA_TRANSMISSION_HANDSHAKE": {"size": 1000, "packets": 5, "payload": 200, "width": 9, "height": 9},
+    "DISTANCE_SENSOR": {"min_distance": 20, "max_distance": 900, "current_distance": 300},
+    "ENCAPSULATED_DATA": {"seqnr": 1},
+    "FILE_TRANSFER_PROTOCOL": {"payload[3]": 4, "payload[4]": 3, "payload[12]": 97},
+    "GLOBAL_POSITION_INT": {"lat": 480000000, "lon": 110000000},
+    "GPS2_RAW": {"fix_type": 3, "satellites_visible": 9, "lat": 480000000, "lon": 110000000, "alt": 5},
+    "GPS_INJECT_DATA": {"len": 9},
+    "GPS_RAW_INT": {"fix_type": 3, "satellites_visible": 9, "lat": 480000000, "lon": 110000000, "alt": 5},
+    "GPS_RTCM_DATA": {"len": 9},
+    "GPS_STATUS": {"satellites_visible": 9},
+    "HEARTBEAT": {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 4, "system_status": 4},
+    "LOGGING_DATA": {"length": 100, "first_message_offset": 3},
+    "LOGGING_DATA_ACKED": {"length": 100, "first_message_offset": 3},
+    "LOG_DATA": {"count": 90, "ofs": 90, "id": 1},
+    "LOG_ENTRY": {"id": 2, "num_logs": 3, "last_log_num": 3, "size": 4000},
+    "MISSION_ACK": {"type": 0},
+    "MISSION_COUNT": {"count": 4},
+    "MISSION_CURRENT": {"seq": 2, "total": 5},
+    "MISSION_ITEM": {"seq": 2, "frame": 3, "command": 16, "x": 48.0, "y": 11.0},
+    "MISSION_ITEM_INT": {"seq": 2, "frame": 6, "command": 16, "x": 480000000, "y": 110000000},
+    "MISSION_ITEM_REACHED": {"seq": 2},
+    "MISSION_REQUEST": {"seq": 2},
+    "MISSION_REQUEST_INT": {"seq": 2},
+    "MISSION_REQUEST_PARTIAL_LIST": {"start_index": 1, "end_index": 3},
+    "MISSION_WRITE_PARTIAL_LIST": {"start_index": 1, "end_index": 3},
+    "OBSTACLE_DISTANCE": {
+        "min_distance": 20, "max_distance": 900, "increment": 5, "increment_f": 5.0, "distances[0]": 7,
+    },
+    "ODOMETRY": {"q[0]": 1.0, "frame_id": 20, "child_frame_id": 12, "pose_covariance[0]": 0.5},
+    "PARAM_SET": {"param_id": "RATE", "param_value": 1.5, "param_type": 9},
+    "PARAM_VALUE": {"param_id": "RATE", "param_value": 1.5, "param_type": 9, "param_count": 9, "param_index": 3},
+    "POSITION_TARGET_LOCAL_NED": {"coordinate_frame": 1, "type_mask": 3000},
+    "RC_CHANNELS": {"chancount": 8, "chan1_raw": 1500, "chan2_raw": 1500},
+    "SERIAL_CONTROL": {"count": 9},
+    "SET_POSITION_TARGET_LOCAL_NED": {"coordinate_frame": 1, "type_mask": 3000},
+    "STATUSTEXT": {"severity": 6, "text": "ready"},
+    "SYS_STATUS": {
+        "onboard_control_sensors_present": 7, "onboard_control_sensors_health": 7, "voltage_battery": 12000,
+        "current_battery": 50, "battery_remaining": 80, "load": 300,
+    },
+    "TRAJECTORY_REPRESENTATION_WAYPOINTS": {"valid_points": 2},
+    "TUNNEL": {"payload_length": 9},
+    "VIDEO_STREAM_INFORMATION": {"stream_id": 1, "count": 2},
+}  # fmt: skip
+for _name in (
+    "ATTITUDE_QUATERNION_COV",
+    "ATTITUDE_TARGET",
+    "ATT_POS_MOCAP",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+    "GIMBAL_DEVICE_SET_ATTITUDE",
+    "GIMBAL_MANAGER_SET_ATTITUDE",
+    "HOME_POSITION",
+    "SET_ATTITUDE_TARGET",
+):
+    MAVLINK_SOUND[_name] = {"q[0]": 1.0}
+SOUND |= {f"mavlink/{name}": values for name, values in MAVLINK_SOUND.items()}
 for _name in ("Byte", "Float32", "Float64", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64"):
     SOUND[f"std_msgs/msg/{_name}MultiArray"] = ARRAY
 
 
 def type_named(name: str) -> MessageType:
-    kind = ADAPTER.type_named(name)
+    kind = MAVLINK.type_named(name) or ADAPTER.type_named(name)
     assert kind is not None, name
     return kind
 
@@ -126,12 +200,27 @@ def type_named(name: str) -> MessageType:
 def blank(name: str) -> bytes:
     """Return a message whose numbers are zero, whose sequences are empty and whose texts are not."""
     kind = type_named(name)
+    message = MAVLINK.dialect.message(name.removeprefix("mavlink/"))
+    if message is not None:
+        who = {"version": 2, "sequence": 1, "system": 1, "component": 1}
+        return pack_frame(message.id, bytes(message.size), message.crc_extra, **who)
     zeros = b"\0\1\0\0" + bytes(4096)
     return kind.rebuild(zeros, {leaf.path: "s" for leaf in kind.leaves(zeros, elements=100) if leaf.type == "string"})
 
 
 @cache
 def sound(name: str) -> bytes:
-    """Return a sound message, as rosbags encodes it."""
+    """Return a sound message, as rosbags encodes it, or a frame of MAVLink."""
     payload = type_named(name).rebuild(blank(name), SOUND[name])
+    if name.startswith("mavlink/"):
+        return payload
     return ADAPTER.store.encode(ADAPTER.store.decode(payload, name), name)
+
+
+def accept(name: str, payload: bytes) -> None:
+    """Decode a message as others do; raises if they would not."""
+    if name.startswith("mavlink/"):
+        module = importlib.import_module("pymavlink.dialects.v20.all")
+        module.MAVLink(None).decode(bytearray(payload))
+    else:
+        ADAPTER.store.decode(payload, name)

@@ -2,13 +2,16 @@ import math
 import struct
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from riot_bus.errors import PayloadError
-from riot_bus.testing.types import TypeConformance
+from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
 from riot_bus.types.exceptional import Exceptions, Guarded
 from riot_bus.types.fields import Described
+from riot_bus.types.model import Leaf
 from riot_bus_mavlink.dialect import load_dialect
-from riot_bus_mavlink.frame import V2, Framer, pack_frame, parse_frame, seal
+from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
 from riot_bus_mavlink.message_type import MavlinkType
 from riot_bus_mavlink.signing import Signer, sign_frame
 
@@ -57,6 +60,38 @@ class TestTwoLongWords(TypeConformance):
     kind = kind("TIMESYNC")
     payloads = (frame("TIMESYNC", bytes(range(100, 118))), frame("TIMESYNC", bytes(range(100, 116)), 1))
     widest = 280
+
+
+class TestText(HostileConformance):
+    kind = kind("STATUSTEXT")
+    payloads = (frame("STATUSTEXT", b"\4ready" + bytes(45) + b"\1\0\2"), frame("STATUSTEXT", b"\4" + b"A" * 50, 1))
+
+
+@settings(deadline=None, max_examples=500)
+@given(data=st.data())
+def test_any_payload_under_a_right_checksum(data):
+    message = data.draw(st.sampled_from(sorted(ALL.messages.values(), key=lambda each: each.id)))
+    old = message.id < 256 and data.draw(st.booleans())
+    body = data.draw(st.binary(max_size=255))
+    head = bytes([V1, len(body), 1, 2, 3, message.id]) if old else bytes([V2, len(body), 0, 9, 1, 2, 3])
+    raw = seal(head if old else head + message.id.to_bytes(3, "little"), body, message.crc_extra)
+    one = MavlinkType(message, ALL.enums)
+    if one.opaque(raw) is not None:
+        assert old
+        assert len(body) < message.base_size
+        with pytest.raises(PayloadError):
+            one.leaves(raw)
+        return
+    leaves = one.leaves(raw, elements=255)
+    for leaf in data.draw(st.lists(st.sampled_from(leaves), max_size=3)):
+        before = one.read(raw, leaf.path)
+        after = one.patch(raw, {leaf.path: before})
+        assert same_leaf(Leaf(leaf.path, leaf.type, one.read(after, leaf.path)), leaf)
+        changed = one.patch(raw, {leaf.path: "x" if leaf.type == "string" else 1})
+        pairs = zip(one.leaves(changed, elements=255), leaves, strict=True)
+        assert all(same_leaf(*pair) for pair in pairs if pair[0].path != leaf.path)
+        assert Framer(ALL.crc_extra).feed(changed)[0].raw == changed
+        one.exceptional(raw, leaf.path)
 
 
 def test_protocols():

@@ -70,6 +70,16 @@ def test_times_that_grow_are_left_alone():
     assert max(renewer.last.values()) == 5_000
 
 
+def test_senders_without_end_take_bounded_memory():
+    renewer, sent = Renewer(Signer(KEY)), 1 << 15
+    template = attitude()
+    for number in range(sent):
+        raw = template[:5] + number.to_bytes(2) + template[7:]
+        assert renewer.renew(raw) == raw
+    assert len(renewer.last) == 1 << 14
+    assert time_of(parse_frame(renewer.renew(raw))) == 101
+
+
 def test_what_is_not_signed_is_left_alone():
     raw = attitude()
     unsigned = pack_frame(30, b"\1" * 28, 39, version=2, sequence=1, system=1, component=1)

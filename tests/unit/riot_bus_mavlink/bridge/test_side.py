@@ -61,6 +61,8 @@ class Port:
         self.expressions.append(key)
         return Inlet()
 
+    collect = subscribe
+
 
 class Bench:
     """A side with ends that keep what they get."""

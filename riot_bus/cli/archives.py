@@ -1,0 +1,93 @@
+"""`riot import`, and `riot export` into formats of other tools."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from riot_bus.log.reader import Loss
+    from riot_bus.types.model import Adapter
+
+__all__ = ["messages_to_file", "register"]
+
+_TABLES = (".csv", ".parquet")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command("import")(import_)
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(help="A file .tlog.")],
+    log: Annotated[Path, typer.Argument(help="The MCAP file to write.")],
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Replace the log if it exists.")] = False,
+    msg: Annotated[
+        list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Make a log of a file of another format: a telemetry log of MAVLink (.tlog).
+
+    Exit code 3: the file is damaged, and what could be read was written.
+    """
+    from riot_bus.errors import DataLossError
+    from riot_bus.log.archives import import_archive
+
+    done = import_archive(file, log, _adapters(msg), force=force)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"file": str(log), "messages": done.messages, "damage": done.damage}))
+    else:
+        typer.echo(f"{log}: {done.messages} messages")
+    if done.damage:
+        raise DataLossError(done.damage, where=str(file))
+
+
+def messages_to_file(
+    log: Path,
+    out: Path,
+    topics: list[str] | None,
+    definitions: list[Path] | None,
+    span: tuple[int | None, int | None],
+    form: OutputFormat,
+    *,
+    fields: bool,
+    force: bool,
+) -> Loss:
+    """Write a log's messages in a format of other tools, and say so; return what of the log could not be read."""
+    from riot_bus.errors import ConfigError
+    from riot_bus.log.archives import archive_endings, export_archive
+
+    adapters = _adapters(definitions)
+    endings = archive_endings(adapters)
+    if out.suffix in _TABLES:
+        if fields:
+            raise ConfigError("--topics is not for tables", where=str(out), hint="name columns by --field")
+        raise ConfigError("no column is wanted", where=str(out), hint="name one: --field /odom:pose.pose.position.x")
+    if fields:
+        raise ConfigError("--field is for tables", where=str(out), hint="choose messages by --topics")
+    if not endings:
+        hint = "pip install 'riot-bus[mavlink]' for .tlog"
+        raise ConfigError(f"messages cannot be written to a file {out.suffix!r}", where=str(out), hint=hint)
+    done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"file": str(out), "messages": done.messages, "skipped": done.skipped}))
+    else:
+        typer.echo(f"{out}: {done.messages} messages" + (f", {done.skipped} others skipped" if done.skipped else ""))
+    return done.loss
+
+
+def _adapters(definitions: list[Path] | None) -> list[Adapter]:
+    """Return the adapters, which have taken in definitions."""
+    from riot_bus.types.registry import TypeRegistry, load_adapters
+
+    adapters = load_adapters()
+    TypeRegistry(adapters, definitions=definitions or ())
+    return adapters

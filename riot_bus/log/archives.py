@@ -1,0 +1,163 @@
+"""Logs from and to files in formats of other tools, as far as adapters know them (`riot_bus.types.archive`)."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log.writer import LogWriter
+from riot_bus.types.archive import Archiving
+from riot_bus.types.registry import TypeRegistry
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.types.model import Adapter
+
+__all__ = ["ArchiveDone", "archive_endings", "export_archive", "import_archive"]
+
+_PIECE = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveDone:
+    """What was written.
+
+    Attributes:
+        messages: Their number.
+        skipped: Messages of other kinds, which the format cannot hold.
+        loss: What of the log could not be read.
+        damage: What of the other file could not be read, empty if nothing.
+    """
+
+    messages: int
+    skipped: int = 0
+    loss: Loss = field(default_factory=Loss)
+    damage: str = ""
+
+
+def archive_endings(adapters: Sequence[Adapter]) -> list[str]:
+    """Return the endings of files that adapters know."""
+    return sorted({ending for each in adapters if isinstance(each, Archiving) for ending in each.archives})
+
+
+def export_archive(
+    log: Path | str,
+    out: Path | str,
+    adapters: Sequence[Adapter],
+    *,
+    topics: Sequence[str] | None = None,
+    start: int | None = None,
+    end: int | None = None,
+    force: bool = False,
+) -> ArchiveDone:
+    """Write a log's delivered messages in the format that the ending of a file names; the file appears when complete.
+
+    Args:
+        log: The log.
+        out: File to write.
+        adapters: One of them knows the format.
+        topics: Topic names or key expressions; None for all.
+        start: Earliest time, nanoseconds.
+        end: Latest time (exclusive), nanoseconds.
+        force: Whether an existing file is replaced.
+
+    Raises:
+        ConfigError: The file exists, no adapter knows its format, or no message is of that kind.
+        EnvironmentFaultError: The file cannot be written.
+    """
+    out = Path(out)
+    owner = _owner(out, adapters)
+    registry = TypeRegistry(adapters)
+    wanted = None if topics is None else [registry.key_expression(topic) for topic in topics]
+    written = skipped = 0
+    with LogReader(log) as reader, _finished(out, force=force, source=Path(log)) as temporary:
+        try:
+            with open(temporary, "wb") as file:
+                for message in reader.messages(topics=wanted, start=start, end=end):
+                    record = owner.packed(message)
+                    if record is None:
+                        skipped += 1
+                        continue
+                    file.write(record)
+                    written += 1
+        except OSError as error:
+            raise EnvironmentFaultError(f"cannot write: {error.strerror or error}", where=str(out)) from error
+        if not written:
+            raise ConfigError(f"no message of the log fits into a file {out.suffix}", where=str(log))
+        return ArchiveDone(written, skipped, reader.loss)
+
+
+def import_archive(
+    file: Path | str, out: Path | str, adapters: Sequence[Adapter], *, force: bool = False
+) -> ArchiveDone:
+    """Write a log of a file in a format of other tools; the log appears when complete.
+
+    Args:
+        file: The file; its ending names the format.
+        out: The log to write.
+        adapters: One of them knows the format.
+        force: Whether an existing file is replaced.
+
+    Raises:
+        ConfigError: The file is missing or holds nothing of its kind, the log exists, or no adapter knows the format.
+        EnvironmentFaultError: The log cannot be written.
+    """
+    file, out = Path(file), Path(out)
+    unpacker = _owner(file, adapters).unpacker()
+    count = 0
+    registry = TypeRegistry(adapters)
+    with _finished(out, force=force, source=file) as temporary:
+        with LogWriter(temporary, registry=registry, metadata={"imported": file.name}) as writer:
+            try:
+                with open(file, "rb") as source:
+                    while data := source.read(_PIECE):
+                        for message in unpacker.feed(data):
+                            writer.write(message)
+                            count += 1
+            except OSError as error:
+                raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(file)) from error
+            for message in unpacker.end():
+                writer.write(message)
+                count += 1
+        if not count:
+            raise ConfigError(f"there is nothing in it that a file {file.suffix} holds", where=str(file))
+    return ArchiveDone(count, damage=unpacker.loss())
+
+
+def _owner(file: Path, adapters: Sequence[Adapter]) -> Archiving:
+    for each in adapters:
+        if isinstance(each, Archiving) and file.suffix in each.archives:
+            return each
+    known = archive_endings(adapters)
+    hint = did_you_mean(file.suffix, known) or "is the adapter that knows it installed?"
+    raise ConfigError(f"unknown kind of file {file.suffix!r}", where=str(file), hint=hint)
+
+
+@contextmanager
+def _finished(out: Path, *, force: bool, source: Path) -> Iterator[str]:
+    """Give the name of a file that takes the place of `out` when all went well."""
+    if out.exists() and not force:
+        raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
+    if out.exists() and source.exists() and os.path.samefile(source, out):
+        raise ConfigError("this is the input itself", where=str(out), hint="choose another name")
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent)
+    except OSError as error:
+        raise EnvironmentFaultError(f"cannot write: {error.strerror or error}", where=str(out)) from error
+    os.close(handle)
+    try:
+        yield temporary
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
+        os.replace(temporary, out)
+    except BaseException:
+        os.unlink(temporary)
+        raise
