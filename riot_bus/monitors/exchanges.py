@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError
@@ -34,7 +35,7 @@ class Never:
     def __init__(self, when: str, *, tell: str | None = None) -> None:
         self.when, self.tell = when, tell
         self._selector = _whole(when)
-        self.topics = (self._selector.topic,)
+        self.topics: tuple[str, ...] = (self._selector.topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first such message."""
@@ -56,7 +57,7 @@ class Values:
     def __init__(self, field: str, *, allowed: Sequence[int], mask: int | None = None) -> None:
         self.field, self.allowed, self.mask = field, frozenset(allowed), mask
         self._selector = _with_field(field)
-        self.topics = (self._selector.topic,)
+        self.topics: tuple[str, ...] = (self._selector.topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first other value."""
@@ -84,7 +85,7 @@ class Gapless:
     def __init__(self, field: str, *, modulo: int = 256, lost: int = 0) -> None:
         self.field, self.modulo, self.lost = field, modulo, lost
         self._selector = _with_field(field)
-        self.topics = (self._selector.topic,)
+        self.topics: tuple[str, ...] = (self._selector.topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when too many are missing."""
@@ -117,7 +118,7 @@ class Answered:
     def __init__(self, request: str, *, answer: str, within: float, same: Sequence[str] = ()) -> None:
         self.request, self.answer, self.within, self.same = request, answer, within, tuple(same)
         self._asks, self._answers = _whole(request), _whole(answer)
-        self.topics = (self._asks.topic, self._answers.topic)
+        self.topics: tuple[str, ...] = (self._asks.topic, self._answers.topic)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first request without an answer; those that may still get one are left out."""
@@ -160,6 +161,5 @@ def _selected(view: TrialView, selector: Selector) -> Iterator[tuple[Message, Me
         kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
         if kind is None:
             raise PayloadError(f"the type of {message.key!r} is unknown, so {selector.topic!r} cannot be watched")
-        payload, read = message.payload, kind.read
-        if predicate is None or predicate(lambda path, payload=payload, read=read: read(payload, path)):
+        if predicate is None or predicate(partial(kind.read, message.payload)):
             yield message, kind

@@ -10,6 +10,7 @@ from time import monotonic
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from drone.commands import ACCEPTED, DENIED, HIGHEST, UNSUPPORTED, carry_out, go_to, select, set_mode
+from drone.compass import Calibration
 from drone.link import Link
 from drone.mission import DEGREES, Missions
 from drone.parameters import Parameters
@@ -21,7 +22,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 SYSTEM, COMPONENT = 1, mavlink.MAV_COMP_ID_AUTOPILOT1
 STEP, PAUSE = 0.02, 2.0
@@ -43,6 +44,7 @@ class Autopilot:
         self.vehicle = Vehicle(seed)
         self.parameters = Parameters()
         self.missions = Missions(self._changed)
+        self.calibration = Calibration()
         self._due = dict.fromkeys(STREAMS, 0.0)
         self._last = self._state()
         self._fly = fly
@@ -63,6 +65,7 @@ class Autopilot:
                 self._due[stream] += 1 / rate
                 yield stream(self.vehicle)
         yield from self.missions.tick(now)
+        yield from self.calibration.tick(now)
         yield from self._news()
 
     def answer(self, message: Message) -> Iterator[Message]:
@@ -101,6 +104,18 @@ class Autopilot:
             wanted, result = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, ACCEPTED
         elif command.command == mavlink.MAV_CMD_GET_HOME_POSITION:
             wanted, result = mavlink.MAVLINK_MSG_ID_HOME_POSITION, ACCEPTED
+        elif command.command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
+            result = ACCEPTED if command.param1 in REPORTS else DENIED
+            if result == ACCEPTED:
+                rate = STREAMS.get(REPORTS[int(command.param1)], 0)
+                microseconds = round(1e6 / rate) if rate else -1
+                yield mavlink.MAVLink_message_interval_message(int(command.param1), microseconds)
+        elif command.command == mavlink.MAV_CMD_DO_START_MAG_CAL:
+            self.calibration.start(self.vehicle.time)
+            result = ACCEPTED
+        elif command.command in (mavlink.MAV_CMD_DO_CANCEL_MAG_CAL, mavlink.MAV_CMD_DO_ACCEPT_MAG_CAL):
+            self.calibration.cancel()
+            result = ACCEPTED
         elif command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             result = ACCEPTED if command.param1 in REPORTS else DENIED  # rates are fixed
         else:

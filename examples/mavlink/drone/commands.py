@@ -8,7 +8,7 @@ from drone.vehicle import Mode, Place, Vehicle
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 DENIED = mavlink.MAV_RESULT_DENIED

@@ -14,7 +14,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Self
 
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 MOST = 65536
 RETRY = 0.05

@@ -8,7 +8,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
 MISSION = mavlink.MAV_MISSION_TYPE_MISSION

@@ -8,7 +8,7 @@ from drone.vehicle import HOME
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 ROUTE = (
     (mavlink.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0),

@@ -17,7 +17,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 SYSTEM, COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
 BEAT, RETRY, SHOW = 1.0, 1.0, 1.0

@@ -12,7 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Message = mavlink.MAVLink_message
+    from pymavlink.dialects.v20.ardupilotmega import MAVLink_message as Message
 
 GROUND = HOME[2]
 CELLS, FULL = 3, 5200
@@ -207,6 +207,12 @@ def distance_sensor(vehicle: Vehicle) -> Message:
     return mavlink.MAVLink_distance_sensor_message(_ms(vehicle), 20, 4000, seen, 0, 1, 25, 0)
 
 
+def rpm(vehicle: Vehicle) -> Message:
+    """How fast two of the motors turn."""
+    turns = [abs(vehicle.noise.gauss(5200 if vehicle.flying else 1500 * vehicle.armed, 20)) for _ in range(2)]
+    return mavlink.MAVLink_rpm_message(*turns)
+
+
 def adsb_vehicle(vehicle: Vehicle) -> Message:
     """An airliner that passes far above, as the ADS-B receiver sees it."""
     longitude = round((HOME[1] + vehicle.time * 0.0025) * 1e7) % 1_800_000_000
@@ -245,6 +251,7 @@ STREAMS: dict[Callable[[Vehicle], Message], float] = {
     extended_sys_state: 1,
     distance_sensor: 2,
     adsb_vehicle: 1,
+    rpm: 2,
 }
 """What is sent by itself, and how often per second."""
 
