@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["init_ros2"]
+__all__ = ["check_path", "init_ros2", "write_system"]
 
 
 def init_ros2(
@@ -48,8 +48,7 @@ def init_ros2(
         ConfigError: The file is there already, or a node was named that was not seen.
         EnvironmentFaultError: Nobody answers, or no nodes were seen.
     """
-    if path.exists() and not force:
-        raise _there(path)
+    check_path(path, force=force)
     registry = TypeRegistry(load_adapters(["ros2"]))
     seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))
     found = sketch(
@@ -61,7 +60,27 @@ def init_ros2(
         started=seen.started,
         where=endpoint,
     )
-    text = sketch_toml(found, origin=f"what {endpoint} announced within {seconds:g} s")
+    write_system(path, sketch_toml(found, origin=f"what {endpoint} announced within {seconds:g} s"), force=force)
+    return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
+
+
+def check_path(path: Path, *, force: bool) -> None:
+    """Raise ConfigError if a system file is there that is not to be replaced."""
+    if path.exists() and not force:
+        raise _there(path)
+
+
+def write_system(path: Path, text: str, *, force: bool) -> None:
+    """Write a system file.
+
+    Args:
+        path: Where to.
+        text: What; it is a valid one.
+        force: Whether a file that is there is replaced.
+
+    Raises:
+        ConfigError: The file is there already, or cannot be written.
+    """
     SystemFile.model_validate({**tomllib.loads(text), "path": path.resolve()})
     try:
         with path.open("w" if force else "x", encoding="utf-8") as stream:
@@ -70,7 +89,6 @@ def init_ros2(
         raise _there(path) from None
     except OSError as error:
         raise ConfigError(f"cannot write the system file: {error.strerror}", where=str(path)) from error
-    return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
 
 
 def _there(path: Path) -> ConfigError:

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+
+if TYPE_CHECKING:
+    from riot_bus.bus.bridge.program import Program
+    from riot_bus_mavlink.bridge.bridge import MavlinkBridge
 
 __all__ = ["register"]
 
 Names = list[str] | None
 
 
+class Mirror(StrEnum):
+    """What of a frame is published as JSON."""
+
+    MESSAGES = "messages"
+    FIELDS = "fields"
+
+
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
     bridge = typer.Typer(help="Join other middleware to a segment.", no_args_is_help=True, rich_markup_mode=None)
     bridge.command()(ros2)
+    bridge.command()(mavlink)
     app.add_typer(bridge, name="bridge")
 
 
@@ -109,3 +123,140 @@ def ros2(
     with open_port(endpoints, config=config) as port:
         bridge = Ros2Bridge(port, options, warn=lambda line: typer.echo(line, err=True))
         run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON)
+
+
+def mavlink(
+    program: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[-- PROGRAM [ARG]...]",
+            help="Is run behind the bridge, ends with it, and is a component with it; {port} is where the first link "
+            "listens.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--link",
+            "-l",
+            metavar="[SEGMENT[/NAME]=]URL",
+            help="Such as udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, "
+            "/dev/ttyACM0,115200, or a .tlog file; repeatable.",
+        ),
+    ] = None,
+    segment: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--segment",
+            metavar="NAME[=ENDPOINT]",
+            help="Segment of riot.toml, or of a router without one, or where it listens; repeatable.",
+        ),
+    ] = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system",
+            "-s",
+            metavar="FILE",
+            envvar="RIOT_SYSTEM",
+            help="System file. [default: riot.toml, if it exists]",
+        ),
+    ] = None,
+    endpoint: Annotated[
+        str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the only segment listens.")
+    ] = None,
+    cfg: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the client; repeatable.")
+    ] = None,
+    dialect: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
+    ] = None,
+    definitions: Annotated[
+        list[Path] | None, typer.Option("--xml", metavar="FILE", help="Defines further messages; repeatable.")
+    ] = None,
+    keys: Annotated[
+        str | None, typer.Option(metavar="TEMPLATE", help="Keys on the bus. [default: mavlink_raw/{link}/{sysid}/...]")
+    ] = None,
+    duplicates: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Drop what came within this time already, over whatever link.")
+    ] = 0.0,
+    key_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Key of signed frames, for those that come late or are added.")
+    ] = None,
+    sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
+    mirror: Annotated[
+        Mirror | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Route MAVLink between links and segments, until Ctrl-C.
+
+    Links of one segment see each other directly, those of different segments through riot, where their messages can be
+    intercepted. With a segment for the autopilot and one for the ground station, riot is between them:
+
+    riot bridge mavlink --segment system --segment unit --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
+    """
+    from contextlib import ExitStack
+
+    from riot_bus.bus.bridge.port import open_port
+    from riot_bus.bus.bridge.program import end_as
+    from riot_bus.bus.bridge.running import run_bridge
+    from riot_bus.bus.component import client_cfg
+    from riot_bus.errors import ConfigError
+    from riot_bus_mavlink.bridge.bridge import MavlinkBridge
+    from riot_bus_mavlink.bridge.options import BridgeOptions
+    from riot_bus_mavlink.dialect import DEFAULT
+    from riot_bus_mavlink.keys import TEMPLATE
+
+    if (segment is None) == (endpoint is None):
+        hint = "give --segment NAME or --endpoint ENDPOINT"
+        raise ConfigError("which segment?", where="riot bridge mavlink", hint=hint)
+    options = BridgeOptions(
+        links=link or (),
+        dialect=dialect or DEFAULT,
+        files=definitions or (),
+        keys=keys or TEMPLATE,
+        duplicates=duplicates,
+        sniffer=sniffer,
+        key_file=key_file,
+        mirror=None if mirror is None else mirror.value,
+        patient=bool(program),
+    )
+    config = client_cfg(cfg or ())
+    places = _places(segment or [f"={endpoint}"], config, system=system)
+    options.plan(list(places))
+    with ExitStack() as stack:
+        ports = {
+            name: stack.enter_context(open_port(endpoints, config=settings))
+            for name, (endpoints, settings) in places.items()
+        }
+        bridge = MavlinkBridge(ports, options, warn=lambda line: typer.echo(line, err=True))
+        start = partial(_start, program, bridge) if program else None
+        status = run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON, program=start)
+    if status:
+        end_as(status)
+        raise typer.Exit(status)
+
+
+def _start(command: list[str], bridge: MavlinkBridge) -> Program:
+    from riot_bus.bus.bridge.program import Program
+
+    return Program(command, bridge.words(), ended=bridge.stop)
+
+
+def _places(
+    texts: list[str], config: dict[str, Any], *, system: Path | None
+) -> dict[str, tuple[list[str], dict[str, Any]]]:
+    """Return where segments listen, and settings of their clients, by name."""
+    from riot_bus.bus.component import segment_endpoints
+    from riot_bus.errors import ConfigError
+
+    places: dict[str, tuple[list[str], dict[str, Any]]] = {}
+    for text in texts:
+        name, equals, where = text.partition("=")
+        if name in places:
+            raise ConfigError(f"segment {name!r} is named twice", where="--segment")
+        places[name] = ([where], config) if equals else segment_endpoints(name, config, system=system)
+    return places

@@ -24,10 +24,22 @@ def register(app: typer.Typer) -> None:
 def init(
     *,
     ros2: Annotated[bool, typer.Option("--ros2", help="From the ROS 2 nodes that are connected to a router.")] = False,
+    mavlink: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--mavlink", metavar="URL", help="From who talks on a link, such as udpin:0.0.0.0:14550; repeatable."
+        ),
+    ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look.")] = 3.0,
     unit: Annotated[
-        str | None, typer.Option("--unit", "-u", metavar="NODE", help="The node to test; else all that have inputs.")
+        str | None,
+        typer.Option(
+            "--unit",
+            "-u",
+            metavar="NODE",
+            help="The node to test; else all that have inputs. MAVLink: the id of the system.",
+        ),
     ] = None,
     external: Annotated[
         list[str] | None,
@@ -44,10 +56,39 @@ def init(
     from riot_bus.chain.init import init_ros2
     from riot_bus.errors import ConfigError
 
-    if not ros2:
-        raise ConfigError("what shall the system file be made from?", where="riot init", hint="add --ros2")
+    if ros2 == bool(mavlink):
+        hint = "add --ros2, or --mavlink URL"
+        raise ConfigError("what shall the system file be made from?", where="riot init", hint=hint)
+    if mavlink:
+        _init_mavlink(mavlink, out, seconds=seconds, unit=unit, force=force, form=form)
+        return
     found = init_ros2(out, endpoint, seconds=seconds, unit=unit, external=external or (), cfg=cfg or (), force=force)
     typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(_lines(found)))
+
+
+def _init_mavlink(
+    links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
+) -> None:
+    from riot_bus.chain.init import check_path, write_system
+    from riot_bus.errors import ConfigError
+    from riot_bus_mavlink.dialect import load_dialect
+    from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_toml
+    from riot_bus_mavlink.survey import listen
+
+    if unit is not None and not (unit.isascii() and unit.isdigit()):
+        raise ConfigError(f"{unit!r} is no id of a system", where="--unit", hint="a number from 1 to 255")
+    check_path(out, force=force)
+    dialect = load_dialect()
+    survey, specs = listen(links, dialect, seconds=seconds, warn=lambda line: typer.echo(line, err=True))
+    found = sketch(survey, specs, dialect, seconds=seconds, unit=None if unit is None else int(unit))
+    write_system(out, sketch_toml(found, origin=f"what came over {', '.join(links)} within {seconds:g} s"), force=force)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"file": str(out), **sketch_json(found)}, indent=1))
+        return
+    for part in (*found.outside, found.unit):
+        where = "inside" if part is found.unit else "outside"
+        typer.echo(f"{part.name}  {where}  {len(part.topics)} topics  {', '.join(part.who) or 'not heard'}")
+    typer.echo(f"written: {out}; next, fill in what it marks with FILL IN, above all the commands")
 
 
 def _lines(found: dict[str, Any]) -> list[str]:

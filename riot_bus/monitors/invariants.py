@@ -19,13 +19,13 @@ __all__ = ["Finite", "Invariant", "Range", "Rate"]
 
 
 class Invariant(Protocol):
-    """A monitor of one topic, which can also judge while things go on.
+    """A monitor of some topics, which can also judge while things go on.
 
     Attributes:
-        topic: Which.
+        topics: Which.
     """
 
-    topic: str
+    topics: tuple[str, ...]
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return what was violated."""
@@ -50,7 +50,7 @@ class Range:
 
     def __init__(self, field: str, *, low: float | None = None, high: float | None = None) -> None:
         self.field = field
-        self.topic = parse_selector(field).topic
+        self.topics: tuple[str, ...] = (parse_selector(field).topic,)
         self.low = -math.inf if low is None else low
         self.high = math.inf if high is None else high
 
@@ -68,7 +68,7 @@ class Finite:
 
     def __init__(self, field: str) -> None:
         self.field = field
-        self.topic = parse_selector(field).topic
+        self.topics: tuple[str, ...] = (parse_selector(field).topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value that is not finite."""
@@ -83,6 +83,7 @@ class Rate:
 
     def __init__(self, topic: str, *, gap: float) -> None:
         self.topic = topic
+        self.topics: tuple[str, ...] = (topic,)
         self.gap = gap
 
     def judge(self, view: TrialView) -> Sequence[Violation]:

@@ -7,9 +7,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError
+from riot_bus.monitors.exchanges import Answered, Gapless, Never, Values
 from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
-from riot_bus.sut.system import FiniteMonitor, RangeMonitor, SystemFile, load_system
+from riot_bus.sut.system import (
+    FiniteMonitor,
+    NeverMonitor,
+    RangeMonitor,
+    RateMonitor,
+    SequenceMonitor,
+    SystemFile,
+    ValuesMonitor,
+    load_system,
+)
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 
 if TYPE_CHECKING:
@@ -33,7 +43,7 @@ class Context:
     @property
     def watched(self) -> list[str]:
         """Topics that the invariants of riot.toml look at."""
-        return sorted({_invariant(settings).topic for settings in self.file.monitors})
+        return sorted({topic for settings in self.file.monitors for topic in _invariant(settings).topics})
 
     @property
     def profile(self) -> str:
@@ -84,4 +94,12 @@ def _invariant(settings: MonitorSettings) -> Invariant:
         return Range(settings.field, low=settings.min, high=settings.max)
     if isinstance(settings, FiniteMonitor):
         return Finite(settings.field)
-    return Rate(settings.topic, gap=settings.gap)
+    if isinstance(settings, RateMonitor):
+        return Rate(settings.topic, gap=settings.gap)
+    if isinstance(settings, NeverMonitor):
+        return Never(settings.when, tell=settings.tell)
+    if isinstance(settings, ValuesMonitor):
+        return Values(settings.field, allowed=settings.allowed, mask=settings.mask)
+    if isinstance(settings, SequenceMonitor):
+        return Gapless(settings.field, modulo=settings.modulo, lost=settings.lost)
+    return Answered(settings.request, answer=settings.answer, within=settings.within, same=settings.same)

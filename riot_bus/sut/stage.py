@@ -28,6 +28,9 @@ __all__ = ["Stage"]
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
 _AT_REST = 0.02
+_TIMERS_AFTER = 2.0
+_MEASURE = 0.25
+_ALIKE = 0.2
 
 
 class Stage:
@@ -41,6 +44,9 @@ class Stage:
         intercept: Key expressions that are cut and passed through `pipeline`.
         pipeline: Interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
+
+    Attributes:
+        idle_rate: Context switches per second of components that are ready and never rest; 0 if they do.
     """
 
     def __init__(
@@ -60,6 +66,7 @@ class Stage:
         self.processes: dict[str, Process] = {}
         self._families: dict[tuple[int, ...], list[int]] = {}
         self.outputs: list[Message] = []
+        self.idle_rate = 0.0
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
             intercept=intercept,
@@ -148,8 +155,22 @@ class Stage:
                 timeout=deadline - time.monotonic(),
                 alive=lambda: all(self.launcher.alive(self.processes[name]) for name in names),
             )
-        self.settle(names, window=_AT_REST, timeout=max(_AT_REST, deadline - time.monotonic()))
+        self._come_to_rest(names, deadline)
         self._check_alive(names)
+
+    def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
+        """Wait until components stand still, or are as busy as the moment before: they have timers of their own."""
+        if self.settle(names, window=_AT_REST, timeout=max(_AT_REST, min(_TIMERS_AFTER, deadline - time.monotonic()))):
+            return
+        before, last = self.activity(names), -1.0
+        while time.monotonic() < deadline:
+            time.sleep(_MEASURE)
+            now = self.activity(names)
+            rate = (now.switches - before.switches) / _MEASURE
+            if abs(rate - last) <= _ALIKE * rate:
+                self.idle_rate = max(rate, last)
+                return
+            before, last = now, rate
 
     def _check_alive(self, names: Iterable[str]) -> None:
         for name in names:

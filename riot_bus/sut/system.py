@@ -12,18 +12,22 @@ from riot_bus.bus.tomlfile import explained, line_of, read_toml
 from riot_bus.errors import ConfigError, did_you_mean
 
 __all__ = [
+    "AnsweredMonitor",
     "Component",
     "External",
     "FiniteMonitor",
     "MonitorSettings",
+    "NeverMonitor",
     "Pace",
     "RangeMonitor",
     "RateMonitor",
     "Ready",
+    "SequenceMonitor",
     "Settle",
     "System",
     "SystemFile",
     "Unit",
+    "ValuesMonitor",
     "load_system",
 ]
 
@@ -136,7 +140,46 @@ class RateMonitor(_Table):
     gap: Seconds
 
 
-MonitorSettings = Annotated[RangeMonitor | FiniteMonitor | RateMonitor, Field(discriminator="kind")]
+class NeverMonitor(_Table):
+    """No message of an output meets a condition."""
+
+    kind: Literal["never"]
+    when: str
+    tell: str | None = None
+
+
+class ValuesMonitor(_Table):
+    """An integer field of an output takes only some values."""
+
+    kind: Literal["values"]
+    field: str
+    allowed: tuple[int, ...] = Field(min_length=1)
+    mask: int | None = None
+
+
+class SequenceMonitor(_Table):
+    """A sequence number of an output has no gaps."""
+
+    kind: Literal["sequence"]
+    field: str
+    modulo: int = Field(default=256, ge=2)
+    lost: int = Field(default=0, ge=0)
+
+
+class AnsweredMonitor(_Table):
+    """Requests are answered in time."""
+
+    kind: Literal["answered"]
+    request: str
+    answer: str
+    within: Seconds
+    same: tuple[str, ...] = ()
+
+
+MonitorSettings = Annotated[
+    RangeMonitor | FiniteMonitor | RateMonitor | NeverMonitor | ValuesMonitor | SequenceMonitor | AnsweredMonitor,
+    Field(discriminator="kind"),
+]
 
 
 class SystemFile(_Table):
@@ -222,6 +265,10 @@ def _known_keys(place: list[str]) -> list[str]:
         "range": RangeMonitor,
         "finite": FiniteMonitor,
         "rate": RateMonitor,
+        "never": NeverMonitor,
+        "values": ValuesMonitor,
+        "sequence": SequenceMonitor,
+        "answered": AnsweredMonitor,
     }
     for name in reversed(place or [""]):
         if name in tables:

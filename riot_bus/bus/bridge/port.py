@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,9 +16,11 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Asked", "Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
+__all__ = ["Asked", "Collector", "Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
 
+_LOG = logging.getLogger(__name__)
 _ANSWER_S = 2.0
+_CHANNEL = 4096  # messages
 _HEARTBEAT_S = 0.5
 _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
 
@@ -32,7 +35,8 @@ class Outlet:
         *,
         reliable: bool,
         latched: int | None = None,
-        changed: Callable[[], None] = lambda: None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
     ) -> None:
         import zenoh
         from zenoh import ext
@@ -42,14 +46,17 @@ class Outlet:
             "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
             "allowed_destination": zenoh.Locality.REMOTE,
         }
+        if encoding:
+            settings["encoding"] = zenoh.Encoding(encoding)
         self._publisher: Any = session.declare_publisher(key, **settings)
         self._put: Any = self._publisher.put
-        handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
-        self._listener: Any = self._publisher.declare_matching_listener(handler)
-        self._latch: Any = None
+        self._declared: list[Any] = [self._publisher]
+        if changed is not None:
+            handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
+            self._declared.insert(0, self._publisher.declare_matching_listener(handler))
         if latched is not None:
             beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
-            self._latch = ext.declare_advanced_publisher(
+            latch: Any = ext.declare_advanced_publisher(
                 session,
                 key,
                 cache=ext.CacheConfig(latched),
@@ -57,7 +64,8 @@ class Outlet:
                 publisher_detection=True,
                 **settings,
             )
-            self._put = self._latch.put
+            self._put = latch.put
+            self._declared.append(latch)
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish; waits for slow receivers if it is reliable."""
@@ -69,7 +77,7 @@ class Outlet:
 
     def close(self) -> None:
         """Take it away."""
-        release(self._listener, self._publisher, *([self._latch] if self._latch is not None else []))
+        release(*self._declared)
 
 
 class Inlet:
@@ -81,6 +89,40 @@ class Inlet:
     def close(self) -> None:
         """Take it away."""
         release(self._declared)
+
+
+class Collector:
+    """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
+
+    def __init__(self, session: zenoh.Session, expression: str, take: Callable[[bytes, bytes | None], None]) -> None:
+        import zenoh
+
+        self._take, self._zenoh_error = take, zenoh.ZError
+        self._subscriber: Any = session.declare_subscriber(
+            expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._channel: Any = self._subscriber.handler
+        self._thread = threading.Thread(target=self._run, name="riot-port", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take it away, after what has come in."""
+        release(self._subscriber)
+        self._thread.join()
+
+    def _run(self) -> None:
+        take, receive, fetch = self._take, self._channel.recv, self._channel.try_recv
+        with contextlib.suppress(self._zenoh_error):  # the subscriber is closed, and nothing is left in its channel
+            while True:
+                sample = receive()
+                while sample is not None:
+                    try:
+                        if int(sample.kind) == 0:
+                            attachment = sample.attachment
+                            take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+                    except Exception:
+                        _LOG.exception("a message of %s was lost", sample.key_expr)
+                    sample = fetch()
 
 
 class Question:
@@ -156,7 +198,8 @@ class SegmentPort:
         *,
         reliable: bool,
         latched: int | None = None,
-        changed: Callable[[], None] = lambda: None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
     ) -> Outlet:
         """Return a new publisher.
 
@@ -165,8 +208,9 @@ class SegmentPort:
             reliable: Slow receivers hold it up, instead of losing messages.
             latched: Late joiners get so many of the last messages; None if they get none.
             changed: Called on a thread of Zenoh's when `matched` may have changed.
+            encoding: Zenoh's encoding string, empty for its default.
         """
-        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed)
+        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
 
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
         """Subscribe to what others put.
@@ -199,6 +243,16 @@ class SegmentPort:
                 subscriber_detection=True,
             )
         )
+
+    def collect(self, expression: str, take: Callable[[bytes, bytes | None], None]) -> Collector:
+        """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
+
+        Args:
+            expression: Which.
+            take: Called with payload and attachment on one thread, none of Zenoh's; while it is busy, messages
+                wait, and when many wait, so does the link.
+        """
+        return Collector(self._session, expression, take)
 
     def announce(self, token: str) -> Inlet:
         """Show a liveliness token."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from riot_bus.bus.signals import ended_by_signals
@@ -10,6 +11,7 @@ from riot_bus.bus.signals import ended_by_signals
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from riot_bus.bus.bridge.program import Program
     from riot_bus.errors import RiotError
 
 __all__ = ["Bridge", "run_bridge"]
@@ -44,22 +46,35 @@ class Bridge(Protocol):
     def __exit__(self, *error: object) -> None: ...
 
 
-def run_bridge(bridge: Bridge, *, say: Callable[[str], None], as_json: bool = False) -> None:
-    """Bridge until SIGINT, SIGTERM or a failure.
+def run_bridge(
+    bridge: Bridge,
+    *,
+    say: Callable[[str], None],
+    as_json: bool = False,
+    program: Callable[[], Program] | None = None,
+) -> int:
+    """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
     Args:
         bridge: What to run.
         say: Prints a line of the result.
         as_json: Say it as lines of JSON.
+        program: Starts the program behind it, once it is ready.
+
+    Returns:
+        The program's exit status, negative for a signal; 0 if it was still running, or there is none.
 
     Raises:
         RiotError: It does not start, or has failed.
     """
+    status: int | None = None
     with ended_by_signals(bridge.stop):
-        with bridge:
+        with bridge, ExitStack() as stack:
             say(json.dumps({"event": "ready", **bridge.status()}, sort_keys=True) if as_json else bridge.ready())
+            behind = stack.enter_context(program()) if program is not None else None
             while not bridge.wait(_LOOK_S):
                 pass  # a signal that comes just before an endless wait begins does not end it
+            status = behind.status if behind is not None else None
         if as_json:
             say(json.dumps({"event": "ended", **bridge.status()}, sort_keys=True))
         else:
@@ -67,3 +82,4 @@ def run_bridge(bridge: Bridge, *, say: Callable[[str], None], as_json: bool = Fa
                 say(line)
     if bridge.failure is not None:
         raise bridge.failure
+    return status or 0

@@ -65,7 +65,8 @@ class Trigger:
     def for_key(self, key: str) -> Callable[[bytes, str], None] | None:
         """Return what is to be told of the messages of a key, None if no condition is about them."""
         mine = [(text, each) for text, topic, each in self._conditions if self._registry.matches(topic, key)]
-        watching = [n for n, each in enumerate(self._monitors) if self._registry.matches(each.topic, key)]
+        matches = self._registry.matches
+        watching = [n for n, each in enumerate(self._monitors) if any(matches(topic, key) for topic in each.topics)]
         if not mine and not watching:
             return None
 

@@ -1,0 +1,1 @@
+"""Bridges MAVLink links (UDP, TCP, serial, logs) to segments, and routes between them."""

@@ -1,0 +1,220 @@
+"""A bridge between links of MAVLink and segments."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus_mavlink.bridge.duplicates import Duplicates
+from riot_bus_mavlink.bridge.json_form import JsonForm
+from riot_bus_mavlink.bridge.marks import new_mark
+from riot_bus_mavlink.bridge.mirror import Mirror
+from riot_bus_mavlink.bridge.routing import Routes
+from riot_bus_mavlink.bridge.side import Side
+from riot_bus_mavlink.bridge.streams import OwnStreams
+from riot_bus_mavlink.bridge.tally import LinkTally
+from riot_bus_mavlink.bridge.text import ready_line, summary_lines
+from riot_bus_mavlink.bridge.url import LISTENS
+from riot_bus_mavlink.frame import Framer
+from riot_bus_mavlink.links.end import End
+from riot_bus_mavlink.links.loop import Loop
+from riot_bus_mavlink.links.opening import open_link
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from riot_bus.errors import RiotError
+    from riot_bus_mavlink.bridge.options import BridgeOptions
+    from riot_bus_mavlink.bridge.port import Port
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import Link
+
+__all__ = ["JSON_LINK", "MavlinkBridge"]
+
+JSON_LINK = "json"
+"""Stands for a link in the keys of frames that came as JSON."""
+
+_LOG = logging.getLogger(__name__)
+_MOST_PROBLEMS = 1000
+_MEET_S = 5.0
+
+
+class MavlinkBridge:
+    """Bridges while it is open; a context manager.
+
+    One thread waits for the links and carries what comes over them; Zenoh's threads carry what comes from the bus.
+
+    Args:
+        ports: Segments by name; they stay open.
+        options: What to bridge.
+        warn: Told in a line what does not work; called on other threads.
+
+    Attributes:
+        failure: Why it has ended by itself.
+        loop: The thread.
+        crc_extra: Returns a message's extra byte of the checksum.
+
+    Raises:
+        ConfigError: An option is not usable.
+        MissingExtraError: pymavlink is not installed.
+    """
+
+    def __init__(
+        self, ports: Mapping[str, Port], options: BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+    ) -> None:
+        self.failure: RiotError | None = None
+        self._patient = options.patient
+        self._plan = options.plan(list(ports))
+        self._warn = warn
+        self._ended = threading.Event()
+        self._problems: dict[str, None] = {}
+        self._stack = ExitStack()
+        dialect, signer, mark = self._plan.dialect, self._plan.signer, new_mark()
+        self._sides = {
+            name: Side(
+                port,
+                Routes(
+                    dialect.targets,
+                    duplicates=Duplicates(options.duplicates) if options.duplicates else None,
+                    sniffer=options.sniffer or -1,
+                ),
+                keys=self._plan.keys,
+                name_of=dialect.name_of,
+                mark=mark,
+                streams=OwnStreams(dialect.crc_extra, signer),
+                linked=self._is_linked,
+                signer=signer,
+            )
+            for name, port in ports.items()
+        }
+        self._mirrors: dict[str, Mirror] = {}
+        if options.mirror is not None:
+            form = JsonForm(dialect)
+            for number, (name, side) in enumerate(self._sides.items()):
+                take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments
+                fields = options.mirror == "fields"
+                self._mirrors[name] = Mirror(side.port, form, fields=fields, streams=side.streams, take=take)
+        self._tallies = {spec.name: LinkTally(spec) for spec in self._plan.links}
+        self._links: list[Link] = []
+        self.loop = Loop()
+        self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.callback(self.loop.close)
+            parts: list[Side | Mirror] = [*self._sides.values(), *self._mirrors.values()]
+            for part in parts:
+                stack.callback(part.close)
+            stack.callback(self._close_links)
+            for side in self._sides.values():
+                stack.callback(side.deafen)
+            for spec in self._plan.links:
+                self._links.append(open_link(spec, self))
+            for part in self._mirrors.values() if self._patient else parts:
+                part.open()
+            if not self._patient:
+                self._await_each_other()
+            stack.callback(self.loop.stop)
+            self.loop.start()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def _await_each_other(self) -> None:
+        """Take nothing from links before frames can get to the other segments."""
+        deadline = time.monotonic() + _MEET_S
+        for name, side in self._sides.items() if len(self._sides) > 1 else ():
+            if not side.is_heard(deadline - time.monotonic()):
+                self._problem(f"frames of segment {name!r} get to no other segment: does a router join them?")
+
+    def _close_links(self) -> None:
+        for link in self._links:
+            self._tallies[link.spec.name].end(link)
+            link.close()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until it is to end; return whether it is."""
+        return self._ended.wait(timeout)
+
+    def stop(self) -> None:
+        """End soon; for signal handlers, too."""
+        self._ended.set()
+
+    # -- what is going on ---------------------------------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Return what is going on, as JSON values."""
+        return {
+            "dialect": self._plan.dialect.name,
+            "keys": self._plan.keys.text,
+            "segments": {
+                name: {"endpoint": side.port.endpoint, **dict(sorted(self._counts(name).items()))}
+                for name, side in self._sides.items()
+            },
+            "links": {link.spec.name: self._tallies[link.spec.name].status(link) for link in self._links},
+            "problems": list(self._problems),
+        }
+
+    def ready(self) -> str:
+        """Return a line that says what is bridged."""
+        return ready_line(self.status())
+
+    def words(self) -> dict[str, str]:
+        """Return what `{port}` stands for in the command of a program behind the bridge: the first link's port."""
+        first = next((link for link in self._links if link.spec.kind in LISTENS), None)
+        return {} if first is None else {"port": first.where.rpartition(":")[2]}
+
+    def summary(self) -> Sequence[str]:
+        """Return lines that say what crossed."""
+        return summary_lines(self.status())
+
+    # -- what links need ----------------------------------------------------------------------------------------------
+
+    def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
+        """Take in a new end of a link; from now on it gets frames."""
+        end = End(spec, address, Framer(self.crc_extra), write)
+        self._tallies[spec.name].join(end)
+        side = self._sides[spec.segment]
+        side.routes.add(end)
+        if self._patient and not side.is_open:
+            side.open()
+        return end
+
+    def leave(self, end: End) -> None:
+        """Forget an end that is gone."""
+        tally = self._tallies[end.link]
+        self._sides[tally.spec.segment].routes.remove(end)
+        tally.leave(end)
+
+    def take(self, end: End, data: bytes) -> None:
+        """Take bytes that came."""
+        frames = end.framer.feed(data)
+        if frames:
+            kept = self._sides[end.segment].take(end, frames)
+            if kept and self._mirrors:
+                self._mirrors[end.segment].offer(kept)
+
+    def warn(self, spec: LinkSpec, text: str) -> None:
+        """Say what does not work, once."""
+        self._problem(f"{spec.name} ({spec.where}): {text}")
+
+    def _problem(self, line: str) -> None:
+        if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
+            self._problems[line] = None
+            self._warn(f"warning: {line}")
+
+    def _counts(self, segment: str) -> Counter[str]:
+        mirror = self._mirrors.get(segment)
+        return self._sides[segment].counts + (Counter() if mirror is None else mirror.counts)
+
+    def _is_linked(self, system: int, component: int) -> bool:
+        return any(side.routes.knows(system, component) for side in self._sides.values())

@@ -1,0 +1,43 @@
+"""The same frame over several links."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+__all__ = ["Duplicates"]
+
+_MOST = 1 << 16
+
+
+class Duplicates:
+    """Recognises frames, byte for byte, that were seen within a period.
+
+    Each sight starts the period anew, as in mavlink-router. With the sequence number in it, a frame has the same bytes
+    again after 256 frames of its source at the earliest, unless its source sends a single kind of frame without change.
+
+    Args:
+        period: Seconds.
+        most: Frames to remember; of more, the oldest are forgotten.
+    """
+
+    def __init__(self, period: float, *, most: int = _MOST) -> None:
+        self._period, self._most = period, most
+        self._last: OrderedDict[bytes, float] = OrderedDict()
+
+    def seen(self, raw: bytes, now: float) -> bool:
+        """Return whether a frame was seen within the period; remember it.
+
+        Args:
+            raw: The whole frame.
+            now: Seconds of a clock that only grows.
+        """
+        last = self._last
+        while last:
+            oldest = next(iter(last))
+            if now - last[oldest] < self._period and len(last) <= self._most:
+                break
+            del last[oldest]
+        known = raw in last
+        last[raw] = now
+        last.move_to_end(raw)
+        return known

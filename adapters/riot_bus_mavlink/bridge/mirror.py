@@ -1,0 +1,125 @@
+"""Frames as JSON on the keys of mavlink-server, and frames that others send as such."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from collections import Counter
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus_mavlink.bridge.json_form import JsonForm
+    from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
+    from riot_bus_mavlink.bridge.streams import OwnStreams
+    from riot_bus_mavlink.frame import Frame
+
+__all__ = ["ENCODING", "IN", "OUT", "Mirror"]
+
+IN, OUT = "mavlink/in", "mavlink/out"
+ENCODING = "application/json;mavlink"
+_MOST_WAITING = 1024  # batches
+_MOST_OUTLETS = 4096
+_END_S = 5.0
+_MARK = b"mavlink-json-1"
+
+
+class Mirror:
+    """Publishes JSON on `mavlink/{sysid}/{compid}/{MESSAGE}` and `mavlink/out`, on a thread of its own.
+
+    What it has no time for is left out and counted: nobody waits for it.
+
+    Args:
+        port: The segment.
+        form: Writes and reads JSON.
+        fields: Whether each field is also published, on `mavlink/{sysid}/{compid}/{MESSAGE}/{field}`.
+        streams: Numbers what comes in.
+        take: Called with frames that others have put on `mavlink/in`; None to take none.
+
+    Attributes:
+        counts: Frames: `mirrored`, `mirror_lost`, `json_in`, `json_refused`.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        form: JsonForm,
+        *,
+        fields: bool,
+        streams: OwnStreams,
+        take: Callable[[Frame], None] | None,
+    ) -> None:
+        self.counts: Counter[str] = Counter()
+        self._port, self._form, self._fields, self._streams, self._take = port, form, fields, streams, take
+        self._outlets: dict[str, Outlet] = {}
+        self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(_MOST_WAITING)
+        self._inlet: Closeable | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="mavlink-mirror", daemon=True)
+
+    def open(self) -> None:
+        """Begin."""
+        self._thread.start()
+        if self._take is not None:
+            self._inlet = self._port.subscribe(IN, self._hear)
+
+    def close(self) -> None:
+        """End soon; what still waits is left out."""
+        if self._inlet is not None:
+            self._inlet.close()
+        self._ended = True
+        with suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        if self._thread.is_alive():
+            self._thread.join(_END_S)
+        for outlet in self._outlets.values():
+            outlet.close()
+
+    def offer(self, frames: Sequence[Frame]) -> None:
+        """Publish frames soon."""
+        try:
+            self._waiting.put_nowait(frames)
+        except queue.Full:
+            self.counts["mirror_lost"] += len(frames)
+
+    def _run(self) -> None:
+        while (frames := self._waiting.get()) is not None and not self._ended:
+            for frame in frames:
+                self._publish(frame)
+
+    def _publish(self, frame: Frame) -> None:
+        document = self._form.document(frame)
+        if document is None:
+            return
+        text = json.dumps(document, separators=(",", ":")).encode()
+        message = document["message"]
+        base = f"mavlink/{frame.system}/{frame.component}/{message['type']}"
+        self._outlet(OUT).put(text, _MARK)
+        self._outlet(base).put(text, _MARK)
+        if self._fields:
+            for name, value in message.items():
+                self._outlet(f"{base}/{name}").put(json.dumps(value, separators=(",", ":")).encode(), _MARK)
+        self.counts["mirrored"] += 1
+
+    def _outlet(self, key: str) -> Outlet:
+        outlet = self._outlets.get(key)
+        if outlet is None:
+            if len(self._outlets) >= _MOST_OUTLETS:
+                self._outlets.pop(next(iter(self._outlets))).close()
+            outlet = self._outlets[key] = self._port.publisher(key, reliable=True, encoding=ENCODING)
+        return outlet
+
+    def _hear(self, payload: bytes, attachment: bytes | None) -> None:
+        try:
+            frame = self._form.frame(payload, self._streams.next)
+        except PayloadError:
+            self.counts["json_refused"] += 1
+            return
+        self.counts["json_in"] += 1
+        if self._take is not None:
+            self._take(frame)

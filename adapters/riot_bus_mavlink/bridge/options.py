@@ -1,0 +1,91 @@
+"""What `riot bridge mavlink` was asked to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.errors import ConfigError
+from riot_bus_mavlink.bridge.url import parse_links
+from riot_bus_mavlink.dialect import DEFAULT, load_dialect
+from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
+from riot_bus_mavlink.signing import Signer, read_key
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.dialect import Dialect
+
+__all__ = ["BridgeOptions", "Plan"]
+
+_LONGEST_PERIOD_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeOptions:
+    """What to bridge, as written.
+
+    Attributes:
+        links: As `parse_link` takes them.
+        dialect: Name of a dialect that pymavlink ships.
+        files: XML files of further messages.
+        keys: Template of the keys of frames on the bus.
+        duplicates: Seconds within which the same frame is taken once; 0 for always.
+        sniffer: A system that gets everything; 0 for none.
+        key_file: Has the key of signed frames.
+        mirror: Whether `messages` are also published as JSON, as mavlink-server does, or their `fields`, too.
+        patient: Whether a segment is listened to only once one of its links has somebody at its other end, so that
+            nothing is played to a program that is not connected yet.
+    """
+
+    links: Sequence[str]
+    dialect: str = DEFAULT
+    files: Sequence[Path] = field(default_factory=tuple)
+    keys: str = TEMPLATE
+    duplicates: float = 0.0
+    sniffer: int = 0
+    key_file: Path | None = None
+    mirror: Literal["messages", "fields"] | None = None
+    patient: bool = False
+
+    def plan(self, segments: Sequence[str]) -> Plan:
+        """Return what is to be bridged.
+
+        Args:
+            segments: Names.
+
+        Raises:
+            ConfigError: An option is not usable.
+            MissingExtraError: pymavlink is not installed.
+        """
+        if not self.links:
+            hint = "such as --link udpin:0.0.0.0:14550"
+            raise ConfigError("there is no link to be bridged", where="--link", hint=hint)
+        if not 0 <= self.duplicates <= _LONGEST_PERIOD_S:
+            hint = f"0 to {_LONGEST_PERIOD_S:g} s; less than the period of the fastest message that never changes"
+            raise ConfigError(f"{self.duplicates:g} s are no such period", where="--duplicates", hint=hint)
+        if not 0 <= self.sniffer <= 255:
+            raise ConfigError(f"{self.sniffer} is no system", where="--sniffer", hint="1 to 255")
+        dialect = load_dialect(self.dialect, self.files)
+        links = parse_links(self.links, id_of=dialect.id_of, segments=segments)
+        signer = None if self.key_file is None else Signer(read_key(self.key_file))
+        return Plan(dialect, KeyTemplate(self.keys), links, signer)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What options mean.
+
+    Attributes:
+        dialect: Messages that are known.
+        keys: Of frames on the bus.
+        links: To be opened.
+        signer: Knows the key of signed frames, if that was given.
+    """
+
+    dialect: Dialect
+    keys: KeyTemplate
+    links: Sequence[LinkSpec]
+    signer: Signer | None = None

@@ -1,0 +1,218 @@
+"""Who gets a frame: what routers of MAVLink do, without sockets and clocks.
+
+The rules are those of https://mavlink.io/en/guide/routing.html and of mavlink-router.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from riot_bus_mavlink.bridge.filters import Filter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from riot_bus_mavlink.bridge.duplicates import Duplicates
+    from riot_bus_mavlink.frame import Frame
+
+__all__ = ["Addressed", "Peer", "Routes", "addressed"]
+
+Addressed = tuple[int, int]
+"""Target system and target component; 0 stands for all, and for messages without a target."""
+
+_HEADER = (0, 6, 10)  # bytes, by version
+_MOST_TYPES = 4096
+
+
+def addressed(frame: Frame, offsets: tuple[int | None, int | None]) -> Addressed:
+    """Return whom a frame is for.
+
+    Args:
+        frame: What is sent.
+        offsets: Where its type has target system and target component; None if it has none. Bytes that are cut from the
+            end of a payload are zero.
+    """
+    system, component = offsets
+    if system is None:
+        return 0, 0
+    raw = frame.raw
+    start = _HEADER[frame.version]
+    end = start + raw[1]
+    place = start + system
+    target = raw[place] if place < end else 0
+    if component is None or not target:
+        return target, 0
+    place = start + component
+    return target, raw[place] if place < end else 0
+
+
+class Peer:
+    """One that frames are routed to: a link, or one of the clients of a server.
+
+    Attributes:
+        link: Name of its link.
+        group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
+        receives: Whether frames are taken from it.
+        sends: Whether frames are given to it.
+        hears_all: Whether it also gets what is for others.
+        counts: Frames by what became of them: `in`, `filtered_in`, `filtered_out`, `duplicate`.
+    """
+
+    __slots__ = ("_accepts", "_emits", "_knowledge", "counts", "group", "hears_all", "link", "receives", "sends")
+
+    def __init__(
+        self,
+        link: str,
+        *,
+        group: str = "",
+        accepts: Filter | None = None,
+        emits: Filter | None = None,
+        receives: bool = True,
+        sends: bool = True,
+        hears_all: bool = False,
+    ) -> None:
+        self.link, self.group = link, group
+        self.receives, self.sends, self.hears_all = receives, sends, hears_all
+        self._accepts = None if accepts is None or accepts.is_open else accepts
+        self._emits = None if emits is None or emits.is_open else emits
+        self._knowledge = _Knowledge()
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def sources(self) -> frozenset[tuple[int, int]]:
+        """Return the systems and components that were seen there, as pairs; those of its group included."""
+        return frozenset((each >> 8, each & 255) for each in self._knowledge.sources)
+
+    def join(self, other: Peer) -> None:
+        """Share what is known with a peer of the same group."""
+        other._knowledge.merge(self._knowledge)
+        self._knowledge = other._knowledge
+
+
+class _Knowledge:
+    __slots__ = ("sources", "systems")
+
+    def __init__(self) -> None:
+        self.sources: set[int] = set()
+        self.systems: set[int] = set()
+
+    def learn(self, source: int) -> None:
+        if source not in self.sources:
+            self.sources.add(source)
+            self.systems.add(source >> 8)
+
+    def merge(self, other: _Knowledge) -> None:
+        self.sources |= other.sources
+        self.systems |= other.systems
+
+
+PeerT = TypeVar("PeerT", bound=Peer)
+
+
+class Routes(Generic[PeerT]):
+    """The routing table of one segment.
+
+    Not safe for threads by itself, except that `deliver` may run beside `receive`.
+
+    Args:
+        targets: Returns the offsets of target system and component of a message type.
+        duplicates: Recognises what has come over another link already; None to take everything.
+        sniffer: A system that gets everything, on whatever link it is; -1 for none.
+    """
+
+    def __init__(
+        self,
+        targets: Callable[[int], tuple[int | None, int | None]],
+        *,
+        duplicates: Duplicates | None = None,
+        sniffer: int = -1,
+    ) -> None:
+        self._targets, self._duplicates, self._sniffer = targets, duplicates, sniffer
+        self._peers: tuple[PeerT, ...] = ()
+        self._offsets: dict[int, tuple[int | None, int | None]] = {}
+
+    @property
+    def peers(self) -> Sequence[PeerT]:
+        """Return who takes part."""
+        return self._peers
+
+    def add(self, peer: PeerT) -> None:
+        """Let a peer take part."""
+        if peer.group:
+            mates = [each for each in self._peers if each.group == peer.group]
+            if mates:
+                peer.join(mates[0])
+        self._peers = (*self._peers, peer)
+
+    def remove(self, peer: PeerT) -> None:
+        """Forget a peer."""
+        self._peers = tuple(each for each in self._peers if each is not peer)
+
+    def knows(self, system: int, component: int) -> bool:
+        """Return whether a source was seen on any link."""
+        source = system << 8 | component
+        return any(source in each._knowledge.sources for each in self._peers)
+
+    def receive(self, frame: Frame, origin: PeerT, now: float) -> list[PeerT] | None:
+        """Take a frame that came over a link; learn where its source is.
+
+        Args:
+            frame: What came; its checksum is right, or its type unknown.
+            origin: From whom.
+            now: Seconds of a clock that only grows.
+
+        Returns:
+            Who else on this segment gets it; None if it is dropped and nobody gets it, here or elsewhere.
+        """
+        counts = origin.counts
+        system, component, message_id = frame.system, frame.component, frame.message_id
+        if not origin.receives or (
+            origin._accepts is not None and not origin._accepts.passes(message_id, system, component)
+        ):
+            counts["filtered_in"] += 1
+            return None
+        source = system << 8 | component
+        origin._knowledge.learn(source)
+        if self._duplicates is not None and self._duplicates.seen(frame.raw, now):
+            counts["duplicate"] += 1
+            return None
+        counts["in"] += 1
+        peers = self._peers
+        if len(peers) == 1:
+            return []
+        group = origin.group
+        others = [each for each in peers if each is not origin and (not group or each.group != group)]
+        return self._receivers(frame, others, source)
+
+    def deliver(self, frame: Frame, *, looped: bool) -> list[PeerT]:
+        """Return who gets a frame that came from the bus.
+
+        Args:
+            frame: What came.
+            looped: Whether it has come over a link of this bridge: then it does not go to where its source is.
+        """
+        return self._receivers(frame, self._peers, frame.system << 8 | frame.component if looped else -1)
+
+    def _receivers(self, frame: Frame, peers: Iterable[PeerT], source: int) -> list[PeerT]:
+        message_id = frame.message_id
+        offsets = self._offsets.get(message_id)
+        if offsets is None:
+            offsets = self._targets(message_id)
+            if len(self._offsets) < _MOST_TYPES:
+                self._offsets[message_id] = offsets
+        system, component = (0, 0) if offsets[0] is None else addressed(frame, offsets)
+        found = []
+        for each in peers:
+            known = each._knowledge
+            if not each.sends or source in known.sources:
+                continue
+            if system and not each.hears_all and self._sniffer not in known.systems:
+                seen = (system << 8 | component) in known.sources if component else system in known.systems
+                if not seen:
+                    continue
+            if each._emits is not None and not each._emits.passes(message_id, frame.system, frame.component):
+                each.counts["filtered_out"] += 1
+                continue
+            found.append(each)
+        return found

@@ -1,0 +1,204 @@
+"""One segment of a bridge: its links among themselves, and between them and the bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import PayloadError
+from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
+from riot_bus_mavlink.frame import LONGEST, parse_frame
+from riot_bus_mavlink.signing import Renewer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
+    from riot_bus_mavlink.bridge.routing import Routes
+    from riot_bus_mavlink.bridge.streams import OwnStreams
+    from riot_bus_mavlink.frame import Frame
+    from riot_bus_mavlink.keys import KeyTemplate
+    from riot_bus_mavlink.links.end import End
+    from riot_bus_mavlink.signing import Signer
+
+__all__ = ["ENCODING", "Side"]
+
+ENCODING = "application/octet-stream;mavlink"
+_MOST_OUTLETS = 4096
+
+
+class Side:
+    """Carries frames between the links of one segment, and between them and the bus.
+
+    Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
+    Frames from the bus are given to the links; another thread brings them.
+
+    Args:
+        port: The segment.
+        routes: Who gets what.
+        keys: Of frames on the bus.
+        name_of: Returns the name of a message.
+        mark: Attached to frames that came over links of this bridge.
+        streams: Numbers inserted frames.
+        linked: Whether a source was seen on a link of this bridge.
+        signer: Knows the key of signed frames; None if nobody does, then they go on as they are.
+
+    Attributes:
+        routes: Who gets what.
+        streams: Numbers inserted frames.
+        counts: Frames: `to_bus`, those of them that were `lost_to_bus`, and `from_bus`; of the latter those that were
+            `inserted` by others than links, `broken` (no whole frames), wanted by no link (`unrouted`), or too long for
+            one (`refused`).
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        routes: Routes[End],
+        *,
+        keys: KeyTemplate,
+        name_of: Callable[[int], str],
+        mark: bytes,
+        streams: OwnStreams,
+        linked: Callable[[int, int], bool],
+        signer: Signer | None = None,
+    ) -> None:
+        self.port, self.routes = port, routes
+        self.counts: Counter[str] = Counter()
+        self.streams = streams
+        self._keys, self._name_of, self._mark, self._linked = keys, name_of, mark, linked
+        self._renewer = None if signer is None else Renewer(signer)
+        self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
+        self._inlet: Closeable | None = None
+        self._lock, self._declaring = threading.Lock(), threading.Lock()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus is listened to."""
+        return self._inlet is not None
+
+    def open(self) -> None:
+        """Listen to the bus; to be called once."""
+        self._inlet = self.port.collect(self._keys.expression(), self.hear)
+
+    def is_heard(self, seconds: float) -> bool:
+        """Wait until somebody else on the bus takes frames, else the first would be lost; return whether anybody does.
+
+        Args:
+            seconds: How long at most.
+        """
+        matched = threading.Event()
+        outlet = self.port.publisher(self._keys.key("any", 0, 0, "ANY"), reliable=True, changed=matched.set)
+        try:
+            deadline = time.monotonic() + seconds
+            while not outlet.matched() and (left := deadline - time.monotonic()) > 0:
+                matched.wait(left)
+                matched.clear()
+            return outlet.matched()
+        finally:
+            outlet.close()
+
+    def deafen(self) -> None:
+        """Listen no more, after the links have got what came."""
+        inlet, self._inlet = self._inlet, None
+        if inlet is not None:
+            inlet.close()
+
+    def close(self) -> None:
+        """End it; no link brings frames any more."""
+        self.deafen()
+        for outlet in self._outlets.values():
+            outlet.close()
+        self._outlets.clear()
+
+    def take(self, end: End, frames: Iterable[Frame]) -> list[Frame]:
+        """Carry what came over a link.
+
+        Returns:
+            What was not dropped.
+        """
+        now = time.monotonic()
+        receive, losses, mark = self.routes.receive, end.losses, self._mark
+        kept = []
+        for frame in frames:
+            losses.see(frame.system, frame.component, frame.sequence)
+            others = receive(frame, end, now)
+            if others is None:
+                continue
+            raw = frame.raw
+            for other in others:
+                other.send(raw)
+            place = (end.link, frame.system, frame.component, frame.message_id)
+            kept.append(frame)
+            try:
+                (self._outlets.get(place) or self._outlet(place)).put(raw, mark)
+            except Exception:  # the segment is gone; links of this one go on
+                self.counts["lost_to_bus"] += 1
+        self.counts["to_bus"] += len(kept)
+        return kept
+
+    def hear(self, payload: bytes, attachment: bytes | None) -> None:
+        """Carry what came from the bus."""
+        counts = self.counts
+        mark = origin_of(attachment, self._mark)
+        try:
+            frame = parse_frame(payload)
+        except PayloadError:
+            self._hear_broken(payload)
+            return
+        if mark is Mark.NONE and self._linked(frame.system, frame.component):
+            payload = self._renumbered(frame)
+        ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
+        with self._lock:
+            counts["from_bus"] += 1
+            counts["unrouted"] += not ends
+            if frame.signed and ends and self._renewer is not None:
+                try:
+                    payload = self._renewer.renew(payload)  # it may be late, repeated, or from a log
+                except PayloadError:
+                    counts["refused"] += 1
+                    return
+        for end in ends:
+            end.send(payload)
+
+    def insert(self, frame: Frame, link: str) -> None:
+        """Give a numbered frame that came over no link to the links and the bus.
+
+        Args:
+            frame: What is sent.
+            link: Stands for a link in its key.
+        """
+        for end in self.routes.deliver(frame, looped=False):
+            end.send(frame.raw)
+        with self._lock:
+            self.counts["inserted"] += 1
+        self._outlet((link, frame.system, frame.component, frame.message_id)).put(frame.raw, INSERTED)
+
+    def _renumbered(self, frame: Frame) -> bytes:
+        with self._lock:
+            self.counts["inserted"] += 1
+            return self.streams.renumber(frame)
+
+    def _hear_broken(self, payload: bytes) -> None:
+        """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""
+        fits = 0 < len(payload) <= LONGEST
+        with self._lock:
+            self.counts["from_bus"] += 1
+            self.counts["broken" if fits else "refused"] += 1
+        if fits:
+            for end in self.routes.peers:
+                if end.sends:
+                    end.send(payload)
+
+    def _outlet(self, place: tuple[str, int, int, int]) -> Outlet:
+        with self._declaring:
+            outlet = self._outlets.get(place)
+            if outlet is None:
+                if len(self._outlets) >= _MOST_OUTLETS:
+                    self._outlets.pop(next(iter(self._outlets))).close()
+                link, system, component, message_id = place
+                key = self._keys.key(link, system, component, self._name_of(message_id))
+                outlet = self._outlets[place] = self.port.publisher(key, reliable=True, encoding=ENCODING)
+            return outlet

@@ -1,0 +1,180 @@
+"""Logs of ground stations (`.tlog`) as links: read in their own time, or written."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus_mavlink.links.udp import reason
+from riot_bus_mavlink.tlog import TlogReader, tlog_record
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import End, Host
+    from riot_bus_mavlink.tlog import Record
+
+__all__ = ["LogReader", "LogWriter"]
+
+_READ = 1 << 16
+_AT_ONCE = 256
+
+
+class LogReader:
+    """Sends the frames of a log as if they came now, in the log's own time.
+
+    What is in the log is taken as it was received; frames that jump back in time come at once.
+
+    Args:
+        spec: Which file, and how fast.
+        host: Gets the frames.
+
+    Raises:
+        EnvironmentFaultError: The file cannot be read.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._records: deque[Record] = deque()
+        self._reader = TlogReader(host.crc_extra)
+        self._begun: tuple[float, int] | None = None
+        try:
+            self._file: BinaryIO | None = Path(spec.path).open("rb")  # noqa: SIM115 - closed by `close`
+        except OSError as error:
+            raise EnvironmentFaultError(f"cannot be read: {reason(error)}", where=spec.path) from error
+        self._end: End = host.join(spec, spec.path, lambda data: False)
+        self._timer = host.loop.later(0.0, self._go_on)
+
+    @property
+    def where(self) -> str:
+        """Return the file."""
+        return self.spec.path
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "ended" if self._file is None and not self._records else "reading"
+
+    def dropped(self) -> int:
+        """Return 0."""
+        return 0
+
+    def close(self) -> None:
+        """Close it."""
+        self._timer.cancel()
+        self._close_file()
+        self._records.clear()
+        self._host.leave(self._end)
+
+    def _go_on(self) -> None:
+        for _ in range(_AT_ONCE):
+            if not self._records and not self._read():
+                return
+            wait = self._wait(self._records[0].time)
+            if wait > 0:
+                self._timer = self._host.loop.later(wait, self._go_on)
+                return
+            self._host.take(self._end, self._records.popleft().frame.raw)
+        self._timer = self._host.loop.later(0.0, self._go_on)
+
+    def _wait(self, time_ns: int) -> float:
+        """Return in how many seconds a record of this time is due."""
+        if self._begun is None:
+            self._begun = time.monotonic(), time_ns
+        if not self.spec.rate:
+            return 0.0
+        start, first = self._begun
+        return start + (time_ns - first) / 1e9 / self.spec.rate - time.monotonic()
+
+    def _read(self) -> bool:
+        """Read until there is a record; return whether there is one."""
+        while not self._records and self._file is not None:
+            try:
+                data = self._file.read(_READ)
+            except OSError as error:
+                self._host.warn(self.spec, reason(error))
+                data = b""
+            self._records += self._reader.feed(data) if data else self._reader.flush()
+            if not data:
+                self._close_file()
+                junk = self._reader.counts.junk_bytes
+                if junk:
+                    self._host.warn(self.spec, f"{junk} bytes are in no record")
+        return bool(self._records)
+
+    def _close_file(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+class LogWriter:
+    """Appends all that is sent to it, each frame with its time.
+
+    Args:
+        spec: Which file; it gets everything, whoever it is for.
+        host: Sends.
+
+    Raises:
+        EnvironmentFaultError: The file cannot be written.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._lock = threading.Lock()
+        try:
+            self._file: BinaryIO | None = Path(spec.path).open("ab")  # noqa: SIM115 - closed by `close`
+        except OSError as error:
+            raise EnvironmentFaultError(f"cannot be written: {reason(error)}", where=spec.path) from error
+        self._end: End = host.join(spec, spec.path, self._write)
+        self._timer = host.loop.later(1.0, self._flush)
+
+    @property
+    def where(self) -> str:
+        """Return the file."""
+        return self.spec.path
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "ended" if self._file is None else "writing"
+
+    def dropped(self) -> int:
+        """Return 0."""
+        return 0
+
+    def close(self) -> None:
+        """Close it."""
+        self._timer.cancel()
+        with self._lock:
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+        self._host.leave(self._end)
+
+    def _write(self, data: bytes) -> bool:
+        with self._lock:
+            if self._file is None:
+                return False
+            try:
+                self._file.write(tlog_record(time.time_ns(), data))
+            except OSError as error:
+                self._host.warn(self.spec, reason(error))
+                return False
+            return True
+
+    def _flush(self) -> None:
+        with self._lock:
+            if self._file is not None:
+                try:
+                    self._file.flush()
+                except OSError as error:
+                    self._host.warn(self.spec, reason(error))
+        self._timer = self._host.loop.later(1.0, self._flush)

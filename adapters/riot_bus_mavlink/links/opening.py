@@ -1,0 +1,39 @@
+"""Opens a link of any kind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus_mavlink.bridge.url import LinkKind
+from riot_bus_mavlink.links.logs import LogReader, LogWriter
+from riot_bus_mavlink.links.serial_port import SerialLink
+from riot_bus_mavlink.links.tcp import TcpClient, TcpServer
+from riot_bus_mavlink.links.udp import UdpClient, UdpServer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import Host, Link
+
+__all__ = ["open_link"]
+
+_LINKS: dict[LinkKind, Callable[[LinkSpec, Host], Link]] = {
+    LinkKind.UDP_SERVER: UdpServer,
+    LinkKind.UDP_CLIENT: UdpClient,
+    LinkKind.TCP_SERVER: TcpServer,
+    LinkKind.TCP_CLIENT: TcpClient,
+    LinkKind.SERIAL: SerialLink,
+    LinkKind.LOG_READER: LogReader,
+    LinkKind.LOG_WRITER: LogWriter,
+}
+
+
+def open_link(spec: LinkSpec, host: Host) -> Link:
+    """Open a link.
+
+    Raises:
+        EnvironmentFaultError: It cannot listen, or a log cannot be opened.
+        MissingExtraError: What it needs is not installed.
+    """
+    return _LINKS[spec.kind](spec, host)

@@ -1,0 +1,123 @@
+"""Links that are streams of bytes: what is written waits where there is no room, within a limit."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus_mavlink.links.loop import READ, WRITE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import End, Host
+
+__all__ = ["Stream", "Transport"]
+
+_MOST_WAITING = 1 << 18
+_MOST_READ = 1 << 16
+
+
+class Transport(Protocol):
+    """An open socket or device that never waits."""
+
+    def fileno(self) -> int:
+        """Return its descriptor."""
+
+    def receive(self, most: int) -> bytes:
+        """Return what is there; empty at its end. Raises BlockingIOError if nothing is there, OSError if it broke."""
+
+    def send(self, data: bytes) -> int:
+        """Return how many bytes were taken. Raises BlockingIOError if none, OSError if it broke."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class Stream:
+    """One open stream, an end of a link.
+
+    Args:
+        spec: Of the link.
+        address: Of the other end.
+        transport: Closed with the stream.
+        host: Gets what comes.
+        gone: Called on the loop's thread when the other end has closed it, or it broke.
+    """
+
+    def __init__(
+        self, spec: LinkSpec, address: str, *, transport: Transport, host: Host, gone: Callable[[Stream], None]
+    ) -> None:
+        self._transport, self._host, self._gone = transport, host, gone
+        self._lock = threading.Lock()
+        self._waiting = bytearray()
+        self._open = True
+        self._number = transport.fileno()
+        with self._lock:  # nothing is written before it is watched
+            self.end: End = host.join(spec, address, self._write)
+            host.loop.watch(self._number, self._handle)
+
+    def close(self) -> None:
+        """Close it."""
+        with self._lock:
+            if not self._open:
+                return
+            self._open = False
+            self._host.loop.forget(self._number)
+            self._transport.close()
+        self._host.leave(self.end)
+
+    def _write(self, data: bytes) -> bool:
+        """Take a whole frame or nothing of it."""
+        with self._lock:
+            if not self._open:
+                return False
+            if self._waiting:
+                if len(self._waiting) + len(data) > _MOST_WAITING:
+                    return False
+                self._waiting += data
+                return True
+            try:
+                done = self._transport.send(data)
+            except BlockingIOError:
+                done = 0
+            except OSError:  # its end is seen when it is read
+                return False
+            if done < len(data):
+                self._waiting += data[done:]
+                self._host.loop.change(self._number, READ | WRITE)
+            return True
+
+    def _handle(self, events: int) -> None:
+        if events & WRITE:
+            self._flush()
+        if events & READ:
+            self._read()
+
+    def _flush(self) -> None:
+        with self._lock:
+            if not self._open:
+                return
+            try:
+                done = self._transport.send(bytes(self._waiting))
+            except BlockingIOError:
+                return
+            except OSError:
+                done = len(self._waiting)
+            del self._waiting[:done]
+            if not self._waiting:
+                self._host.loop.change(self._number, READ)
+
+    def _read(self) -> None:
+        try:
+            data = self._transport.receive(_MOST_READ)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._host.take(self.end, data)
+        else:
+            self.close()
+            self._gone(self)

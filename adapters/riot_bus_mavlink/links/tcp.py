@@ -1,0 +1,205 @@
+"""TCP links."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from typing import TYPE_CHECKING
+
+from riot_bus_mavlink.links.loop import READ, WRITE
+from riot_bus_mavlink.links.names import look_up, place_of
+from riot_bus_mavlink.links.stream import Stream
+from riot_bus_mavlink.links.udp import cannot_listen, reason
+
+if TYPE_CHECKING:
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import Host
+    from riot_bus_mavlink.links.loop import Timer
+    from riot_bus_mavlink.links.names import Place
+
+__all__ = ["TcpClient", "TcpServer"]
+
+_MOST_CLIENTS = 64
+_RETRY_S = 0.5
+_CONNECT_S = 5.0
+
+
+class _Socket:
+    def __init__(self, made: socket.socket) -> None:
+        self._made = made
+        made.settimeout(0)
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
+
+
+class TcpServer:
+    """Listens; each client is an end of its own.
+
+    Args:
+        spec: Where.
+        host: Gets what comes.
+
+    Raises:
+        EnvironmentFaultError: It cannot listen there.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._streams: list[Stream] = []
+        try:
+            family, address = place_of(spec.host, spec.port, socket.SOCK_STREAM)
+            self._listener = socket.create_server(address[:2], family=family)
+        except OSError as error:
+            raise cannot_listen(spec, error) from error
+        self._listener.settimeout(0)
+        host.loop.watch(self._listener.fileno(), self._accept)
+
+    @property
+    def where(self) -> str:
+        """Return where it listens."""
+        return _text(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "connected" if self._streams else "listening"
+
+    def dropped(self) -> int:
+        """Return 0: TCP drops nothing."""
+        return 0
+
+    def close(self) -> None:
+        """Close it."""
+        self._host.loop.forget(self._listener.fileno())
+        self._listener.close()
+        for stream in list(self._streams):
+            stream.close()
+
+    def _accept(self, events: int) -> None:
+        try:
+            made, address = self._listener.accept()
+        except OSError:  # it has gone again
+            return
+        if len(self._streams) >= _MOST_CLIENTS:
+            made.close()
+            self._host.warn(self.spec, f"more than {_MOST_CLIENTS} clients are refused")
+            return
+        transport = _Socket(made)
+        self._streams.append(
+            Stream(self.spec, _text(address), transport=transport, host=self._host, gone=self._streams.remove)
+        )
+
+
+class TcpClient:
+    """Connects, and does so again when it is disconnected.
+
+    Args:
+        spec: Where to.
+        host: Gets what comes.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._stream: Stream | None = None
+        self._trying: socket.socket | None = None
+        self._told = ""
+        self._timer: Timer | None = None
+        self._closed = False
+        self._look_up()
+
+    @property
+    def where(self) -> str:
+        """Return where it connects to."""
+        return self.spec.where
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "connecting" if self._stream is None else "connected"
+
+    def dropped(self) -> int:
+        """Return 0: TCP drops nothing."""
+        return 0
+
+    def close(self) -> None:
+        """Close it."""
+        self._closed = True
+        if self._timer is not None:
+            self._timer.cancel()
+        self._give_up()
+        if self._stream is not None:
+            self._stream.close()
+
+    def _look_up(self) -> None:
+        spec = self.spec
+        look_up(
+            self._host.loop,
+            spec.host,
+            spec.port,
+            socket.SOCK_STREAM,
+            found=self._connect,
+            failed=lambda error: self._again(reason(error)),
+        )
+
+    def _connect(self, place: Place) -> None:
+        if self._closed:
+            return
+        family, address = place
+        try:
+            made = self._trying = socket.socket(family, socket.SOCK_STREAM)
+            made.settimeout(0)
+            code = made.connect_ex(address)
+        except OSError as error:
+            self._again(reason(error))
+            return
+        if code not in (0, errno.EINPROGRESS):
+            self._again(os.strerror(code))
+            return
+        self._host.loop.watch(made.fileno(), self._see, READ | WRITE)
+        self._timer = self._host.loop.later(_CONNECT_S, lambda: self._again("no answer"))
+
+    def _see(self, events: int) -> None:
+        made = self._trying
+        if made is None:
+            return
+        code = made.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code:
+            self._again(os.strerror(code))
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._host.loop.forget(made.fileno())
+        self._trying, self._told = None, ""
+        self._stream = Stream(
+            self.spec, self.spec.where, transport=_Socket(made), host=self._host, gone=lambda _: self._lost()
+        )
+
+    def _lost(self) -> None:
+        self._stream = None
+        self._again("disconnected")
+
+    def _again(self, why: str) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._give_up()
+        if self._closed:
+            return
+        if why != self._told:
+            self._told = why
+            self._host.warn(self.spec, f"{why}; it is tried again")
+        self._timer = self._host.loop.later(_RETRY_S, self._look_up)
+
+    def _give_up(self) -> None:
+        if self._trying is not None:
+            if self._trying.fileno() >= 0:
+                self._host.loop.forget(self._trying.fileno())
+            self._trying.close()
+            self._trying = None
+
+
+def _text(address: tuple[object, ...]) -> str:
+    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
+    return f"{host}:{address[1]}"

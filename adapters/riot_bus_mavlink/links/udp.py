@@ -1,0 +1,270 @@
+"""UDP links."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import os
+import socket
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus_mavlink.links.names import look_up, place_of
+
+if TYPE_CHECKING:
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.links.end import End, Host
+    from riot_bus_mavlink.links.loop import Timer
+    from riot_bus_mavlink.links.names import Place
+
+__all__ = ["UdpClient", "UdpServer"]
+
+_BUFFER = 1 << 22  # asked for; the system may give less
+_LARGEST = 65535
+_MOST_PEERS = 64
+_AT_ONCE = 64
+_RETRY_S = 1.0
+_UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
+_STARTS = (0xFE, 0xFD)
+_DROPS = 12  # column of /proc/net/udp
+
+
+class _UdpLink:
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        self.spec = spec
+        self._host = host
+        self._socket: socket.socket | None = None
+
+    def dropped(self) -> int:
+        return 0 if self._socket is None else _drops(self._socket)
+
+    def _open(self, family: int, bind: tuple[Any, ...] | None) -> socket.socket:
+        made = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            made.settimeout(0)
+            for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+                made.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            if bind is not None:
+                made.bind(bind)
+        except BaseException:
+            made.close()
+            raise
+        self._socket = made
+        return made
+
+    def _send(self, data: bytes, address: tuple[Any, ...]) -> bool:
+        made = self._socket
+        if made is None:
+            return False
+        try:
+            return made.sendto(data, address) == len(data)
+        except OSError:  # no room, no way, or nobody there
+            return False
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._host.loop.forget(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
+
+
+class UdpServer(_UdpLink):
+    """Listens, and answers all that have sent something lately.
+
+    Args:
+        spec: Where.
+        host: Gets what comes.
+
+    Raises:
+        EnvironmentFaultError: It cannot listen there.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        super().__init__(spec, host)
+        self._ends: dict[Any, End] = {}
+        self._heard: dict[Any, float] = {}
+        try:
+            family, address = place_of(spec.host, spec.port, socket.SOCK_DGRAM)
+            made = self._open(family, address)
+        except OSError as error:
+            raise cannot_listen(spec, error) from error
+        host.loop.watch(made.fileno(), self._read)
+        self._timer = host.loop.later(spec.silence / 4, self._forget_silent)
+
+    @property
+    def where(self) -> str:
+        """Return where it listens."""
+        return self.spec.where if self._socket is None else _text(self._socket.getsockname())
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "connected" if self._ends else "listening"
+
+    def close(self) -> None:
+        """Close it."""
+        self._timer.cancel()
+        super().close()
+        for address in list(self._ends):
+            self._drop(address)
+
+    def _read(self, events: int) -> None:
+        made, host, ends, heard = self._socket, self._host, self._ends, self._heard
+        now = time.monotonic()
+        for _ in range(_AT_ONCE):
+            if made is None:
+                return
+            try:
+                data, address = made.recvfrom(_LARGEST)
+            except BlockingIOError:
+                return
+            except OSError:  # an answer that somebody was not there
+                continue
+            end = ends.get(address)
+            if end is None:
+                if not data or data[0] not in _STARTS:
+                    continue
+                end = self._join(address)
+            heard[address] = now
+            host.take(end, data)
+
+    def _join(self, address: Any) -> End:
+        if len(self._ends) >= _MOST_PEERS:
+            self._drop(min(self._heard, key=self._heard.__getitem__))
+        end = self._host.join(self.spec, _text(address), lambda data: self._send(data, address))
+        self._ends[address] = end
+        return end
+
+    def _drop(self, address: Any) -> None:
+        self._heard.pop(address, None)
+        self._host.leave(self._ends.pop(address))
+
+    def _forget_silent(self) -> None:
+        limit = time.monotonic() - self.spec.silence
+        for address in [each for each, last in self._heard.items() if last < limit]:
+            self._drop(address)
+        self._timer = self._host.loop.later(self.spec.silence / 4, self._forget_silent)
+
+
+class UdpClient(_UdpLink):
+    """Sends to an address from the beginning; takes what comes from anywhere, as pymavlink does.
+
+    If the address is that of many (broadcast, multicast), who answers is sent to alone, until it is silent.
+
+    Args:
+        spec: Where to.
+        host: Gets what comes.
+    """
+
+    def __init__(self, spec: LinkSpec, host: Host) -> None:
+        super().__init__(spec, host)
+        self._end: End | None = None
+        self._target: tuple[Any, ...] = ()
+        self._many = False
+        self._answering: tuple[tuple[Any, ...], float] | None = None
+        self._timer: Timer | None = None
+        self._closed = False
+        self._look_up()
+
+    @property
+    def where(self) -> str:
+        """Return where it sends to."""
+        return self.spec.where
+
+    @property
+    def state(self) -> str:
+        """Return how it is."""
+        return "connecting" if self._end is None else "connected"
+
+    def close(self) -> None:
+        """Close it."""
+        self._closed = True
+        if self._timer is not None:
+            self._timer.cancel()
+        super().close()
+        if self._end is not None:
+            self._host.leave(self._end)
+            self._end = None
+
+    def _look_up(self) -> None:
+        spec = self.spec
+        look_up(self._host.loop, spec.host, spec.port, socket.SOCK_DGRAM, found=self._begin, failed=self._again)
+
+    def _begin(self, place: Place) -> None:
+        if self._closed:
+            return
+        family, self._target = place
+        try:
+            made = self._open(family, None)
+        except OSError as error:
+            self._again(error)
+            return
+        self._many = _of_many(self._target[0])
+        self._end = self._host.join(self.spec, _text(self._target), self._put)
+        self._host.loop.watch(made.fileno(), self._read)
+
+    def _again(self, error: OSError) -> None:
+        if not self._closed:
+            self._host.warn(self.spec, f"{reason(error)}; it is tried again")
+            self._timer = self._host.loop.later(_RETRY_S, self._look_up)
+
+    def _put(self, data: bytes) -> bool:
+        answering = self._answering
+        if answering is not None and time.monotonic() - answering[1] < _UNICAST_S:
+            return self._send(data, answering[0])
+        return self._send(data, self._target)
+
+    def _read(self, events: int) -> None:
+        made, end = self._socket, self._end
+        for _ in range(_AT_ONCE):
+            if made is None or end is None:
+                return
+            try:
+                data, address = made.recvfrom(_LARGEST)
+            except BlockingIOError:
+                return
+            except OSError:
+                continue
+            if self._many:
+                self._answering = (address, time.monotonic())
+            self._host.take(end, data)
+
+
+def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
+    """Return an error that says why a link cannot listen."""
+    hint = "choose another port, or end who has it" if error.errno == errno.EADDRINUSE else None
+    return EnvironmentFaultError(f"cannot listen: {reason(error)}", where=f"{spec.name} ({spec.where})", hint=hint)
+
+
+def reason(error: OSError) -> str:
+    """Return what the system says, as text."""
+    return error.strerror or str(error)
+
+
+def _of_many(host: Any) -> bool:
+    try:
+        address = ipaddress.ip_address(str(host).partition("%")[0])
+    except ValueError:
+        return False
+    return address.is_multicast or (address.version == 4 and address.packed[3] == 255)
+
+
+def _text(address: tuple[Any, ...]) -> str:
+    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
+    return f"{host}:{address[1]}"
+
+
+def _drops(made: socket.socket) -> int:
+    table = "/proc/net/udp6" if made.family == socket.AF_INET6 else "/proc/net/udp"
+    inode = str(os.fstat(made.fileno()).st_ino)
+    try:
+        with open(table, encoding="ascii") as rows:
+            for row in rows:
+                columns = row.split()
+                if len(columns) > _DROPS and columns[9] == inode:
+                    return int(columns[_DROPS])
+    except (OSError, ValueError):
+        pass
+    return 0

@@ -1,0 +1,226 @@
+"""A first system file from what was heard on links; pure. What links cannot tell is marked with FILL IN."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus_mavlink.keys import KeyTemplate
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Sequence
+
+    from riot_bus_mavlink.bridge.url import LinkSpec
+    from riot_bus_mavlink.dialect import Dialect
+    from riot_bus_mavlink.survey import Speaker, Survey
+
+__all__ = ["Part", "Sketch", "sketch", "sketch_json", "sketch_toml"]
+
+OUTSIDE, INSIDE = "outside", "inside"
+_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A component of the system file: those who are behind a link, or the unit.
+
+    Attributes:
+        name: In the system file.
+        who: What they say of themselves, one text for each system and component.
+        url: The link; empty for the unit.
+        topics: Keys of their messages, and how many frames came a second.
+    """
+
+    name: str
+    who: Sequence[str]
+    url: str
+    topics: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """A system as far as it was heard.
+
+    Attributes:
+        outside: Who plays the outside world, by link.
+        unit: What is to be tested; nobody if it was not heard.
+        skipped: Frames that were too many to look at.
+    """
+
+    outside: Sequence[Part]
+    unit: Part
+    skipped: int
+
+
+def sketch(
+    survey: Survey, specs: Sequence[LinkSpec], dialect: Dialect, *, seconds: float, unit: int | None = None
+) -> Sketch:
+    """Return what was heard as parts of a system.
+
+    What is tested is the system that the user names; else one without an autopilot, such as a ground station, if others
+    were heard, too; else one that was not heard. All others are the outside world.
+
+    Args:
+        survey: What was heard.
+        specs: The links.
+        dialect: The messages that are known.
+        seconds: How long it was listened.
+        unit: System id of what is to be tested.
+
+    Raises:
+        EnvironmentFaultError: Nothing was heard.
+        ConfigError: The unit was not heard.
+    """
+    systems = sorted({system for system, _ in survey.speakers})
+    if not systems:
+        hint = "does anybody talk there? Give it more time with --seconds, or name another link"
+        raise EnvironmentFaultError("nothing was heard", where=", ".join(spec.text for spec in specs), hint=hint)
+    if unit is not None and unit not in systems:
+        heard = f"heard: {', '.join(map(str, systems))}"
+        raise ConfigError(f"system {unit} was not heard", where="--unit", hint=heard)
+    if unit is None and len(systems) > 1:
+        unit = next((system for system in systems if _has_no_autopilot(system, survey)), None)
+    keys = KeyTemplate()
+
+    def part(name: str, url: str, sources: Iterable[tuple[int, int]]) -> Part:
+        who, topics = [], {}
+        for source in sorted(sources):
+            speaker = survey.speakers[source]
+            who.append(_who(source, speaker, dialect))
+            for number, count in speaker.messages.items():
+                topics[keys.key(speaker.link, *source, dialect.name_of(number))] = count / seconds
+        return Part(name, who, url, dict(sorted(topics.items())))
+
+    own = [source for source in survey.speakers if source[0] == unit]
+    taken = {"unit"}
+    outside = []
+    for spec in specs:
+        sources = [each for each, speaker in survey.speakers.items() if speaker.link == spec.name and each[0] != unit]
+        if sources:
+            outside.append(part(_free_name(spec.name, taken), spec.url, sources))
+    return Sketch(outside, part("unit", "", own), survey.skipped)
+
+
+def _has_no_autopilot(system: int, survey: Survey) -> bool:
+    kinds = [each for (one, _), each in survey.speakers.items() if one == system and each.kind is not None]
+    return bool(kinds) and all(each.autopilot == _NO_AUTOPILOT for each in kinds)
+
+
+def _free_name(link: str, taken: set[str]) -> str:
+    base = link.replace(".", "_")
+    name, number = base, 1
+    while name in taken:
+        number += 1
+        name = f"{base}_{number}"
+    taken.add(name)
+    return name
+
+
+def _who(source: tuple[int, int], speaker: Speaker, dialect: Dialect) -> str:
+    text = f"{source[0]}/{source[1]}"
+    if speaker.kind is None or speaker.autopilot is None:
+        return text
+    words = [_entry(dialect, "MAV_TYPE", speaker.kind)]
+    if speaker.autopilot != _NO_AUTOPILOT:
+        words.append(_entry(dialect, "MAV_AUTOPILOT", speaker.autopilot))
+    return f"{text} ({', '.join(words)})"
+
+
+def _entry(dialect: Dialect, enum: str, value: int) -> str:
+    table = dialect.enums.get(enum)
+    entry = table.entries.get(value) if table is not None else None
+    return str(value) if entry is None else entry.name.removeprefix(f"{enum}_")
+
+
+def sketch_json(found: Sketch) -> dict[str, Any]:
+    """Return the sketch as JSON's kinds of values."""
+    return {"outside": [asdict(part) for part in found.outside], "unit": asdict(found.unit), "skipped": found.skipped}
+
+
+def sketch_toml(found: Sketch, *, origin: str) -> str:
+    """Return the text of a system file.
+
+    Args:
+        found: The system.
+        origin: Where and how it was heard, for the first comment.
+    """
+    topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
+    head = [
+        f"# Written by `riot init`: {_plain(origin)}.",
+        "# What links cannot tell is marked with FILL IN. All keys: docs/riot-toml.md; links: docs/mavlink.md.",
+        "",
+        "[system]",
+        'name = "mavlink"',
+        f'segments = ["{OUTSIDE}", "{INSIDE}"]',
+        'adapters = ["mavlink"]',
+        '# sources = ["src/**/*.py"]   # FILL IN: the code under test; without it, stored trials outlive its changes',
+    ]
+    external = [
+        "[external]",
+        "# What the outside world controls. FILL IN: take out what it does not.",
+        *_topics("topics", topics),
+    ]
+    unit = [
+        f"[unit.{found.unit.name}]",
+        '# log = "nominal.mcap"   # a recording of its inputs; without it, the system is run to make one',
+    ]
+    blocks = [head, *(_outside(part) for part in found.outside), _inside(found.unit, topics), external, unit]
+    return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
+
+
+def _outside(part: Part) -> list[str]:
+    return [
+        f"[components.{part.name}]",
+        f"# Heard there: {_plain(', '.join(part.who))}.",
+        "# FILL IN: a real vehicle does not begin anew for each run; a simulator can be started behind `--`.",
+        *_command("--link", f"/{part.name}={part.url}"),
+        f'segment = "{OUTSIDE}"',
+        "external = true",
+        *_topics("outputs", part.topics),
+    ]
+
+
+def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
+    who = _plain(", ".join(unit.who)) or "it was not heard"
+    return [
+        f"[components.{unit.name}]",
+        f"# What is tested: {who}. FILL IN: the program, which has a bridge of its own.",
+        *_command("--link", "/unit=udpin:127.0.0.1:0", "--", "PROGRAM", "udpout:127.0.0.1:{port}"),
+        f'segment = "{INSIDE}"',
+        *_topics("inputs", dict.fromkeys(inputs)),
+        *_topics("outputs", unit.topics),
+    ]
+
+
+def _command(*words: str) -> list[str]:
+    start = ("{python}", "-m", "riot_bus", "bridge", "mavlink", "--endpoint", "{endpoint}")
+    lines = [", ".join(map(_text, each)) for each in (start, words)]
+    return ["command = [", *(f"    {line}," for line in lines), "]"]
+
+
+def _topics(name: str, topics: dict[str, Any]) -> list[str]:
+    if not topics:
+        return [f"{name} = []"]
+    width = max(len(_text(key)) for key in topics) + 1
+    rows = [
+        f"    {_text(key) + ',':{width}}" + ("" if rate is None else f"   # {rate:.3g}/s")
+        for key, rate in topics.items()
+    ]
+    return [f"{name} = [", *(row.rstrip() for row in rows), "]"]
+
+
+def _text(value: str) -> str:
+    """Return a TOML string."""
+    return '"' + "".join(_escaped(each) for each in value) + '"'
+
+
+def _escaped(letter: str) -> str:
+    if letter in '"\\':
+        return "\\" + letter
+    return letter if letter.isprintable() else f"\\U{ord(letter):08x}"
+
+
+def _plain(text: str) -> str:
+    """Return text that stays within its comment."""
+    return "".join(each if each.isprintable() else "\ufffd" for each in text)

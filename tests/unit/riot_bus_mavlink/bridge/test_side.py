@@ -1,0 +1,191 @@
+"""One segment of a bridge, on a bus that is a list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from riot_bus_mavlink.bridge.marks import INSERTED, Mark, new_mark, origin_of
+from riot_bus_mavlink.bridge.routing import Routes
+from riot_bus_mavlink.bridge.side import ENCODING, Side
+from riot_bus_mavlink.bridge.streams import OwnStreams
+from riot_bus_mavlink.bridge.url import parse_link
+from riot_bus_mavlink.frame import Framer, parse_frame
+from riot_bus_mavlink.keys import KeyTemplate
+from riot_bus_mavlink.links.end import End
+from riot_bus_mavlink.signing import Signer, sign_frame
+from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
+
+MARK = new_mark()
+SIGNER = Signer(bytes(32))
+
+
+class Outlet:
+    def __init__(self, port: Port, key: str) -> None:
+        self._port, self._key = port, key
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        self._port.puts.append((self._key, payload, attachment))
+
+    def matched(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        self._port.closed.append(self._key)
+
+
+class Inlet:
+    def close(self) -> None:
+        pass
+
+
+class Port:
+    """A segment that keeps what is published."""
+
+    endpoint = "here"
+
+    def __init__(self) -> None:
+        self.puts: list[tuple[str, bytes, bytes]] = []
+        self.closed: list[str] = []
+        self.expressions: list[str] = []
+
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> Outlet:
+        assert (reliable, encoding) == (True, ENCODING)
+        return Outlet(self, key)
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Inlet:
+        self.expressions.append(key)
+        return Inlet()
+
+    collect = subscribe
+
+
+class Bench:
+    """A side with ends that keep what they get."""
+
+    def __init__(self, *names: str, signer: Signer | None = None) -> None:
+        self.port = Port()
+        routes: Routes[End] = Routes(COMMON.targets)
+        self.side = Side(
+            self.port,
+            routes,
+            keys=KeyTemplate(),
+            name_of=COMMON.name_of,
+            mark=MARK,
+            streams=OwnStreams(COMMON.crc_extra, signer),
+            linked=routes.knows,
+            signer=signer,
+        )
+        self.got: dict[str, list[bytes]] = {name: [] for name in names}
+        self.ends = {name: self._end(name) for name in names}
+        for end in self.ends.values():
+            routes.add(end)
+        self.side.open()
+
+    def _end(self, name: str) -> End:
+        def write(data: bytes) -> bool:
+            self.got[name].append(data)
+            return True
+
+        return End(parse_link(f"/{name}=udpin:1"), "", Framer(COMMON.crc_extra), write)
+
+
+def test_what_comes_over_a_link_goes_to_the_others_and_to_the_bus() -> None:
+    bench = Bench("a", "b")
+    frames = [frame_of(sequence=1), unknown_frame(sequence=3)]
+    assert bench.side.take(bench.ends["a"], frames) == frames
+    assert bench.got == {"a": [], "b": [each.raw for each in frames]}
+    assert bench.port.puts == [
+        ("mavlink_raw/a/1/1/HEARTBEAT", frames[0].raw, MARK),
+        ("mavlink_raw/a/1/1/UNKNOWN_15000000", frames[1].raw, MARK),
+    ]
+    assert bench.port.expressions == ["mavlink_raw/*/*/*/*"]
+    assert bench.ends["a"].losses.counts()[1, 1].lost == 1
+    assert bench.side.counts == {"to_bus": 2}
+    bench.side.close()
+    assert sorted(bench.port.closed) == sorted(key for key, _, _ in bench.port.puts)
+
+
+def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
+    bench = Bench("a", "b")
+    bench.side.take(bench.ends["b"], [frame_of(source=(9, 9))])
+    bench.got = {"a": [], "b": []}
+    heartbeat = frame_of(source=(1, 1), sequence=5)
+    bench.side.hear(heartbeat.raw, None)
+    command = frame_of("COMMAND_LONG", source=(1, 1), target=(9, 9))
+    bench.side.hear(command.raw, b"something")
+    nobody = frame_of("COMMAND_LONG", source=(1, 1), target=(8, 8))
+    bench.side.hear(nobody.raw, None)
+    assert bench.got == {"a": [heartbeat.raw], "b": [heartbeat.raw, command.raw]}
+    assert bench.side.counts == {"to_bus": 1, "from_bus": 3, "unrouted": 1}
+
+
+def test_inserted_frames_are_numbered_on_their_own_and_others_are_not() -> None:
+    bench = Bench("a", "b")
+    bench.side.take(bench.ends["a"], [frame_of(source=(1, 1), sequence=50)])
+    bench.got = {"a": [], "b": []}
+    frame = frame_of(source=(1, 1), sequence=51)
+    for mark in (None, b"x", MARK, new_mark(), INSERTED):
+        bench.side.hear(frame.raw, mark)
+    # Nobody else was seen as 2/2, so it is no insertion: numbers of sources are never changed.
+    bench.side.hear(frame_of(source=(2, 2), sequence=7).raw, None)
+    assert [parse_frame(raw).sequence for raw in bench.got["b"]] == [0, 1, 51, 51, 51, 7]
+    assert [parse_frame(raw).sequence for raw in bench.got["a"]] == [0, 1, 51, 51, 7]  # not what came from there
+    assert bench.side.counts["inserted"] == 2
+
+
+def test_what_was_broken_on_purpose_goes_on_as_it_is() -> None:
+    bench = Bench("a", "b")
+    raw = frame_of(source=(1, 1)).raw
+    wrong_sum = raw[:-1] + bytes([raw[-1] ^ 255])
+    for payload in (wrong_sum, raw[:-3], b"x" * 280, b"", b"x" * 281, b"x" * 100_000):
+        bench.side.hear(payload, MARK)
+    assert bench.got["a"] == bench.got["b"] == [wrong_sum, raw[:-3], b"x" * 280]
+    assert bench.side.counts == {"from_bus": 6, "unrouted": 0, "broken": 2, "refused": 3}
+
+
+def test_frames_of_a_bridge_s_own_are_inserted_everywhere() -> None:
+    bench = Bench("a")
+    frame = frame_of(source=(255, 1), sequence=3)
+    bench.side.insert(frame, "json")
+    assert bench.got == {"a": [frame.raw]}
+    assert bench.port.puts == [("mavlink_raw/json/255/1/HEARTBEAT", frame.raw, INSERTED)]
+    assert origin_of(INSERTED, MARK) is Mark.OTHER
+
+
+def test_signed_frames_that_come_again_get_a_later_time_with_the_key() -> None:
+    bench, keyless = Bench("a", signer=SIGNER), Bench("a")
+    extra = COMMON.crc_extra(0)
+    assert extra is not None
+    signed = sign_frame(frame_of(source=(1, 1)).raw, SIGNER, extra, link=1, time=100)
+    for each in (bench, keyless):
+        for _ in range(3):
+            each.side.hear(signed, MARK)
+    assert keyless.got["a"] == [signed] * 3
+    frames = [parse_frame(raw) for raw in bench.got["a"]]
+    assert frames[0].raw == signed
+    assert all(map(SIGNER.fits, frames))
+    assert len({frame.raw[-13:-6] for frame in frames}) == 3
+
+
+def test_outlets_are_bounded() -> None:
+    bench = Bench("a")
+    for system in range(1, 18):
+        for component in range(256):
+            bench.side.take(bench.ends["a"], [frame_of(source=(system, component))])
+    assert len(bench.port.puts) == 17 * 256
+    assert bench.port.closed == [key for key, _, _ in bench.port.puts[:256]]
+
+
+@given(st.lists(st.tuples(st.binary(max_size=300), st.one_of(st.none(), st.binary(max_size=24), st.just(MARK)))))
+def test_any_bytes_on_the_bus_are_counted(payloads: list[tuple[bytes, bytes | None]]) -> None:
+    bench = Bench("a")
+    for payload, attachment in payloads:
+        bench.side.hear(payload, attachment)
+    counts = bench.side.counts
+    assert counts["from_bus"] == len(payloads)
+    assert len(bench.got["a"]) == len(payloads) - counts["refused"] - counts["unrouted"]
