@@ -97,6 +97,8 @@ def test_features_of_types() -> None:
         (0.9999, 1.0001, 1.0),
         (17, 17, 17),
         (5.0, math.inf, 8.0),
+        (math.inf, math.inf, math.inf),
+        (-math.inf, -math.inf, -math.inf),
     ],
 )
 def test_simplest(low: float, high: float, value: float) -> None:
