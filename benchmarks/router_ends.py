@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 PATHS = {
     "plain": "one plain router",
     "chain": "two plain routers in a chain",
+    "three": "three plain routers in a chain",
     "free": "riot, un-intercepted",
     "cut": "riot, intercepted",
     "look": "riot, intercepted, one interceptor looks",
@@ -110,12 +111,13 @@ def _plain(_: str) -> Iterator[tuple[str, str]]:
 
 
 @contextmanager
-def _chain(_: str) -> Iterator[tuple[str, str]]:
-    a = Segment("a")
-    b = Segment("b", config={"connect/endpoints": [a.endpoints[0]]})
-    yield a.endpoints[0], b.endpoints[0]
-    b.close()
-    a.close()
+def _chain(path: str) -> Iterator[tuple[str, str]]:
+    routers = [Segment("a")]
+    for name in ("b", "c") if path == "three" else ("b",):
+        routers.append(Segment(name, config={"connect/endpoints": [routers[-1].endpoints[0]]}))
+    yield routers[0].endpoints[0], routers[-1].endpoints[0]
+    for router in reversed(routers):
+        router.close()
 
 
 @contextmanager
@@ -169,7 +171,7 @@ def _registry(folder: Path) -> TypeRegistry:
     return TypeRegistry(adapters, declared={"cut/**": "bench_msgs/msg/Sample"})
 
 
-_ROUTERS = {"plain": _plain, "chain": _chain, "naive": _naive}
+_ROUTERS = {"plain": _plain, "chain": _chain, "three": _chain, "naive": _naive}
 
 
 # -- clients ----------------------------------------------------------------------------------------------------------

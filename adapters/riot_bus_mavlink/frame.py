@@ -8,7 +8,7 @@ payload, a checksum over all of this but the first byte and over one more that s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.errors import PayloadError
 from riot_bus_mavlink.crc import load_crc
@@ -47,8 +47,7 @@ _CRC_START = 0xFFFF
 _EXTRA = [bytes([number]) for number in range(256)]
 
 
-@dataclass(slots=True, frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """One frame as it came, and what its header says.
 
     Attributes:

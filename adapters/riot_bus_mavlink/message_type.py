@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.trial import Scalar
-    from riot_bus.types.bulk import Payloads
+    from riot_bus.types.bulk import Gathered, Payloads
     from riot_bus.types.exceptional import Entry
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
@@ -161,6 +161,27 @@ class MavlinkType:
             path = f"{name}[*]" if field.array else name
             found.append(FieldType(path, field.kind, field.array, low, high, field.unit))
         return found
+
+    def gather(self, payloads: Payloads, path: str) -> Gathered:
+        """Return one field of many frames in its own type, as `riot_bus.types.bulk.BulkType` says."""
+        import numpy as np
+
+        from riot_bus.types.bulk import Gathered
+
+        slot = None if path in HEADER else self._slot(path)
+        dtype = "uint8" if slot is None else "uint32" if isinstance(slot, Place) else slot.kind
+        text = dtype == "string"
+        values: NDArray[Any] = np.zeros(len(payloads), object if text else dtype)
+        if text or dtype.startswith("float"):
+            values[:] = None if text else np.nan
+        valid = np.zeros(len(payloads), np.bool_)
+        for row, payload in enumerate(payloads):
+            try:
+                values[row] = self.read(payload, path)
+            except PayloadError:
+                continue
+            valid[row] = True
+        return Gathered(values, valid)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
         """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""

@@ -122,7 +122,8 @@ class CdrType:
         """Return one field of many payloads at once, as `riot_bus.types.bulk.BulkType` says."""
         from riot_bus_ros2.cdr_bulk import gather
 
-        return gather(self._way(path), payloads)
+        plan = self._plans.get(path) or self._plan(path)
+        return gather(plan.way, payloads)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
         """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""

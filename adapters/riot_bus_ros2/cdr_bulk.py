@@ -109,7 +109,9 @@ def _view(buffer: bytes, dtype: str) -> NDArray[Any]:
 
 
 class _Walk:
-    """Walks over all payloads in step; where `ok` is false, a position means nothing.
+    """Walks over all n payloads in step; where `ok` is false, a position means nothing.
+
+    Positions, counts and `ok` have the shape (n,), or (1,) as long as they are the same for all.
 
     Attributes:
         absent: Payloads that surely lack what is looked for: their array is too short.
@@ -118,14 +120,13 @@ class _Walk:
     def __init__(self, payloads: Payloads, order: str) -> None:
         self.payloads = payloads
         self.absent = np.zeros(len(payloads), np.bool_)
-        self._base, self._length = payloads.offsets, payloads.lengths
+        self._base, self._length = payloads.offsets, _once(payloads.lengths)
         self._order = order
         self._counts = _view(payloads.buffer, order + "u4")
 
     def locate(self, way: Way) -> tuple[Positions, Mask]:
         """Go all the way."""
-        position = np.full(len(self.payloads), ORIGIN, np.int64)
-        ok = np.ones(len(self.payloads), np.bool_)
+        position, ok = np.full(1, ORIGIN, np.int64), np.ones(1, np.bool_)
         for move in way.moves:
             if isinstance(move, Element):
                 position, ok = self.enter(move, position, ok)
@@ -139,10 +140,11 @@ class _Walk:
         count, position, ok = self._length_of(array, position, ok)
         position = position + np.where(count > 0, _numbers(number.padding)[position & 7], 0)
         ok = ok & (count > 0) & (position + count * number.size <= self._length)
+        count, start, ok = np.broadcast_arrays(count, self._base + position, ok)
         rows = np.flatnonzero(ok)
         if not len(rows):
             return
-        count, start = count[rows], self._base[rows] + position[rows]
+        count, start = count[rows], start[rows]
         dtype = "u1" if number.type == "bool" else self._order + np.dtype(number.type).str[1:]
         buffer = self.payloads.buffer
         if int(count.sum()) > _SHORT * len(rows):
@@ -181,15 +183,14 @@ class _Walk:
         count, position, ok = self._length_of(element.array, position, ok)
         self.absent |= ok & (count <= element.index)
         ok = ok & (count > element.index)
-        return self._elements(element.array.element, np.full_like(count, element.index), position, ok)
+        return self._elements(element.array.element, np.full(1, element.index, np.int64), position, ok)
 
     def read(self, target: Node, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
         """Return what stands there."""
         if isinstance(target, Array):
             _, ok = self.skip(target, position, ok)
             count, _, ok = self._length_of(target, position, ok)
-            values[ok] = count[ok]
-            return values, ok
+            return self._put(count, ok, values)
         if isinstance(target, Text):
             return self._texts(position, ok, values)
         assert isinstance(target, Number)
@@ -197,11 +198,14 @@ class _Walk:
         if not ok.any():
             return values, ok
         dtype = "u1" if target.type == "bool" else self._order + np.dtype(target.type).str[1:]
-        found = _view(self.payloads.buffer, dtype)[np.where(ok, self._base + position, 0)]
+        found = _view(self.payloads.buffer, dtype)[self._places(position, ok)]
         found = found != 0 if target.type == "bool" else found.astype(target.type)
-        if ok.all():
-            return found, ok
-        values[ok] = found[ok]
+        return self._put(found, ok, values)
+
+    def _put(self, found: NDArray[Any], ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
+        """Return what was found as values of all payloads."""
+        found, ok = np.broadcast_arrays(found, ok)
+        np.copyto(values, found, where=ok, casting="unsafe")
         return values, ok
 
     def _texts(self, position: Positions, ok: Mask, values: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
@@ -212,7 +216,7 @@ class _Walk:
         end = begin + np.where(ok, count, 0)
         last = np.frombuffer(buffer, np.uint8)[np.maximum(end - 1, 0)]
         ok = ok & ((count == 0) | (last == 0))
-        end -= count > 0
+        end = end - (count > 0)
         known: dict[bytes, str] = {}
         rows = np.flatnonzero(ok)
         for row, low, high in zip(rows.tolist(), begin[rows].tolist(), end[rows].tolist(), strict=True):
@@ -229,13 +233,16 @@ class _Walk:
         ok = ok & (position + 4 <= self._length)
         if not ok.any():
             return np.zeros_like(position), position, ok
-        place = self._base + position
-        counts = self._counts[place if ok.all() else np.where(ok, place, 0)]
+        counts = _once(self._counts[self._places(position, ok)])
         return counts.astype(np.int64), position + 4, ok
+
+    def _places(self, position: Positions, ok: Mask) -> Positions:
+        place = self._base + position
+        return place if ok.all() else np.where(ok, place, 0)
 
     def _length_of(self, array: Array, position: Positions, ok: Mask) -> tuple[Positions, Positions, Mask]:
         if array.length is not None:
-            return np.full_like(position, array.length), position, ok
+            return np.full(1, array.length, np.int64), position, ok
         return self._count(position, ok)
 
     def _elements(self, node: Node, count: Positions, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
@@ -247,7 +254,7 @@ class _Walk:
             return self._within(position + np.where(count > 0, far, 0), ok)
         done = 0
         while (active := ok & (count > done)).any():
-            if np.count_nonzero(active) < min(_FEW, len(ok)):
+            if np.count_nonzero(active) < min(_FEW, len(active)):
                 return position, ok & ~active
             further, still = self.skip(node, position, active)
             position = np.where(active, further, position)
@@ -258,6 +265,11 @@ class _Walk:
     def _within(self, position: Positions, ok: Mask) -> tuple[Positions, Mask]:
         ok = ok & (position <= self._length)
         return (position if ok.all() else np.where(ok, position, 0)), ok
+
+
+def _once(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return shape (1,) for numbers that are all the same."""
+    return numbers[:1] if len(numbers) and (numbers == numbers[0]).all() else numbers
 
 
 def _numbers(table: Table) -> NDArray[np.int64]:

@@ -62,6 +62,7 @@ class Plan:
     start: int
     steps: tuple[Step, ...]
     target: Node
+    way: Way
 
     def locate(self, data: Data, count: Unpack) -> int:
         """Return where the field begins."""
@@ -106,7 +107,7 @@ def make_plan(way: Way) -> Plan:
     if moves and isinstance(moves[0], tuple):
         start += moves[0][ORIGIN]
         del moves[0]
-    return Plan(start, tuple(map(_step, moves)), way.target)
+    return Plan(start, tuple(map(_step, moves)), way.target, way)
 
 
 def _before(record: Record, name: str) -> Sequence[Move]:

@@ -21,6 +21,7 @@ __all__ = [
     "RouterOptions",
     "interceptor_list",
     "interceptors_of",
+    "intercepts",
     "parse_types",
     "plan_of",
     "registry_of",
@@ -68,6 +69,12 @@ def settings_of(system: Path | None, flags: RouterFlags) -> RouterSettings:
     path = system if system is not None else DEFAULT_SYSTEM
     found = load_router(path) if system is not None or path.is_file() else RouterSettings()
     return merged(found, flags)
+
+
+def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
+    """Return whether something is intercepted from the beginning."""
+    wanted = (settings.intercept, settings.services, settings.interceptors, options.interceptors, options.inject)
+    return any(wanted)
 
 
 def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:

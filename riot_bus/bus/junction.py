@@ -65,10 +65,16 @@ class Junction:
         self._path = ""
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
+        self._begun: tuple[list[str], list[str]] | None = None
         self._listens = any(not segment.open_to_all for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
         self._timeout = timeout
+
+    def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
+        """Begin to join the segments for the first time; `open` has to follow, which waits until they are."""
+        self._begin(cut, services, "")
+        self._begun = list(cut), list(services)
 
     def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
         """Join the segments, or cut other keys if they are joined; return once links and routes are up.
@@ -82,13 +88,16 @@ class Junction:
         """
         # The former router stays until the new one works. If it left first, the new one would take its place in the
         # segments' tables, and they would not tell each other of subscriptions that exist already.
-        former, taken, patience = (self.session, self.zid), self._path, 1
+        begun = self.session if self._begun == (list(cut), list(services)) else None
+        self._begun = None
+        former: tuple[zenoh.Session | None, str] = (self.session, self.zid) if begun is None else (None, "")
+        taken, patience = self._path, 1
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
             self.settle(patience)
             if former[0] is not None:
                 self._flush(former[1])  # what lanes have just undeclared
-            session = self._begin(cut, services, taken)
+            session, begun = begun or self._begin(cut, services, taken), None
             if wait_until(self._linked, deadline - time.monotonic()) and self._routes(
                 {"": session}, patience * _ROUTES_S
             ):

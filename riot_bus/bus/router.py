@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import shutil
-import tempfile
 import threading
 import time
 from collections import Counter
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.advanced.standin import StoreFilter
@@ -19,13 +16,11 @@ from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
 from riot_bus.bus.crossing import Crossing
 from riot_bus.bus.gate import BUDGET_S, Gate
-from riot_bus.bus.junction import Junction
 from riot_bus.bus.lane import Lane
 from riot_bus.bus.mailbox import Dispatcher
-from riot_bus.bus.runtime import canonical, includes, intersects, prepare_runtime, release, wait_until
-from riot_bus.bus.segments import Segment, is_open_to_all
+from riot_bus.bus.network import Network
+from riot_bus.bus.runtime import canonical, includes, intersects, release, wait_until
 from riot_bus.bus.services.services import Services
-from riot_bus.bus.settings import SegmentSettings
 from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
 from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
@@ -39,13 +34,15 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.junction import Junction
     from riot_bus.bus.recorder import Recorder
+    from riot_bus.bus.segments import Segment
+    from riot_bus.bus.settings import SegmentSettings
     from riot_bus.pipeline.stage import Stage
 
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
 _MATCHING_INTERVAL_S = 0.002
-_SHARED_MEMORY = "transport/shared_memory/enabled"
 _QUIET_POLLS = 3
 
 
@@ -68,8 +65,8 @@ class Bus:
     Several may live in one process.
 
     Args:
-        segments: By name, each segment's settings, or just the endpoints to listen on; none means a free port of this
-            machine.
+        segments: A network that is open already and will be closed with the bus; or by name, each segment's settings,
+            or just the endpoints to listen on; none means a free port of this machine.
         intercept: Key expressions that go through the pipeline instead of the junction.
         services: Key expressions of services whose requests and replies do so too.
         pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
@@ -78,13 +75,13 @@ class Bus:
         record: Key expressions that are recorded as they pass, although they are not intercepted.
         wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
         budget_s: How long an interceptor may take for one message before it is bypassed.
-        config: Further Zenoh configuration of every segment.
+        config: Further Zenoh configuration of every segment; a network has its own.
         timeout: Seconds within which everything must be up.
     """
 
     def __init__(
         self,
-        segments: Mapping[str, SegmentSettings | Sequence[str]],
+        segments: Network | Mapping[str, SegmentSettings | Sequence[str]],
         *,
         intercept: Sequence[str] = (),
         services: Sequence[str] = (),
@@ -97,21 +94,13 @@ class Bus:
         config: Mapping[str, Any] | None = None,
         timeout: float = 10.0,
     ) -> None:
-        if not segments:
-            raise ConfigError("a bus needs at least one segment", hint="such as unit=tcp/127.0.0.1:7447")
-        self._settings = {
-            name: each if isinstance(each, SegmentSettings) else SegmentSettings(listen=tuple(each))
-            for name, each in segments.items()
-        }
+        if not isinstance(segments, Network):
+            segments = Network(segments, config=config, wait_before_close_s=wait_before_close_s, timeout=timeout)
+        self._network = network = segments
         self._registry = registry or TypeRegistry()
-        self._wait_before_close_s = wait_before_close_s
-        self._config = dict(config or {})
-        self._timeout = timeout
         self._sequence = itertools.count(1)
-        self._segments: dict[str, Segment] = {}
         self._outlets: dict[str, Outlets] = {}
-        self._converters = {name: Converter(name, self._sequence) for name in segments}
-        self._junction: Junction | None = None
+        self._converters = {name: Converter(name, self._sequence) for name in network.settings}
         self._lanes: dict[str, list[Lane]] = {}
         self._retired: list[Lane] = []
         self._observers: list[Subscription] = []
@@ -126,7 +115,7 @@ class Bus:
         self._crossing = Crossing(
             self.gate,
             self._outlets,
-            targets={name: tuple(other for other in segments if other != name) for name in segments},
+            targets={name: tuple(other for other in network.settings if other != name) for name in network.settings},
             owned=lambda key: self._claims.owner(key) is not None,
             sequence=self._sequence,
             topic=self._registry.topic,
@@ -149,25 +138,10 @@ class Bus:
             EnvironmentFaultError: A port is in use, or the machine is too slow.
         """
         self._check_ways(self.gate.pipeline.stages)
-        prepare_runtime(len(self._settings))
         with ExitStack() as stack:
-            folder = Path(tempfile.mkdtemp(prefix="riot-"))  # only this user can connect to the sockets in it
-            stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            inner = [f"unixsock-stream/{folder}/{number}" for number in range(3)]
-            for name in self._settings:
-                segment = self._open_segment(name, inner)
-                stack.callback(segment.close)
-                self._segments[name] = segment
-                self._outlets[name] = Outlets(segment.session)
-            if len(self._segments) > 1:
-                self._junction = Junction(
-                    list(self._segments.values()),
-                    inner=inner,
-                    config=self._shared_memory(),
-                    wait_before_close_s=self._wait_before_close_s,
-                    timeout=self._timeout,
-                )
-                stack.callback(self._junction.close)
+            self._network.open()
+            stack.callback(self._network.close)
+            self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
             self._watch = self._watched()
             stack.callback(self._watch.stop)
             self.gate.start()
@@ -195,28 +169,10 @@ class Bus:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _open_segment(self, name: str, inner: Sequence[str]) -> Segment:
-        settings = self._settings[name]
-        config = {**self._config, **settings.config}
-        alone = len(self._settings) == 1 or is_open_to_all(settings.listen, config)
-        return Segment(
-            name,
-            settings.listen,
-            connect=settings.connect,
-            inner=() if alone else inner,
-            config=config,
-            wait_before_close_s=self._wait_before_close_s,
-        )
-
-    def _shared_memory(self) -> dict[str, Any]:
-        """Return the junction's part of the configuration; without it shared memory would end at the junction."""
-        configs = [{**self._config, **settings.config} for settings in self._settings.values()]
-        return {_SHARED_MEMORY: True} if any(config.get(_SHARED_MEMORY) for config in configs) else {}
-
     def _watched(self) -> TransportWatch:
         junction = self._junction
         watch = TransportWatch(
-            self._wait_before_close_s,
+            self._network.wait_before_close_s,
             junction=lambda: junction.zid if junction is not None else "",
             ours=self.ids_ever,
             longest=lambda name: self._outlets[name].longest_s,
@@ -235,6 +191,14 @@ class Bus:
             self._advanced.close()
         self._crossing.close()
         self._dispatcher.close()
+
+    @property
+    def _segments(self) -> dict[str, Segment]:
+        return self._network.segments
+
+    @property
+    def _junction(self) -> Junction | None:
+        return self._network.junction
 
     # -- what is intercepted and recorded -----------------------------------------------------------------------------
 
@@ -292,8 +256,8 @@ class Bus:
     def _check_ways(self, stages: Iterable[Stage]) -> None:
         for stage in stages:
             for word, name in (("from", stage.when.source), ("to", stage.when.target)):
-                if name is not None and name not in self._settings:
-                    hint = did_you_mean(name, self._settings)
+                if name is not None and name not in self._network.settings:
+                    hint = did_you_mean(name, self._network.settings)
                     raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
 
     def _intercept(self, expressions: list[str], services: list[str], *, again: bool) -> None:
@@ -383,14 +347,14 @@ class Bus:
     @property
     def sessions(self) -> dict[str, zenoh.Session]:
         """The segments' own sessions."""
-        return {name: segment.session for name, segment in self._segments.items()}
+        return self._network.sessions
 
     def segment(self, name: str) -> Segment:
         """Return a segment; raises ConfigError if there is none of this name."""
         try:
             return self._segments[name]
         except KeyError:
-            hint = did_you_mean(name, self._settings) if self._segments else "open the bus first"
+            hint = did_you_mean(name, self._network.settings) if self._segments else "open the bus first"
             raise ConfigError(f"no segment {name!r}", hint=hint) from None
 
     def endpoint(self, segment: str) -> str:

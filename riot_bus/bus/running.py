@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.assemble import interceptors_of, plan_of, registry_of, settings_of
-from riot_bus.bus.service import RouterService
+from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
+from riot_bus.bus.network import Network
 from riot_bus.bus.signals import ended_by_signals
-from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
-from riot_bus.bus.status_text import plain
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
@@ -17,6 +15,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.assemble import RouterOptions
     from riot_bus.bus.bypass import Bypass
+    from riot_bus.bus.service import RouterService
     from riot_bus.bus.tally import Losses
 
 __all__ = ["run_router"]
@@ -41,16 +40,26 @@ def run_router(
         DataLossError: It ran, but messages were lost.
     """
     settings = settings_of(options.system, options.flags)
-    service = RouterService(
-        settings,
-        interceptors=interceptors_of(settings, options),
-        plan=plan_of(options),
-        registry=registry_of(options),
-        seed=options.seed,
-        alarm=_alarm(warn) if options.bypass_watch else None,
-    )
-    for line in service.warnings:
-        warn(f"warning: {line}")
+    with Network(settings.segments) as network:
+        if network.junction is not None and not intercepts(settings, options):
+            network.junction.begin()
+        from riot_bus.bus.service import RouterService  # while Zenoh draws its routes, which takes as long
+
+        service = RouterService(
+            settings,
+            interceptors=interceptors_of(settings, options),
+            plan=plan_of(options),
+            registry=registry_of(options),
+            seed=options.seed,
+            alarm=_alarm(warn) if options.bypass_watch else None,
+            network=network,
+        )
+        for line in service.warnings:
+            warn(f"warning: {line}")
+        _run(service, say=say, warn=warn, as_json=as_json)
+
+
+def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool) -> None:
     with ended_by_signals(service.shutdown):
         with service:
             say(_ready(service, as_json=as_json))
@@ -71,6 +80,9 @@ def _ready(service: RouterService, *, as_json: bool) -> str:
 
 
 def _end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
+    from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
+    from riot_bus.bus.status_text import plain
+
     counts, losses = service.counts(), service.losses
     if as_json:
         rows = {"counts": count_rows(counts), "losses": loss_rows(losses)}

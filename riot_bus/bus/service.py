@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from riot_bus.bus.bypass import Bypass
     from riot_bus.bus.graph.model import Graph
     from riot_bus.bus.interception import Plan
+    from riot_bus.bus.network import Network
     from riot_bus.bus.router import TopicCounts
     from riot_bus.bus.scouting import Scouting
     from riot_bus.bus.settings import RouterSettings
@@ -55,6 +56,7 @@ class RouterService(Operations):
             else the working folder.
         alarm: Called with all ways around the router whenever they have changed; None not to look for them.
         scouting: How to ask who answers multicast scouting; None not to ask.
+        network: The segments, if they are open already; it is closed with the router.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class RouterService(Operations):
         folder: Path | None = None,
         alarm: Callable[[list[Bypass]], None] | None = _silent,
         scouting: Scouting | None = THIS_HOST,
+        network: Network | None = None,
     ) -> None:
         from riot_bus.pipeline.runner import Pipeline
 
@@ -77,6 +80,7 @@ class RouterService(Operations):
         self._registry = registry or TypeRegistry()
         self._alarm, self._scouting = alarm, scouting
         self._bus: Bus | None = None
+        self._network = network
         self._began = time.monotonic()
         self._watches: Watches | None = None
         self._stack = ExitStack()
@@ -114,7 +118,7 @@ class RouterService(Operations):
             recorder = self._recordings.begin(Path(path)) if path is not None else None
             stack.callback(self._recordings.close)
             self._bus = Bus(
-                self.settings.segments,
+                self._network or self.settings.segments,
                 intercept=self._interception.expressions,
                 services=self._interception.services,
                 pipeline=self.pipeline,

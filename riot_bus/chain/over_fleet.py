@@ -17,6 +17,7 @@ from riot_bus.chain.logs import learn_types
 from riot_bus.errors import ConfigError, RiotError
 from riot_bus.fleet.stores import copied
 from riot_bus.inject.apply import inject_log
+from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.trial import TestCase, Verdict
@@ -176,10 +177,7 @@ class _Work:
                 low = begin + int(self._options.start * 1e9)
                 high = None if self._options.duration is None else low + int(self._options.duration * 1e9)
             found, size = [], 0
-            for message in reader.messages(start=low, end=high):
-                if message.key.startswith("/"):
-                    text = "its topics have no Zenoh keys, as in a ROS bag; a recording of riot record has them"
-                    raise ConfigError(text)
+            for message in bus_messages(reader, registry, start=low, end=high):
                 if not any(registry.matches(topic, message.key) for topic in self._inputs):
                     continue
                 size += len(message.payload)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.opcode import Opcode
 
-from riot_bus.log.blocks import CHUNK, HEAD, Records, packed_size, read_block, records_of
+from riot_bus.log.blocks import CHUNK, HEAD, SHORTEST_MESSAGE, Records, packed_size, read_block, records_of
 from riot_bus.log.layout import MAX_BLOCK
 from riot_bus.types.bulk import Payloads
 
@@ -26,9 +26,15 @@ if TYPE_CHECKING:
 
 __all__ = ["LoadedBlock", "load_ahead"]
 
-_PAYLOAD = 31
-_LENGTH, _CHANNEL, _TIME, _PUBLISHED = 1, 9, 15, 23
-_SHORTEST = 22
+_MESSAGE = np.dtype(
+    {
+        "names": ["length", "channel", "time", "published"],
+        "formats": ["<u8", "<u2", "<u8", "<u8"],
+        "offsets": [1, 9, 15, 23],
+        "itemsize": HEAD.size + SHORTEST_MESSAGE,
+    }
+)
+"""What stands before a payload."""
 _LATEST = (1 << 63) - 1
 
 
@@ -40,15 +46,21 @@ class LoadedBlock:
         block: Which.
         data: Its records.
         places: Where each message's record begins, shape (n,).
-        channels: Channel of each, shape (n,).
+        heads: What stands before the payload of each, shape (n,).
         times: Nanoseconds, shape (n,); those beyond the year 2262 are -1.
     """
 
     block: Block
     data: bytes
     places: NDArray[np.int64]
-    channels: NDArray[np.uint16]
+    heads: NDArray[Any]
     times: NDArray[np.int64]
+
+    @property
+    def channels(self) -> NDArray[np.uint16]:
+        """Channel of each message, shape (n,)."""
+        channels: NDArray[np.uint16] = self.heads["channel"]
+        return channels
 
     def rows_of(self, channel: int, low: int, high: int) -> NDArray[np.int64]:
         """Return the numbers of a channel's messages of times in [low, high)."""
@@ -61,17 +73,16 @@ class LoadedBlock:
 
     def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the publish time of some messages as the file has it."""
-        return _as_times(_numbers(self.data, "<u8", self.places[rows] + _PUBLISHED))
+        return _as_times(self.heads["published"][rows])
 
     def payloads(self, rows: NDArray[np.int64]) -> Payloads:
         """Return the payloads of some messages."""
-        places = self.places[rows]
-        return Payloads(self.data, places + _PAYLOAD, self.lengths(rows))
+        return Payloads(self.data, self.places[rows] + _MESSAGE.itemsize, self.lengths()[rows])
 
-    def lengths(self, rows: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
-        """Return the bytes of the payloads of some messages, or of all."""
-        places = self.places if rows is None else self.places[rows]
-        return _numbers(self.data, "<u8", places + _LENGTH).astype(np.int64) - _SHORTEST
+    def lengths(self) -> NDArray[np.int64]:
+        """Return the bytes of the payloads of all messages, shape (n,)."""
+        lengths: NDArray[np.int64] = self.heads["length"].astype(np.int64) - SHORTEST_MESSAGE
+        return lengths
 
 
 def load_ahead(
@@ -128,9 +139,8 @@ def _load(file: int, block: Block, limit: int) -> tuple[LoadedBlock, Records]:
     data = read_block(file, block, limit=limit)
     records = records_of(data, cut=block.cut)
     places = records.messages
-    channels = _numbers(data, "<u2", places + _CHANNEL)
-    times = _as_times(_numbers(data, "<u8", places + _TIME))
-    return LoadedBlock(block, data, places, channels, times), records
+    heads = _heads(data, places)
+    return LoadedBlock(block, data, places, heads, _as_times(heads["time"])), records
 
 
 def _take(reader: LogReader, block: LoadedBlock, records: Records, known: NDArray[np.bool_]) -> LoadedBlock:
@@ -153,23 +163,23 @@ def _claimed(file: int, block: Block) -> int:
     return packed_size(head) if len(head) == CHUNK.size else 0
 
 
-def _numbers(data: bytes, dtype: str, places: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the numbers that begin at these places, which need not be aligned."""
-    if not len(places):
-        return np.zeros(0, dtype)
-    size = np.dtype(dtype).itemsize
-    first, stride = int(places[0]), _stride(places)
+def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[Any]:
+    """Return what stands before the payloads of the messages at these places, which need not be aligned."""
+    size = _MESSAGE.itemsize
+    stride = _stride(places)
     if stride:
-        return np.ndarray((len(places),), dtype, data, first, (stride,)).copy()
-    return np.ndarray((len(data) - size + 1,), dtype, data, 0, (1,))[places]
+        heads = np.ndarray((len(places),), f"V{size}", data, int(places[0]), (stride,)).copy()
+    elif len(places):
+        heads = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))[places]
+    else:
+        heads = np.empty(0, f"V{size}")
+    return heads.view(_MESSAGE)
 
 
 def _stride(places: NDArray[np.int64]) -> int:
     """Return how far one place is from the next, 0 if that differs."""
-    if len(places) < 2:
-        return HEAD.size
     steps = np.diff(places)
-    return int(steps[0]) if (steps == steps[0]).all() else 0
+    return int(steps[0]) if len(steps) and (steps == steps[0]).all() else 0
 
 
 def _as_times(numbers: NDArray[Any]) -> NDArray[np.int64]:

@@ -19,7 +19,9 @@ __all__ = ["bus_messages"]
 _NOBODY = "0"  # a session's id
 
 
-def bus_messages(reader: LogReader, registry: TypeRegistry) -> Iterator[Message]:
+def bus_messages(
+    reader: LogReader, registry: TypeRegistry, *, start: int | None = None, end: int | None = None
+) -> Iterator[Message]:
     """Yield the delivered messages; those of a file without keys under the keys that they would have on the bus.
 
     They get a number each, and the attachments that their middleware wants, from a publisher of which nothing else is
@@ -28,6 +30,8 @@ def bus_messages(reader: LogReader, registry: TypeRegistry) -> Iterator[Message]
     Args:
         reader: The log.
         registry: Its adapters say how topics are published.
+        start: Earliest time, nanoseconds.
+        end: Latest time (exclusive), nanoseconds.
 
     Raises:
         ConfigError: A topic cannot be published.
@@ -40,9 +44,9 @@ def bus_messages(reader: LogReader, registry: TypeRegistry) -> Iterator[Message]
             identity = offer.identify(_NOBODY, number) if offer.identify is not None else Identity()
             foreign[topic.key] = _Topic(offer.key, identity.attachment)
     if not foreign:
-        yield from reader.messages()
+        yield from reader.messages(start=start, end=end)
         return
-    for number, message in enumerate(reader.messages()):
+    for number, message in enumerate(reader.messages(start=start, end=end)):
         known = foreign.get(message.key)
         yield message if known is None else known.on_bus(message, number)
 

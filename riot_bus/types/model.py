@@ -169,7 +169,11 @@ class TypeSource(Protocol):
 
 
 class Adapter(TypeSource, Protocol):
-    """What a middleware or protocol brings: naming of topics and types of messages."""
+    """What a middleware or protocol brings: naming of topics and types of messages.
+
+    One that has an attribute `endings`, such as `(".xml",)`, takes in files with these endings alone; others do not get
+    them.
+    """
 
     def topic(self, key: str) -> TopicName | None:
         """Return how people call this key, None if it is not of this adapter's kind."""

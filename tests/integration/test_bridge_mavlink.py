@@ -19,6 +19,7 @@ from riot_bus.bus.client import open_client
 from riot_bus.bus.runtime import free_endpoint, wait_until
 from riot_bus.message import Message, Qos
 from riot_bus_mavlink.frame import Frame, checksum_fits, parse_frame
+from riot_bus_mavlink.tlog import TlogReader, tlog_record
 from tests.integration.mavlink_bridge import WAIT_S, MavlinkBridgeProcess, UdpEnd
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess, riot
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
@@ -339,3 +340,66 @@ def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: Ex
     publisher.put(frame_of(sequence=5).raw)
     assert process.stdout.readline() == f"got {frame_of(sequence=5).raw.hex()}\n"
     assert process.wait(timeout=WAIT_S) == 7
+
+
+def test_it_goes_on_with_a_router_that_was_killed_and_started_again(stack: ExitStack) -> None:
+    endpoints = {"system": free_endpoint(), "unit": free_endpoint()}
+    first = stack.enter_context(RouterProcess(endpoints=endpoints))
+    ground = stack.enter_context(UdpEnd())
+    links = ["system/fc=udpin:127.0.0.1:0", f"unit/gcs=udpout:127.0.0.1:{ground.port}"]
+    bridge = stack.enter_context(MavlinkBridgeProcess(endpoints, links))
+    vehicle = stack.enter_context(UdpEnd(bridge.address("fc")))
+
+    def crossed() -> bool:
+        vehicle.send(frame_of(source=VEHICLE).raw)
+        return ground.get(0.1) is not None
+
+    assert wait_until(crossed, WAIT_S)
+    first.process.kill()
+    first.process.wait()
+    while ground.get(1.0) is not None:
+        pass  # it was sent before
+    assert not crossed()
+    stack.enter_context(RouterProcess(endpoints=endpoints))
+    assert wait_until(crossed, 60)
+    bridge.end()
+
+
+def test_parallel_links_are_one(stack: ExitStack) -> None:
+    router = stack.enter_context(RouterProcess())
+    ground = stack.enter_context(UdpEnd())
+    links = [
+        "system/lte=udpin:127.0.0.1:0?group=air",
+        "system/radio=udpin:127.0.0.1:0?group=air",
+        f"unit/gcs=udpout:127.0.0.1:{ground.port}",
+    ]
+    bridge = stack.enter_context(MavlinkBridgeProcess(router.endpoints, links, "--duplicates=5"))
+    lte, radio = (stack.enter_context(UdpEnd(bridge.address(name))) for name in ("lte", "radio"))
+    frames = [frame_of("ATTITUDE", source=VEHICLE, sequence=number) for number in range(20)]
+    for number, frame in enumerate(frames):
+        lte.send(frame.raw)
+        if number % 3:
+            radio.send(frame.raw)
+    assert {frame.sequence for frame in ground.take(20)} == set(range(20))
+    command = frame_of("COMMAND_LONG", source=GROUND, target=VEHICLE)
+    ground.send(command.raw)
+    assert (lte.take(1), radio.take(1)) == ([command], [command])
+    assert ground.get(0.2) is None
+    status = bridge.end()["links"]
+    assert status["lte"].get("duplicate", 0) + status["radio"].get("duplicate", 0) == 13
+
+
+def test_a_log_is_played_through_riot_into_another_log(stack: ExitStack, tmp_path: Path) -> None:
+    frames = [frame_of("ATTITUDE", source=VEHICLE, sequence=number % 256, yaw=number) for number in range(3000)]
+    source, sink = tmp_path / "in.tlog", tmp_path / "out.tlog"
+    source.write_bytes(b"".join(tlog_record(10**18 + number, frame.raw) for number, frame in enumerate(frames)))
+    router = stack.enter_context(RouterProcess())
+    links = [f"system={source}?rate=0", f"unit/sink=tlogwriter:{sink}"]
+    bridge = stack.enter_context(MavlinkBridgeProcess(router.endpoints, links))
+    assert wait_until(lambda: sink.stat().st_size >= source.stat().st_size, WAIT_S, interval=0.1)
+    status = bridge.end()
+    reader = TlogReader(COMMON.crc_extra)
+    assert [record.frame for record in [*reader.feed(sink.read_bytes()), *reader.flush()]] == frames
+    assert status["links"]["in"]["sources"] == {"1/1": {"received": 3000, "lost": 0}}
+    assert status["links"]["in"]["state"] == "ended"
+    assert status["segments"]["unit"]["from_bus"] == 3000

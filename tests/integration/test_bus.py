@@ -13,6 +13,7 @@ import pytest
 
 from riot_bus.bus import lane
 from riot_bus.bus.client import open_client
+from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
@@ -368,6 +369,31 @@ def test_the_cut_can_be_changed_while_components_stay() -> None:
             ("b/x", "changed"),
         ]
         assert not bus.losses
+
+
+@pytest.mark.parametrize("begun", [None, [], ["cut/**"]])
+def test_a_network_may_be_open_before_the_bus(begun: list[str] | None) -> None:
+    with Network(SEGMENTS) as network:
+        with Puppet(network.segments["unit"].endpoints[0]) as sink:
+            sink.do("subscribe", key="**")
+            assert network.junction is not None
+            if begun is not None:
+                network.junction.begin(begun)
+            first = network.junction.zid
+            with Bus(network, intercept=["cut/**"], pipeline=pipeline(Script())) as bus:
+                assert (bus.segment("unit"), network.junction.zid == first) == (
+                    network.segments["unit"],
+                    begun == ["cut/**"],
+                )
+                with Puppet(bus.endpoint("system")) as source:
+                    routed(bus, "free/x")
+                    for key in ("cut/x", "free/x"):
+                        source.do("put_texts", key=key, payloads=["change"], congestion="BLOCK")
+                    samples = sink.do("wait", count=2)
+                    found = sorted(zip([each["key"] for each in samples], texts(samples), strict=True))
+                    assert found == [("cut/x", "changed"), ("free/x", "change")]
+                    assert not bus.losses
+        assert network.segments["unit"].session.is_closed()
 
 
 def test_two_buses_in_one_process_do_not_meet() -> None:

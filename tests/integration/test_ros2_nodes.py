@@ -131,7 +131,7 @@ def lived(python: Path, endpoints: dict[str, str], folder: Path) -> Seen:
             found = [each for _, each in raw(bystander, greetings + len(sent)) if each.version == 2][-len(sent) :]
             attachments[topic] = [(e.sequence - found[0].sequence, e.version, e.gid == found[0].gid) for e in found]
         unit.do("serve", "/add")
-        assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=0.5) == 2, 60)
+        assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=20) == 2, 60)
         sums = [system.do("call", "/add", a=number, b=-(2**62)) for number in range(3)]
         latched = stack.enter_context(Puppet(endpoints["system"]))
         latched.do("publish_advanced", key=build_data_key(MAP), payloads=[text(f"map {number}") for number in range(3)])

@@ -113,6 +113,8 @@ class MavlinkBridge:
             for part in parts:
                 stack.callback(part.close)
             stack.callback(self._close_links)
+            for side in self._sides.values():
+                stack.callback(side.deafen)
             for spec in self._plan.links:
                 self._links.append(open_link(spec, self))
             for part in self._mirrors.values() if self._patient else parts:

@@ -100,10 +100,15 @@ class Side:
         finally:
             outlet.close()
 
+    def deafen(self) -> None:
+        """Listen no more, after the links have got what came."""
+        inlet, self._inlet = self._inlet, None
+        if inlet is not None:
+            inlet.close()
+
     def close(self) -> None:
         """End it; no link brings frames any more."""
-        if self._inlet is not None:
-            self._inlet.close()
+        self.deafen()
         for outlet in self._outlets.values():
             outlet.close()
         self._outlets.clear()

@@ -8,6 +8,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.links.loop import READ, WRITE
+from riot_bus_mavlink.links.names import look_up, place_of
 from riot_bus_mavlink.links.stream import Stream
 from riot_bus_mavlink.links.udp import cannot_listen, reason
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import Host
     from riot_bus_mavlink.links.loop import Timer
+    from riot_bus_mavlink.links.names import Place
 
 __all__ = ["TcpClient", "TcpServer"]
 
@@ -47,7 +49,7 @@ class TcpServer:
         self._host = host
         self._streams: list[Stream] = []
         try:
-            family, _, _, _, address = socket.getaddrinfo(spec.host, spec.port, type=socket.SOCK_STREAM)[0]
+            family, address = place_of(spec.host, spec.port, socket.SOCK_STREAM)
             self._listener = socket.create_server(address[:2], family=family)
         except OSError as error:
             raise cannot_listen(spec, error) from error
@@ -105,7 +107,8 @@ class TcpClient:
         self._trying: socket.socket | None = None
         self._told = ""
         self._timer: Timer | None = None
-        self._connect()
+        self._closed = False
+        self._look_up()
 
     @property
     def where(self) -> str:
@@ -123,15 +126,29 @@ class TcpClient:
 
     def close(self) -> None:
         """Close it."""
+        self._closed = True
         if self._timer is not None:
             self._timer.cancel()
         self._give_up()
         if self._stream is not None:
             self._stream.close()
 
-    def _connect(self) -> None:
+    def _look_up(self) -> None:
+        spec = self.spec
+        look_up(
+            self._host.loop,
+            spec.host,
+            spec.port,
+            socket.SOCK_STREAM,
+            found=self._connect,
+            failed=lambda error: self._again(reason(error)),
+        )
+
+    def _connect(self, place: Place) -> None:
+        if self._closed:
+            return
+        family, address = place
         try:
-            family, _, _, _, address = socket.getaddrinfo(self.spec.host, self.spec.port, type=socket.SOCK_STREAM)[0]
             made = self._trying = socket.socket(family, socket.SOCK_STREAM)
             made.settimeout(0)
             code = made.connect_ex(address)
@@ -168,10 +185,12 @@ class TcpClient:
         if self._timer is not None:
             self._timer.cancel()
         self._give_up()
+        if self._closed:
+            return
         if why != self._told:
             self._told = why
             self._host.warn(self.spec, f"{why}; it is tried again")
-        self._timer = self._host.loop.later(_RETRY_S, self._connect)
+        self._timer = self._host.loop.later(_RETRY_S, self._look_up)
 
     def _give_up(self) -> None:
         if self._trying is not None:

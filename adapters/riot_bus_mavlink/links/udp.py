@@ -10,10 +10,13 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import EnvironmentFaultError
+from riot_bus_mavlink.links.names import look_up, place_of
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End, Host
+    from riot_bus_mavlink.links.loop import Timer
+    from riot_bus_mavlink.links.names import Place
 
 __all__ = ["UdpClient", "UdpServer"]
 
@@ -83,7 +86,7 @@ class UdpServer(_UdpLink):
         self._ends: dict[Any, End] = {}
         self._heard: dict[Any, float] = {}
         try:
-            family, address = _resolve(spec)
+            family, address = place_of(spec.host, spec.port, socket.SOCK_DGRAM)
             made = self._open(family, address)
         except OSError as error:
             raise cannot_listen(spec, error) from error
@@ -161,7 +164,9 @@ class UdpClient(_UdpLink):
         self._target: tuple[Any, ...] = ()
         self._many = False
         self._answering: tuple[tuple[Any, ...], float] | None = None
-        self._timer = None if self._try() else host.loop.later(_RETRY_S, self._retry)
+        self._timer: Timer | None = None
+        self._closed = False
+        self._look_up()
 
     @property
     def where(self) -> str:
@@ -175,6 +180,7 @@ class UdpClient(_UdpLink):
 
     def close(self) -> None:
         """Close it."""
+        self._closed = True
         if self._timer is not None:
             self._timer.cancel()
         super().close()
@@ -182,20 +188,27 @@ class UdpClient(_UdpLink):
             self._host.leave(self._end)
             self._end = None
 
-    def _try(self) -> bool:
+    def _look_up(self) -> None:
+        spec = self.spec
+        look_up(self._host.loop, spec.host, spec.port, socket.SOCK_DGRAM, found=self._begin, failed=self._again)
+
+    def _begin(self, place: Place) -> None:
+        if self._closed:
+            return
+        family, self._target = place
         try:
-            family, self._target = _resolve(self.spec)
             made = self._open(family, None)
         except OSError as error:
-            self._host.warn(self.spec, f"{reason(error)}; it is tried again")
-            return False
+            self._again(error)
+            return
         self._many = _of_many(self._target[0])
         self._end = self._host.join(self.spec, _text(self._target), self._put)
         self._host.loop.watch(made.fileno(), self._read)
-        return True
 
-    def _retry(self) -> None:
-        self._timer = None if self._try() else self._host.loop.later(_RETRY_S, self._retry)
+    def _again(self, error: OSError) -> None:
+        if not self._closed:
+            self._host.warn(self.spec, f"{reason(error)}; it is tried again")
+            self._timer = self._host.loop.later(_RETRY_S, self._look_up)
 
     def _put(self, data: bytes) -> bool:
         answering = self._answering
@@ -228,11 +241,6 @@ def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
 def reason(error: OSError) -> str:
     """Return what the system says, as text."""
     return error.strerror or str(error)
-
-
-def _resolve(spec: LinkSpec) -> tuple[int, tuple[Any, ...]]:
-    family, _, _, _, address = socket.getaddrinfo(spec.host, spec.port, type=socket.SOCK_DGRAM)[0]
-    return family, address
 
 
 def _of_many(host: Any) -> bool:

@@ -1,7 +1,7 @@
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.errors import PayloadError
@@ -42,6 +42,7 @@ def test_what_the_header_says():
     assert not checksum_fits(old, 0)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(1, 60), max_size=30), st.randoms(use_true_random=False))
 def test_however_a_stream_is_split(sizes, draw):
     frames = [draw.choice([heartbeat(n), heartbeat(n, 1), unknown(n + 1)]) for n in range(12)]
@@ -56,6 +57,7 @@ def test_however_a_stream_is_split(sizes, draw):
     assert (one.counts.junk_bytes, one.counts.bad_crc, one.pending) == (0, 0, 0)
 
 
+@settings(deadline=None)
 @given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(n, v) for n in range(9) for v in (1, 2)])))
 def test_frames_in_junk(parts):
     one = framer()

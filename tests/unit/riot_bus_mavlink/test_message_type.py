@@ -1,12 +1,14 @@
 import math
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.errors import PayloadError
 from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
+from riot_bus.types.bulk import BulkType, Payloads, gather
 from riot_bus.types.exceptional import Exceptions, Guarded
 from riot_bus.types.fields import Described
 from riot_bus.types.model import Leaf
@@ -92,6 +94,26 @@ def test_any_payload_under_a_right_checksum(data):
         assert all(same_leaf(*pair) for pair in pairs if pair[0].path != leaf.path)
         assert Framer(ALL.crc_extra).feed(changed)[0].raw == changed
         one.exceptional(raw, leaf.path)
+
+
+def test_columns_have_the_type_of_their_field():
+    one = kind("BATTERY_STATUS")
+    first, old = TestArraysAndExtensions.payloads
+    frames = [first, old, b"junk", frame("BATTERY_STATUS", bytes(54))]
+    sizes = np.array([len(each) for each in frames])
+    many = Payloads(b"".join(frames), np.cumsum(sizes) - sizes, sizes)
+    for path, dtype in (("voltages[1]", "uint16"), ("header.system_id", "uint8"), ("len(voltages)", "uint32")):
+        found = gather(one, many, path)
+        assert (found.values.dtype, found.valid.tolist()) == (dtype, [True, True, False, True])
+        assert found.values[[0, 1, 3]].tolist() == [one.read(each, path) for each in frames if each != b"junk"]
+    assert gather(one, many, "mode").valid.tolist() == [True, False, False, True]
+    angle = gather(kind("ATTITUDE"), Payloads(ATTITUDE, np.zeros(1, int), np.array([len(ATTITUDE)])), "roll")
+    assert (angle.values.dtype, angle.values.tolist()) == ("float32", [struct.unpack("f", struct.pack("f", 0.1))[0]])
+    text = gather(kind("STATUSTEXT"), Payloads(b"x", np.array([0]), np.array([1])), "text")
+    assert (text.values.tolist(), text.valid.tolist()) == ([None], [False])
+    with pytest.raises(PayloadError):
+        gather(one, many, "nothing")
+    assert isinstance(one, BulkType)
 
 
 def test_protocols():

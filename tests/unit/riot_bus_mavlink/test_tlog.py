@@ -1,6 +1,6 @@
 import io
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import mavutil
 
@@ -38,6 +38,7 @@ def read(data, *sizes):
     return found, counts
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(1, 100), max_size=20))
 def test_what_was_written_is_read(sizes):
     wanted = [(time, raw) for time, raw in records()]
@@ -46,6 +47,7 @@ def test_what_was_written_is_read(sizes):
     assert (counts.bad_crc, counts.junk_bytes, counts.unknown) == (0, 0, 3)
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_damage_costs_little(data):
     wanted = [(START + n * 1_000_000, frame(n)) for n in range(12)]

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import app
+from riot_bus.cli.main import make_app
 
 UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-agent.service"
 
 
 def test_its_variables_and_options_exist() -> None:
     text = UNIT.read_text()
-    told = CliRunner().invoke(app, ["agent", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
+    told = CliRunner().invoke(make_app(), ["agent", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
     variables = set(re.findall(r"\bRIOT_\w+", text))
     assert variables == {"RIOT_ROBOT", "RIOT_ENDPOINT", "RIOT_FLEET", "RIOT_AGENT_LOGS", "RIOT_AGENT_CATALOGUE"}
     options = set(re.findall(r"--[a-z][a-z-]+", text)) - {"--now"}

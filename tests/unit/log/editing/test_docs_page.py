@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import app
+from riot_bus.cli.main import make_app
 from riot_bus.errors import RiotError
 from riot_bus.log.reader import read_log
 from riot_bus.log.rosbag2 import files_of
@@ -49,7 +49,7 @@ def test_there_are_commands():
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_the_command_works(folder, command):
-    result = CliRunner().invoke(app, command[1:])
+    result = CliRunner().invoke(make_app(), command[1:])
     assert not isinstance(result.exception, RiotError), result.exception
     assert result.exit_code == 0, result.output
     words = [word for word in command if not word.startswith("-")]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import app
+from riot_bus.cli.main import make_app
 from riot_bus_mavlink.bridge.options import BridgeOptions
 
 UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-bridge-mavlink@.service"
@@ -16,7 +16,9 @@ UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-bridge-mavlink@.se
 
 def test_its_options_and_links_are_good():
     text = UNIT.read_text()
-    told = CliRunner().invoke(app, ["bridge", "mavlink", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
+    told = (
+        CliRunner().invoke(make_app(), ["bridge", "mavlink", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
+    )
     options = set(re.findall(r"--[a-z][a-z-]+", text)) - {"--now"}
     assert options == {"--segment", "--link"}
     assert [each for each in options if each not in told] == []

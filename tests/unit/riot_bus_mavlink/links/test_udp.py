@@ -111,6 +111,14 @@ def test_a_name_that_is_not_known_is_tried_again() -> None:
         assert host.ends == []
 
 
+def test_names_are_looked_up() -> None:
+    with KeepingHost() as host, udp_socket() as server:
+        host.open(f"udpout:localhost:{server.getsockname()[1]}")
+        assert host.wait(lambda: len(host.ends) == 1)
+        host.ends[0].send(FRAME)
+        assert host.ends[0].out == 1
+
+
 def test_a_port_in_use_is_an_error() -> None:
     with KeepingHost() as host, udp_socket() as taken, pytest.raises(EnvironmentFaultError, match="cannot listen"):
         host.open(f"udpin:127.0.0.1:{taken.getsockname()[1]}")

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from riot_bus.cli.main import app
+from riot_bus.cli.main import make_app
 
 UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-bridge-ros2@.service"
 
 
 def test_its_variables_and_options_exist():
     text = UNIT.read_text()
-    told = CliRunner().invoke(app, ["bridge", "ros2", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
+    told = CliRunner().invoke(make_app(), ["bridge", "ros2", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
     assert set(re.findall(r"\bRIOT_\w+", text)) == {"RIOT_ROS_SETUP"}
     options = set(re.findall(r"--[a-z][a-z-]+", text)) - {"--now"}
     assert options == {"--domain", "--endpoint"}

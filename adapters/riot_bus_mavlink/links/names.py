@@ -1,0 +1,66 @@
+"""Addresses of hosts; names are looked up on a thread of their own, since that may take long."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus_mavlink.links.loop import Loop
+
+__all__ = ["Place", "look_up", "place_of"]
+
+Place = tuple[int, tuple[Any, ...]]
+"""Address family and address."""
+
+
+def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
+    """Return where a host is; waits for its name to be looked up.
+
+    Args:
+        host: Name or address.
+        port: Of it.
+        kind: `SOCK_DGRAM` or `SOCK_STREAM`.
+        flags: Of `getaddrinfo`.
+
+    Raises:
+        OSError: It is not known.
+    """
+    family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=flags)[0]
+    return family, address
+
+
+def look_up(
+    loop: Loop, host: str, port: int, kind: int, *, found: Callable[[Place], None], failed: Callable[[OSError], None]
+) -> None:
+    """Tell where a host is: at once if it is an address, else later, on the loop's thread.
+
+    Args:
+        loop: Whose thread must not wait.
+        host: Name or address.
+        port: Of it.
+        kind: `SOCK_DGRAM` or `SOCK_STREAM`.
+        found: Called with the place.
+        failed: Called if it is not known.
+    """
+    try:
+        place = place_of(host, port, kind, flags=socket.AI_NUMERICHOST)
+    except OSError:
+        pass
+    else:
+        found(place)
+        return
+
+    def ask() -> None:
+        try:
+            place = place_of(host, port, kind)
+        except OSError as error:
+            reason = error  # the name `error` ends with this block
+            loop.later(0.0, lambda: failed(reason))
+        else:
+            loop.later(0.0, lambda: found(place))
+
+    threading.Thread(target=ask, name="mavlink-name", daemon=True).start()

@@ -1,0 +1,127 @@
+"""The segments of a bus and the junction between them, which may be opened before the rest of the bus is there."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
+from riot_bus.bus.junction import Junction
+from riot_bus.bus.runtime import prepare_runtime
+from riot_bus.bus.segments import Segment, is_open_to_all
+from riot_bus.bus.settings import SegmentSettings
+from riot_bus.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import zenoh
+
+__all__ = ["Network"]
+
+_SHARED_MEMORY = "transport/shared_memory/enabled"
+_INNER = 3
+
+
+class Network:
+    """Segments that are isolated until a junction joins them; a context manager.
+
+    Args:
+        segments: By name, each segment's settings, or just the endpoints to listen on; none means a free port of this
+            machine.
+        config: Further Zenoh configuration of every segment.
+        wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
+        timeout: Seconds within which segments must be joined.
+
+    Attributes:
+        settings: Of each segment.
+        segments: By name, as soon as they are open.
+        junction: None if there is only one segment, and before it is open.
+    """
+
+    def __init__(
+        self,
+        segments: Mapping[str, SegmentSettings | Sequence[str]],
+        *,
+        config: Mapping[str, Any] | None = None,
+        wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
+        timeout: float = 10.0,
+    ) -> None:
+        if not segments:
+            raise ConfigError("a bus needs at least one segment", hint="such as unit=tcp/127.0.0.1:7447")
+        self.settings = {
+            name: each if isinstance(each, SegmentSettings) else SegmentSettings(listen=tuple(each))
+            for name, each in segments.items()
+        }
+        self.segments: dict[str, Segment] = {}
+        self.junction: Junction | None = None
+        self.wait_before_close_s = wait_before_close_s
+        self._config = dict(config or {})
+        self._timeout = timeout
+        self._open = False
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def open(self) -> Self:
+        """Open the segments, unless they are open.
+
+        Raises:
+            ConfigError: Zenoh refuses a configuration.
+            EnvironmentFaultError: An endpoint is in use.
+        """
+        if self._open:
+            return self
+        prepare_runtime(len(self.settings))
+        with ExitStack() as stack:
+            configs = {name: {**self._config, **each.config} for name, each in self.settings.items()}
+            closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]
+            inner = _sockets(stack) if len(self.settings) > 1 and closed else []
+            for name, each in self.settings.items():
+                segment = Segment(
+                    name,
+                    each.listen,
+                    connect=each.connect,
+                    inner=inner if name in closed else (),
+                    config=configs[name],
+                    wait_before_close_s=self.wait_before_close_s,
+                )
+                stack.callback(segment.close)
+                self.segments[name] = segment
+            if len(self.segments) > 1:
+                # Without it in the junction's configuration, too, shared memory would end there.
+                shared = any(config.get(_SHARED_MEMORY) for config in configs.values())
+                self.junction = Junction(
+                    list(self.segments.values()),
+                    inner=inner,
+                    config={_SHARED_MEMORY: True} if shared else {},
+                    wait_before_close_s=self.wait_before_close_s,
+                    timeout=self._timeout,
+                )
+                stack.callback(self.junction.close)
+            self._stack, self._open = stack.pop_all(), True
+        return self
+
+    def close(self) -> None:
+        """Separate the segments and disconnect everybody; safe to call twice."""
+        self._open = False
+        self._stack.close()
+
+    @property
+    def sessions(self) -> dict[str, zenoh.Session]:
+        """The segments' own sessions."""
+        return {name: segment.session for name, segment in self.segments.items()}
+
+
+def _sockets(stack: ExitStack) -> list[str]:
+    """Return endpoints to which only this user can connect."""
+    folder = Path(tempfile.mkdtemp(prefix="riot-"))
+    stack.callback(shutil.rmtree, folder, ignore_errors=True)
+    return [f"unixsock-stream/{folder}/{number}" for number in range(_INNER)]
