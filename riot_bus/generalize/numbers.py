@@ -85,6 +85,8 @@ def _log(value: Number) -> float:
 def _simplest(low: Number, high: Number, integer: bool) -> Number:  # noqa: FBT001 - keeps the cache keys of 1 and 1.0 apart
     if low <= 0 <= high:
         return 0 if integer else 0.0
+    if low == high:  # may be infinite
+        return low
     if high < 0:
         return -_simplest(-high, -low, integer)
     high = top = high if integer else min(high, sys.float_info.max)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -43,7 +44,8 @@ def concrete(candidate: Candidate) -> Literal:
     nearer, further = step(inside, -1 if up else 1), step(outside, 1 if up else -1)
     strict = simplest(*sorted((outside, nearer)))
     equal = simplest(*sorted((further, inside)))
-    if number_bits(equal) + 1.0 < number_bits(strict):
+    shorter = number_bits(equal) + 1.0 < number_bits(strict) and math.isfinite(equal)
+    if shorter or not math.isfinite(strict):
         return Literal(candidate.feature, operator + "=", equal)
     return Literal(candidate.feature, operator, strict)
 

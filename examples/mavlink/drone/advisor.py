@@ -36,7 +36,8 @@ def main() -> None:
     with Session(options.zenoh) as session:
         clearances = session.publisher(CLEARANCE)
         channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL)
-        for sample in session.session.declare_subscriber(FIX, channel):
+        fixes = session.session.declare_subscriber(FIX, channel)
+        for sample in fixes:
             try:
                 place = read_fix(sample.payload.to_bytes())
             except ValueError:

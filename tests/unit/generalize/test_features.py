@@ -1,4 +1,6 @@
 import math
+import sys
+from operator import ge, gt, le, lt
 
 import numpy as np
 import pytest
@@ -7,8 +9,10 @@ from riot_bus.errors import ConfigError
 from riot_bus.generalize.features import FEATURE_KINDS, Feature, features_of, numeric
 from riot_bus.generalize.margins import boundary_distance
 from riot_bus.generalize.numbers import between, number_bits, number_text, simplest, step
+from riot_bus.generalize.table import Candidate, concrete
 
 MIN64, MAX64 = -(2**63), 2**63 - 1
+LARGEST = sys.float_info.max
 
 
 def test_products_of_64_bit_integers_do_not_wrap() -> None:
@@ -97,6 +101,8 @@ def test_features_of_types() -> None:
         (0.9999, 1.0001, 1.0),
         (17, 17, 17),
         (5.0, math.inf, 8.0),
+        (math.inf, math.inf, math.inf),
+        (-math.inf, -math.inf, -math.inf),
     ],
 )
 def test_simplest(low: float, high: float, value: float) -> None:
@@ -131,3 +137,17 @@ def test_distance_to_the_hyperbola() -> None:
     near = boundary_distance("mul", [np.array([0.0, 99.0]), np.array([0.0, 99.0])], [1.0, 1.0], 10000.0)
     assert 100 < near[0] < 200
     assert 0 < near[1] < 1.5
+
+
+@pytest.mark.parametrize(
+    ("operator", "outside", "inside"),
+    [("<", math.inf, 1e308), ("<", math.inf, LARGEST), (">", LARGEST, math.inf), (">", -math.inf, -LARGEST)],
+)
+def test_thresholds_beside_infinity_are_finite(operator: str, outside: float, inside: float) -> None:
+    feature = features_of({"x": "float64"})[0]
+    literal = concrete(Candidate(feature, operator, 1.0, outside, inside))
+    assert isinstance(literal.value, float)
+    assert math.isfinite(literal.value)
+    compare = {"<": lt, "<=": le, ">": gt, ">=": ge}[literal.operator]
+    assert compare(inside, literal.value)
+    assert not compare(outside, literal.value)
