@@ -110,7 +110,7 @@ class Station:
             yield self._command(mavlink.MAV_CMD_MISSION_START)
 
     def _accepted(self, command: int) -> bool:
-        return self.acknowledged.get(command) == mavlink.MAV_RESULT_ACCEPTED
+        return bool(self.acknowledged.get(command) == mavlink.MAV_RESULT_ACCEPTED)
 
     def _command(self, command: int, *values: float) -> Message:
         assert self.vehicle is not None

@@ -1,0 +1,49 @@
+"""A component that never stands still is ready and settled when it is as busy as without input."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from riot_bus.sut.context import open_system
+from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.stage import Stage
+
+pytestmark = pytest.mark.integration
+
+TICKER = """
+import json, sys, time
+import zenoh
+
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+subscriber = session.declare_subscriber("ask", lambda sample: None)
+while True:
+    time.sleep(float(sys.argv[2]))
+"""
+SYSTEM = """
+[components.part]
+command = ["{python}", "ticker.py", "{endpoint}", "PERIOD"]
+inputs = ["ask"]
+ready = { timeout = 60 }
+"""
+
+
+@pytest.mark.parametrize(("period", "restless"), [("0.005", True), ("3600", False)])
+def test_timers_are_told_from_work(tmp_path: Path, period: str, *, restless: bool) -> None:
+    (tmp_path / "ticker.py").write_text(TICKER)
+    path = tmp_path / "riot.toml"
+    path.write_text(SYSTEM.replace("PERIOD", period))
+    context = open_system(path)
+    with Launcher() as launcher, Stage(context, launcher, tmp_path, segments=["system"]) as stage:
+        stage.start("part", seed=0)
+        begin = time.monotonic()
+        stage.wait_ready(["part"])
+        assert time.monotonic() - begin < 50
+        assert (stage.idle_rate > 50) is restless
+        assert stage.settle(["part"], window=0.03, timeout=20.0, idle_rate=stage.idle_rate)
+        assert stage.settle(["part"], window=0.03, timeout=1.0) is not restless
