@@ -139,9 +139,15 @@ class Way:
         deadline = time.monotonic() + TIMEOUT_S
         while time.monotonic() < deadline:
             self.flood(frames(1)[:1] * 64, patience=0.5)
-            if self.flood(frames(1) * 2000, patience=1.0)[1] == 2000:
+            if self.flood(frames(1) * 2000, patience=1.0)[1] >= 2000:
+                self.drain()
                 return
         raise TimeoutError(f"{self.name}: frames do not arrive")
+
+    def drain(self) -> None:
+        """Wait until nothing comes any more."""
+        while select.select([self.back], [], [], 0.3)[0]:
+            self.back.recv(300)
 
     def flood(self, raws: list[bytes], *, patience: float = 5.0) -> tuple[float, int, float]:
         """Send frames, so many under way; return frames/s, how many came, and processor seconds of what is between."""
@@ -230,6 +236,7 @@ def measure(*, rounds: int, count: int, rate: float, seconds: float, folder: Pat
         for name in WAYS:
             with Way(name, folder) as way:
                 per_second, came, used = way.flood(flood)
+                way.drain()
                 delays = sorted(way.delays(steady, rate=rate))
             result = found[name]
             result["rate"].append(per_second)
