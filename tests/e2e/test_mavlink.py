@@ -54,8 +54,8 @@ def test_a_fault_behind_ros_2_comes_from_mavlink(riot, tmp_path: Path) -> None:
     assert "advisor.py" in FindingRecord.load(folder).signature
     assert len(MinimalRecord.load(folder).kept) == 1
     fields = {field.name for field in FieldsRecord.load(folder).fields}
-    assert fields
-    assert fields <= {"/drone/fix:latitude", "/drone/fix:longitude"}
+    assert fields & {"/drone/fix:latitude", "/drone/fix:longitude"}
+    assert fields <= {"/drone/fix:latitude", "/drone/fix:longitude", "/drone/fix:altitude"}
     rule = RuleRecord.load(folder)
     assert rule.balanced_accuracy >= 0.95
     assert {LAT, LON} & set(PermeabilityRecord.load(folder).permeable)
