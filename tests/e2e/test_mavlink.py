@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ SYSTEMS = ROOT / "tests/systems"
 LAT, LON = "mavlink_raw/air/1/1/GLOBAL_POSITION_INT:lat", "mavlink_raw/air/1/1/GLOBAL_POSITION_INT:lon"
 
 
+@pytest.mark.skipif("RIOT_LONG_TESTS" not in os.environ, reason="a campaign of ten minutes: set RIOT_LONG_TESTS=1")
 def test_mavproxy_has_faults(riot, tmp_path: Path, mavlink_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_MAVLINK_PYTHON", str(mavlink_python))
     system = SYSTEMS / "mavproxy/riot.toml"
