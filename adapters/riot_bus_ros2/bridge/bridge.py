@@ -103,17 +103,18 @@ class Ros2Bridge:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self._node.close)
-            self._node_says = self._node.start()
-            stack.callback(self._close_routes)
-            stack.callback(self._announcer.close)
             options = self._options
             for watched, take in (
                 (f"@ros2_lv/{options.zenoh_domain}/**", self._see_token),
                 (f"{_TOKENS}/{options.zenoh_domain}/*/*/*", self._see_bridge),
             ):
                 stack.callback(self._port.watch(watched, take).close)
+            # Before the node starts, which takes its time: whoever has a later name has to see this in time.
             mine = Rival(options.domain, self._port.zid, self.name)
             stack.callback(self._port.announce(f"{_TOKENS}/{options.zenoh_domain}/{mine.token()}").close)
+            self._node_says = self._node.start()
+            stack.callback(self._close_routes)
+            stack.callback(self._announcer.close)
             self._began = time.monotonic()
             self._thread.start()
             stack.callback(self._finish)
