@@ -13,7 +13,7 @@ def trim_heap() -> None:
     """Give back what the C library keeps of freed memory; does nothing where it is not glibc.
 
     Zenoh's threads allocate in up to eight heaps per core. Of each, glibc keeps what lies below anything that is still
-    in use, so the memory of a router with many short-lived keys would grow for a long time.
+    in use: more than half of them, in a router with many short-lived keys.
     """
     trim = _malloc_trim()
     if trim is not None:
