@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.tomltext import toml_comment, toml_string
 from riot_bus_mavlink.keys import KeyTemplate
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
     """
     topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
     head = [
-        f"# Written by `riot init`: {_plain(origin)}.",
+        f"# Written by `riot init`: {toml_comment(origin)}.",
         "# What links cannot tell is marked with FILL IN. All keys: docs/riot-toml.md; links: docs/mavlink.md.",
         "",
         "[system]",
@@ -172,7 +173,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
 def _outside(part: Part) -> list[str]:
     return [
         f"[components.{part.name}]",
-        f"# Heard there: {_plain(', '.join(part.who))}.",
+        f"# Heard there: {toml_comment(', '.join(part.who))}.",
         "# FILL IN: a real vehicle does not begin anew for each run; a simulator can be started behind `--`.",
         *_command("--link", f"/{part.name}={part.url}"),
         f'segment = "{OUTSIDE}"',
@@ -182,7 +183,7 @@ def _outside(part: Part) -> list[str]:
 
 
 def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
-    who = _plain(", ".join(unit.who)) or "it was not heard"
+    who = toml_comment(", ".join(unit.who)) or "it was not heard"
     return [
         f"[components.{unit.name}]",
         f"# What is tested: {who}. FILL IN: the program, which has a bridge of its own.",
@@ -195,32 +196,16 @@ def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
 
 def _command(*words: str) -> list[str]:
     start = ("{python}", "-m", "riot_bus", "bridge", "mavlink", "--endpoint", "{endpoint}")
-    lines = [", ".join(map(_text, each)) for each in (start, words)]
+    lines = [", ".join(map(toml_string, each)) for each in (start, words)]
     return ["command = [", *(f"    {line}," for line in lines), "]"]
 
 
 def _topics(name: str, topics: dict[str, Any]) -> list[str]:
     if not topics:
         return [f"{name} = []"]
-    width = max(len(_text(key)) for key in topics) + 1
+    width = max(len(toml_string(key)) for key in topics) + 1
     rows = [
-        f"    {_text(key) + ',':{width}}" + ("" if rate is None else f"   # {rate:.3g}/s")
+        f"    {toml_string(key) + ',':{width}}" + ("" if rate is None else f"   # {rate:.3g}/s")
         for key, rate in topics.items()
     ]
     return [f"{name} = [", *(row.rstrip() for row in rows), "]"]
-
-
-def _text(value: str) -> str:
-    """Return a TOML string."""
-    return '"' + "".join(_escaped(each) for each in value) + '"'
-
-
-def _escaped(letter: str) -> str:
-    if letter in '"\\':
-        return "\\" + letter
-    return letter if letter.isprintable() else f"\\U{ord(letter):08x}"
-
-
-def _plain(text: str) -> str:
-    """Return text that stays within its comment."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in text)

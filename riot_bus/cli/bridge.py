@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from riot_bus.cli.ctl import Cfg
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.router import SystemFile
 
 if TYPE_CHECKING:
     from riot_bus.bus.bridge.program import Program
@@ -44,22 +46,11 @@ def ros2(
         str | None,
         typer.Option("--segment", metavar="NAME", help="Segment of riot.toml, or of a router without one."),
     ] = None,
-    system: Annotated[
-        Path | None,
-        typer.Option(
-            "--system",
-            "-s",
-            metavar="FILE",
-            envvar="RIOT_SYSTEM",
-            help="System file. [default: riot.toml, if it exists]",
-        ),
-    ] = None,
+    system: SystemFile = None,
     endpoint: Annotated[
         str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where it listens, instead of its name.")
     ] = None,
-    cfg: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the client; repeatable.")
-    ] = None,
+    cfg: Cfg = None,
     topics: Annotated[
         Names,
         typer.Option(
@@ -154,22 +145,11 @@ def mavlink(
             help="Segment of riot.toml, or of a router without one, or where it listens; repeatable.",
         ),
     ] = None,
-    system: Annotated[
-        Path | None,
-        typer.Option(
-            "--system",
-            "-s",
-            metavar="FILE",
-            envvar="RIOT_SYSTEM",
-            help="System file. [default: riot.toml, if it exists]",
-        ),
-    ] = None,
+    system: SystemFile = None,
     endpoint: Annotated[
         str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the only segment listens.")
     ] = None,
-    cfg: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the client; repeatable.")
-    ] = None,
+    cfg: Cfg = None,
     dialect: Annotated[
         str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
     ] = None,

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.environment import environment
+from riot_bus.tomltext import toml_comment, toml_string
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -56,7 +57,7 @@ def _testable(part: Part, unit: str | None) -> bool:
 
 def _head(found: Sketch, origin: str) -> str:
     lines = [
-        f"# Written by `riot init`: {_plain(origin)}.",
+        f"# Written by `riot init`: {toml_comment(origin)}.",
         "# What a network cannot tell is marked with FILL IN. All keys: docs/riot-toml.md.",
         "",
         "[system]",
@@ -68,13 +69,15 @@ def _head(found: Sketch, origin: str) -> str:
         lines.append('adapters = ["ros2dds"]')
     if found.unknown:
         lines.append("# FILL IN: no definition of these types was found, so their fields are unknown:")
-        lines += [f"#   {_plain(name)}" for name in found.unknown]
+        lines += [f"#   {toml_comment(name)}" for name in found.unknown]
         lines.append('# messages = ["my_msgs/msg/Name.msg"]')
     types = {used.topic: used.type_name for part in found.parts for used in (*part.inputs, *part.outputs)}
     if found.bridged and types:
         lines += ["", "[system.types]"]
         lines += [
-            f"{_text(topic)} = {_text(name)}" for topic, name in sorted(types.items()) if name not in found.unknown
+            f"{toml_string(topic)} = {toml_string(name)}"
+            for topic, name in sorted(types.items())
+            if name not in found.unknown
         ]
     return "\n".join(lines)
 
@@ -82,7 +85,7 @@ def _head(found: Sketch, origin: str) -> str:
 def _component(part: Part, *, bridged: bool) -> str:
     lines = [f"[components.{part.name}]"]
     if len(part.nodes) > 1:
-        lines.append(f"# One process with several nodes: {_plain(', '.join(part.nodes))}.")
+        lines.append(f"# One process with several nodes: {toml_comment(', '.join(part.nodes))}.")
     if not part.nodes:
         lines.append("# A bridge to DDS: FILL IN a command that starts it, and the ROS nodes behind it.")
     if part.started is not None:
@@ -90,7 +93,7 @@ def _component(part: Part, *, bridged: bool) -> str:
             f"# As process {part.started.pid} was started. FILL IN what has to be different when riot starts it."
         )
         lines.append(f"command = {_list(part.started.command)}")
-        lines.append(f"cwd = {_text(part.started.cwd)}")
+        lines.append(f"cwd = {toml_string(part.started.cwd)}")
     elif not part.nodes:
         lines.append(f"command = {_list(PROGRAM)}")
     else:
@@ -98,16 +101,16 @@ def _component(part: Part, *, bridged: bool) -> str:
         lines.append(f"command = {_list((*PROGRAM, *_remaps(part)))}")
     if part.nodes:
         settings = environment(["{endpoint}"], "rmw_zenoh")
-        inside = ", ".join(f"{name} = {_text(value)}" for name, value in settings.items())
+        inside = ", ".join(f"{name} = {toml_string(value)}" for name, value in settings.items())
         lines.append(f"env = {{ {inside} }}")
     lines.append(f'segment = "{_segment(part)}"')
     if part.external:
-        lines.append(f"external = true   # {_plain(part.external)}; put it {INSIDE} if that is wrong")
+        lines.append(f"external = true   # {toml_comment(part.external)}; put it {INSIDE} if that is wrong")
     lines += _topics("inputs", part.inputs)
     lines += _topics("outputs", part.outputs)
     for what, names in (("Services", part.services), ("Actions", part.actions)):
         if names:
-            lines.append(f"# {what}, which are not tested: {_plain(', '.join(names))}.")
+            lines.append(f"# {what}, which are not tested: {toml_comment(', '.join(names))}.")
     return "\n".join(lines)
 
 
@@ -120,11 +123,11 @@ def _remaps(part: Part) -> list[str]:
 
 
 def _topics(key: str, used: Iterable[Used]) -> list[str]:
-    rows = [(f"    {_text(each.topic)},", ", ".join(filter(None, (each.type_name, each.qos)))) for each in used]
+    rows = [(f"    {toml_string(each.topic)},", ", ".join(filter(None, (each.type_name, each.qos)))) for each in used]
     if not rows:
         return []
     width = max(len(row[0]) for row in rows)
-    return [f"{key} = [", *(f"{row[0]:{width}}   # {_plain(row[1])}" if row[1] else row[0] for row in rows), "]"]
+    return [f"{key} = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" if row[1] else row[0] for row in rows), "]"]
 
 
 def _external(found: Sketch) -> str:
@@ -147,9 +150,9 @@ def _external(found: Sketch) -> str:
 
 
 def _reasons(external: Any) -> list[str]:
-    rows = [(f"    {_text(topic)},", why) for topic, why in external.items()]
+    rows = [(f"    {toml_string(topic)},", why) for topic, why in external.items()]
     width = max(len(row[0]) for row in rows)
-    return ["topics = [", *(f"{row[0]:{width}}   # {_plain(row[1])}" for row in rows), "]"]
+    return ["topics = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" for row in rows), "]"]
 
 
 def _unit(part: Part) -> str:
@@ -166,20 +169,4 @@ def _segment(part: Part) -> str:
 
 
 def _list(words: Iterable[str]) -> str:
-    return f"[{', '.join(map(_text, words))}]"
-
-
-def _text(value: str) -> str:
-    """Return a TOML string; names come from the network."""
-    return '"' + "".join(_escaped(each) for each in value) + '"'
-
-
-def _escaped(letter: str) -> str:
-    if letter in '"\\':
-        return "\\" + letter
-    return letter if letter.isprintable() else f"\\U{ord(letter):08x}"
-
-
-def _plain(text: str) -> str:
-    """Return text that stays within its comment."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in text)
+    return f"[{', '.join(map(toml_string, words))}]"
