@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +11,7 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.opcode import Opcode
 
+from riot_bus.log.checksum import crc32
 from riot_bus.log.layout import MAX_BLOCK
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _unpack_chunk(body: bytes, block: Block, limit: int) -> bytes:
         if block.cut:
             return b""
         raise ValueError(f"{compression} data: {error}") from error
-    if not block.cut and (len(data) != size or (checksum and zlib.crc32(data) != checksum)):
+    if not block.cut and (len(data) != size or (checksum and crc32(data) != checksum)):
         raise ValueError("checksum")
     return data
 

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["MESSAGE_BYTES", "Chunk", "ChunkBuilder", "Draft", "Row"]
+__all__ = ["LARGE", "MESSAGE_BYTES", "Buffer", "Chunk", "ChunkBuilder", "Draft", "Row"]
 
 MESSAGE_BYTES = 31
 """What a message takes besides its payload."""
+LARGE = 1 << 16
+"""Bytes of a payload that is looked at by itself."""
+Buffer = bytes | memoryview
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
@@ -42,6 +45,7 @@ class Chunk:
         indexes: Message index record of each channel.
         counts: Number of messages of each channel.
         definitions: Those of its records that define schemas and channels.
+        large: Payloads of at least `LARGE` bytes.
     """
 
     data: bytes | tuple[bytes, ...]
@@ -50,6 +54,7 @@ class Chunk:
     indexes: dict[int, bytes]
     counts: dict[int, int]
     definitions: bytes
+    large: tuple[Buffer, ...] = ()
 
 
 Row = tuple[int, int, int, int, bytes, dict[str, Any] | None]
@@ -101,6 +106,7 @@ class Draft(NamedTuple):
             {channel: _index_record(channel, entries[first:end].tobytes()) for channel, first, end in spans},
             {channel: end - first for channel, first, end in spans},
             definitions,
+            tuple(self.parts[2 * place + 1] for place in np.flatnonzero(lengths >= LARGE + MESSAGE_BYTES).tolist()),
         )
 
     def _chunk_of_few(self, definitions: bytes) -> Chunk:
@@ -116,7 +122,8 @@ class Draft(NamedTuple):
             position += 9 + length
         indexes = {channel: _index_record(channel, data) for channel, data in entries.items()}
         start, end = min(times, default=0), max(times, default=0)
-        return Chunk((definitions, *self.parts), start, end, indexes, dict(counts), definitions)
+        large = tuple(payload for payload in self.parts[1::2] if len(payload) >= LARGE)
+        return Chunk((definitions, *self.parts), start, end, indexes, dict(counts), definitions, large)
 
     def _pieces(self, cuts: list[int]) -> Iterator[bytes]:
         """Yield all messages in pieces: large enough to be few, and large payloads without a copy."""

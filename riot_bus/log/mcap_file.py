@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import os
 import struct
-import threading
-import zlib
-from collections.abc import Callable, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -31,103 +25,22 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.errors import ConfigError
+from riot_bus.log.checksum import crc32
+from riot_bus.log.packing import PackedChunk, check_compression, pieces_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.log.chunk import Chunk
 
-__all__ = ["COMPRESSIONS", "McapFile", "PackedChunk", "check_compression", "record_bytes"]
+__all__ = ["McapFile", "record_bytes"]
 
 _MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
 _MOST_PARTS = 1000  # of one call to pwritev
-
-_PER_THREAD = threading.local()
-
-
-def _zstd(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
-    try:
-        compressor = _PER_THREAD.zstd
-    except AttributeError:
-        compressor = _PER_THREAD.zstd = zstandard.ZstdCompressor(level=1)  # its buffers are used again
-    frame = compressor.compressobj(size=sum(map(len, pieces)))
-    return (*map(frame.compress, pieces), frame.flush())
-
-
-def _lz4(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
-    frame = lz4.frame.LZ4FrameCompressor()
-    return (frame.begin(sum(map(len, pieces))), *map(frame.compress, pieces), frame.flush())
-
-
-# In pieces: a chunk in one, and one more compressed, would be memory that the system gives and takes each time.
-COMPRESSIONS: dict[str, Callable[[Sequence[bytes]], tuple[bytes, ...]]] = {"zstd": _zstd, "lz4": _lz4, "none": tuple}
-
-
-@dataclass(frozen=True, slots=True)
-class PackedChunk:
-    """A chunk as it will stand in a file.
-
-    Attributes:
-        compression: One of `COMPRESSIONS`.
-        data: Its records, compressed, whole or in pieces.
-        size: Their bytes before that.
-        checksum: CRC of these.
-        start: Time of the earliest message, nanoseconds.
-        end: Time of the latest message.
-        indexes: Message index record of each channel.
-        counts: Number of messages of each channel.
-    """
-
-    compression: str
-    data: bytes | tuple[bytes, ...]
-    size: int
-    checksum: int
-    start: int
-    end: int
-    indexes: dict[int, bytes]
-    counts: dict[int, int]
-
-    @classmethod
-    def of(cls, chunk: Chunk, compression: str) -> PackedChunk:
-        """Compress a chunk."""
-        pieces = _pieces(chunk.data)
-        checksum = 0
-        for piece in pieces:
-            checksum = zlib.crc32(piece, checksum)
-        return cls(
-            compression,
-            COMPRESSIONS[compression](pieces),
-            sum(map(len, pieces)),
-            checksum,
-            chunk.start,
-            chunk.end,
-            chunk.indexes,
-            chunk.counts,
-        )
-
-    @property
-    def weight(self) -> int:
-        """Bytes in memory, about."""
-        return self.length + sum(map(len, self.indexes.values()))
-
-    @property
-    def length(self) -> int:
-        """Bytes of the compressed records."""
-        return sum(map(len, _pieces(self.data)))
-
-
-def _pieces(data: bytes | tuple[bytes, ...]) -> tuple[bytes, ...]:
-    return (data,) if isinstance(data, bytes) else data
-
-
-def check_compression(name: str, where: str) -> None:
-    """Raise ConfigError if there is no such compression."""
-    if name not in COMPRESSIONS:
-        raise ConfigError(f"unknown compression {name!r}", where=where, hint=did_you_mean(name, COMPRESSIONS))
 
 
 def record_bytes(record: McapRecord) -> bytes:
@@ -236,7 +149,7 @@ class McapFile:
         for channel, record in chunk.indexes.items():
             offsets[channel] = position
             position += len(record)
-        body = (head, name, struct.pack("<Q", packed), *_pieces(chunk.data))
+        body = (head, name, struct.pack("<Q", packed), *pieces_of(chunk.data))
         self._append(self._missing, *body, *chunk.indexes.values())
         self._missing = b""
         self._indexes[Opcode.CHUNK_INDEX].append(
@@ -303,7 +216,7 @@ class McapFile:
             summary += data
         offset_start = start + len(summary)
         summary += offsets
-        checksum = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, offset_start), zlib.crc32(summary))
+        checksum = crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, offset_start), crc32(summary))
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=checksum)
         self._append(summary, record_bytes(footer), _MAGIC)
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from mcap.records import Statistics
 
 from riot_bus.log import layout
-from riot_bus.log.mcap_file import McapFile, PackedChunk, check_compression, record_bytes
+from riot_bus.log.mcap_file import McapFile, record_bytes
+from riot_bus.log.packing import PackedChunk, check_compression
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

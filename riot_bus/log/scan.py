@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import stat
 import struct
-import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple, TypeVar
@@ -33,6 +32,7 @@ from riot_bus.log.blocks import (
     read_block,
     records_of,
 )
+from riot_bus.log.checksum import crc32
 
 __all__ = ["Block", "Entry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
 
@@ -199,7 +199,7 @@ def define(scan: Scan, opcode: int, body: bytes) -> None:
     else:
         record = parse(Channel, body) if opcode == Opcode.CHANNEL else parse(Statistics, body)
     if record is None:
-        scan.damaged.add(zlib.crc32(body))
+        scan.damaged.add(crc32(body))
     elif isinstance(record, Statistics):
         scan.statistics = record
     elif isinstance(record, Schema):
@@ -215,7 +215,7 @@ def define(scan: Scan, opcode: int, body: bytes) -> None:
 
 def _has_room(scan: Scan, body: bytes) -> bool:
     if scan.room < len(body):
-        scan.damaged.add(zlib.crc32(body))
+        scan.damaged.add(crc32(body))
         return False
     scan.room -= len(body)
     return True
@@ -254,7 +254,7 @@ def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]
     if block.extras.length > layout.MAX_BLOCK:
         raise ValueError(f"extras of {block.extras.length} bytes")
     body = os.pread(file, block.extras.length, block.extras.offset)
-    if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
+    if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
         raise ValueError("checksum of extras")
     _, position = _text(body, 16)
     _, position = _text(body, position)

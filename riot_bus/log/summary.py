@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Header, MetadataIndex, Schema, Statistics
 
 from riot_bus.log.blocks import HEAD, Span
+from riot_bus.log.checksum import crc32
 from riot_bus.log.scan import FOOTER_BYTES, MAGIC, parse, parse_footer
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _read(file: int) -> Summary | None:
     if HEAD.unpack(os.pread(file, HEAD.size, start - _DATA_END)) != (Opcode.DATA_END, 4):
         return None
     data = os.pread(file, end - start, start)
-    signed = zlib.crc32(tail[: HEAD.size + 16], zlib.crc32(data))
+    signed = crc32(tail[: HEAD.size + 16], crc32(data))
     if footer.summary_crc and footer.summary_crc != signed:
         return None
     found = _parse(data, size, header)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.errors import ConfigError
-from riot_bus.log.mcap_file import check_compression
+from riot_bus.log.packing import check_compression
 from riot_bus.predicate import parse_predicate
 from riot_bus.selector import parse_selector
 

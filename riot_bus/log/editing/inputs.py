@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import weakref
 from collections import defaultdict
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +33,7 @@ __all__ = ["InputLog"]
 
 _CHANNELS = 1 << 16
 _CHUNK_NAME_AT = 28
+_MOST_LOOKED_AT = 1000
 
 
 class InputLog:
@@ -107,14 +109,16 @@ class InputLog:
 
     @property
     def compression(self) -> str | None:
-        """How its first chunk is compressed, None if there is no chunk or it is compressed in another way."""
-        for block in self._scan.blocks:
-            if block.chunked:
-                head = os.pread(self._file, 64, block.body.offset)
-                length = int.from_bytes(head[_CHUNK_NAME_AT : _CHUNK_NAME_AT + 4], "little")
-                name = head[_CHUNK_NAME_AT + 4 :][:length]
-                return {b"": "none", b"lz4": "lz4", b"zstd": "zstd"}.get(name)
-        return None
+        """How its chunks are compressed, if some are; None if there is no chunk or this is done in another way."""
+        found: str | None = None
+        for block in islice((block for block in self._scan.blocks if block.chunked), _MOST_LOOKED_AT):
+            head = os.pread(self._file, 64, block.body.offset)
+            length = int.from_bytes(head[_CHUNK_NAME_AT : _CHUNK_NAME_AT + 4], "little")
+            name = head[_CHUNK_NAME_AT + 4 :][:length]
+            found = {b"": "none", b"lz4": "lz4", b"zstd": "zstd"}.get(name)
+            if found != "none":
+                break
+        return found
 
     @property
     def loss(self) -> Loss:

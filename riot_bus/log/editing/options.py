@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.errors import ConfigError
 from riot_bus.log.editing.assignment import Assignment, parse_assignment
 from riot_bus.log.editing.selection import Selection, parse_selection
-from riot_bus.log.mcap_file import check_compression
 from riot_bus.log.naming import parse_remaps
+from riot_bus.log.packing import check_compression
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,10 +11,12 @@ import numpy as np
 
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log import layout
-from riot_bus.log.chunk import Chunk
+from riot_bus.log.checksum import crc32
+from riot_bus.log.chunk import LARGE, MESSAGE_BYTES, Chunk
 from riot_bus.log.editing.batch import heads_of, runs_of
 from riot_bus.log.layout import Provenance
-from riot_bus.log.mcap_file import McapFile, PackedChunk
+from riot_bus.log.mcap_file import McapFile
+from riot_bus.log.packing import PackedChunk, worthwhile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,8 +127,12 @@ class Part:
             targets: By number of the course.
             ready: Its data.
         """
-        if ready.compression != self.compression or 0 < self._bytes < self._chunk_bytes // _SMALL:
+        if 0 < self._bytes < self._chunk_bytes // _SMALL:
             return False
+        if ready.compression != self.compression:
+            large = _large(batch.buffer, batch.start, batch.end - batch.start)
+            if ready.compression != worthwhile(self.compression, large, len(batch.buffer)):
+                return False
         self._end_chunk()
         for number in np.unique(batch.course).tolist():
             self._define(targets[number])
@@ -136,7 +141,7 @@ class Part:
             ready.compression,
             ready.data,
             len(batch.buffer),
-            zlib.crc32(batch.buffer),
+            crc32(batch.buffer),
             int(batch.time.min()),
             int(batch.time.max()),
             *_indexes(heads["channel"], batch.time, batch.start),
@@ -236,7 +241,8 @@ class Part:
         offsets = np.cumsum(length) - length + len(head)
         indexes, counts = _indexes(channel, time, offsets)
         self._describe(extras, notes)
-        self._file.chunk(Chunk(data, int(time.min()), int(time.max()), indexes, counts, head))
+        large = _large(data, offsets, length)
+        self._file.chunk(Chunk(data, int(time.min()), int(time.max()), indexes, counts, head, large))
 
     def _store_packed(
         self, definitions: bytes, chunk: PackedChunk, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]
@@ -272,6 +278,13 @@ class Part:
                 hint = "make room; nothing was changed"
                 text = f"the log cannot be written: {error.strerror or error}"
                 raise EnvironmentFaultError(text, where=self._where, hint=hint) from error
+
+
+def _large(data: bytes | bytearray, offsets: NDArray[Any], lengths: NDArray[Any]) -> tuple[memoryview, ...]:
+    """Return the large payloads among messages that begin at these offsets."""
+    view, least = memoryview(data), LARGE + MESSAGE_BYTES
+    large = zip(offsets[lengths >= least].tolist(), lengths[lengths >= least].tolist(), strict=True)
+    return tuple(view[begin + MESSAGE_BYTES : begin + length] for begin, length in large)
 
 
 def _indexes(

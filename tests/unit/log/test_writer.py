@@ -11,7 +11,8 @@ from riot_bus.clock import ManualClock
 from riot_bus.errors import ConfigError
 from riot_bus.log import layout
 from riot_bus.log import writer as module
-from riot_bus.log.mcap_file import COMPRESSIONS, McapFile
+from riot_bus.log.mcap_file import McapFile
+from riot_bus.log.packing import COMPRESSIONS
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter, LostMessagesError
 from riot_bus.message import Message, Qos
