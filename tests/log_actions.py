@@ -137,6 +137,18 @@ def edit(path: Path) -> dict[str, Any]:
     return kept
 
 
+def salvage(path: Path) -> None:
+    """Take what there is of damaged chunks."""
+    from riot_bus.log.editing.edit import edit
+    from riot_bus.log.editing.options import EditOptions
+    from riot_bus.log.reader import LogReader
+
+    with LogReader(path, salvage=True) as reader:
+        for _ in reader.messages():
+            pass
+    edit(EditOptions(inputs=[path], output=path.with_name(f"salvaged-{path.name}"), force=True, salvage=True))
+
+
 def commands(path: Path) -> None:
     """Run the commands as they are typed."""
     command = _command()
@@ -160,7 +172,7 @@ def _command() -> Any:
     return get_command(app)
 
 
-ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, edit, commands]
+ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, edit, salvage, commands]
 """Each takes the path of a log and may raise RiotError alone; what it returns is compared by the test."""
 
 

@@ -80,6 +80,10 @@ def edit(
     originals: Annotated[
         bool, typer.Option("--originals/--no-originals", help="Keep what messages were before interceptors.")
     ] = True,
+    salvage: Annotated[
+        bool,
+        typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them."),
+    ] = False,
     sort: Annotated[bool, typer.Option("--sort", help="Write by time, even if the input is in another order.")] = False,
     compression: Annotated[
         str | None, typer.Option(metavar="zstd|lz4|none", help="Of the output. [default: as the input]")
@@ -133,6 +137,7 @@ def edit(
         shifts=shift or (),
         remap=remap or (),
         originals=originals,
+        salvage=salvage,
         sort=sort,
         compression=compression,
         chunk_bytes=parse_size(chunk_size, "--chunk-size"),

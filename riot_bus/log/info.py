@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
@@ -192,7 +192,7 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
         start=min((each.first for each in filled), default=None),
         end=max((each.last for each in filled), default=None),
         metadata=dict(reader.metadata),
-        loss=reader.loss,
+        loss=replace(reader.loss, salvageable=reader.salvageable()),
         account=accounts[-1] if accounts else None,
         library=reader.library,
         chunks=sum(block.chunked for block in reader.blocks()),

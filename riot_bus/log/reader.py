@@ -13,6 +13,7 @@ from riot_bus.errors import ConfigError
 from riot_bus.log import layout
 from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
 from riot_bus.log.layout import Constants, Provenance, Role
+from riot_bus.log.salvage import salvage
 from riot_bus.log.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
 from riot_bus.message import Message
 from riot_bus.selector import key_matches
@@ -48,6 +49,9 @@ class Loss:
         conflicts: Channels that are defined in different ways; all their messages are taken for the first one's.
         unsorted: Messages that come later than their time: chunks do not say the truth about their times, or so many
             of them overlap that sorting would take too much memory.
+        salvaged: Messages of damaged chunks that were taken as far as an index confirms them; that their payloads are
+            as they were, nobody can say.
+        salvageable: Messages of damaged chunks that could be taken likewise, where somebody has counted them.
     """
 
     unfinished: bool = False
@@ -57,6 +61,8 @@ class Loss:
     details: int = 0
     conflicts: int = 0
     unsorted: int = 0
+    salvaged: int = 0
+    salvageable: int = 0
 
     def __bool__(self) -> bool:
         return self != Loss()
@@ -66,6 +72,8 @@ class Loss:
             "the file was not closed" if self.unfinished else "",
             f"{self.bytes} bytes that are no whole record" if self.bytes else "",
             f"{self.chunks} damaged chunks" if self.chunks else "",
+            f"{self.salvaged} messages of them salvaged, unverified" if self.salvaged else "",
+            f"{self.salvageable} messages of them could be salvaged (riot edit --salvage)" if self.salvageable else "",
             f"{self.messages} messages of unknown channels" if self.messages else "",
             f"{self.details} damaged attachments, notes or definitions" if self.details else "",
             f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
@@ -123,13 +131,17 @@ class LogReader:
 
     Args:
         path: The file.
+        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.salvage`); for
+            `messages` and `originals` alone.
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         self.path = str(path)
+        self._salvage = salvage
+        self._salvaged: dict[int, int] = {}
         self._file = open_log(path)
         self.close = weakref.finalize(self, os.close, self._file)
         """Close the file; happens by itself when the reader is no longer used."""
@@ -177,6 +189,7 @@ class LogReader:
             details=len(self._details) + len(self._scan.damaged),
             conflicts=len(self._scan.conflicts),
             unsorted=sum(self._late.values()),
+            salvaged=sum(self._salvaged.values()),
         )
 
     @cached_property
@@ -319,6 +332,12 @@ class LogReader:
         if count:
             self._late[block.number] = count
 
+    def salvageable(self) -> int:
+        """Return how many messages of the chunks that were found to be damaged an index confirms."""
+        blocks = [block for block in self._scan.blocks if block.number in self._damaged]
+        found = (salvage(self._file, block) for block in blocks)
+        return sum(len(each.places) for each in found if each is not None)
+
     @cached_property
     def _channels(self) -> dict[int, Channel]:
         scan = self._scan
@@ -329,6 +348,7 @@ class LogReader:
                     learn_block(self._file, block, scan)
                 except ValueError as error:
                     self.count_damage(block, str(error))
+                    self._salvage_block(block)
         return scan.channels
 
     def _entries(self, low: int, high: int) -> Iterator[Entry]:
@@ -359,9 +379,19 @@ class LogReader:
             entries = load_block(data, block, self._scan, self.extras_of(block, len(data)))
         except ValueError as error:
             self.count_damage(block, str(error))
-            return []
+            entries = self._salvage_block(block)
         self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
         return entries
+
+    def _salvage_block(self, block: Block) -> list[Entry]:
+        """Return what an index confirms of a damaged block, and take in its schemas and channels."""
+        found = salvage(self._file, block) if self._salvage else None
+        if found is None:
+            return []
+        self._loaded_bytes = len(found.data)
+        self._salvaged[block.number] = len(found.places)
+        extras = self.extras_of(block, (len(found.places) + found.missing) * _LEAST_BYTES)
+        return load_block(found.data, block, self._scan, found.extras(extras))
 
     def _source(self, number: int, channel: Channel) -> ChannelSource:
         source = self._sources.get(number)

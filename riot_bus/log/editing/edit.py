@@ -64,7 +64,7 @@ class _Editor:
         self._options = options
         design = options.design()
         paths = [path for each in options.inputs for path in files_of(each)]
-        self._inputs = [InputLog(number, path) for number, path in enumerate(paths)]
+        self._inputs = [InputLog(number, path, salvage=options.salvage) for number, path in enumerate(paths)]
         for log in self._inputs:
             stack.callback(log.close)
         self._product = Product(options, paths)

@@ -14,9 +14,10 @@ from mcap.records import Attachment, Channel, Schema
 
 from riot_bus.errors import ConfigError
 from riot_bus.log import layout
-from riot_bus.log.blocks import HEAD, read_block, records_of
+from riot_bus.log.blocks import HEAD, Records, read_block, records_of
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, heads_of, shifted
 from riot_bus.log.reader import Loss
+from riot_bus.log.salvage import Salvage, salvage
 from riot_bus.log.scan import define, learn_block, load_extras, parse, read_metadata, scan_file
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ class InputLog:
     Args:
         number: Its place among the inputs.
         path: The file.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
 
     Attributes:
         shift: Nanoseconds that are added to all its times.
@@ -50,7 +52,7 @@ class InputLog:
         ConfigError: The file is missing or not an MCAP file.
     """
 
-    def __init__(self, number: int, path: Path) -> None:
+    def __init__(self, number: int, path: Path, *, salvage: bool = False) -> None:
         self.number = number
         self.path = path
         self.shift = 0
@@ -60,6 +62,8 @@ class InputLog:
             reason = error.strerror if isinstance(error, OSError) else error
             raise ConfigError(f"cannot read the log: {reason}", where=str(path)) from error
         self.close = weakref.finalize(self, os.close, self._file)
+        self._salvage = salvage
+        self._salvaged: dict[int, int] = {}
         self._damaged: set[int] = set()
         self._details: set[int] = set()
         self._unknown: dict[int, int] = {}
@@ -130,6 +134,7 @@ class InputLog:
             messages=sum(self._unknown.values()),
             details=len(self._details) + len(self._scan.damaged),
             conflicts=len(self._scan.conflicts),
+            salvaged=sum(self._salvaged.values()),
         )
 
     def first(self) -> int | None:
@@ -141,10 +146,10 @@ class InputLog:
             if low is not None and block.start >= low:
                 break
             try:
-                data = read_block(self._file, block)
-                heads = heads_of(data, records_of(data, cut=block.cut).messages)
+                data, records, _ = self._read(block)
             except ValueError:
                 continue
+            heads = heads_of(data, records.messages)
             delivered = heads["time"][~np.isin(heads["channel"], originals)]
             for times, is_delivered in ((heads["time"], False), (delivered, True)):
                 if len(times):
@@ -163,10 +168,8 @@ class InputLog:
             course_of: Returns the number of a channel's course.
         """
         try:
-            data = read_block(self._file, block)
-            records = records_of(data, cut=block.cut)
+            data, records, saved = self._read(block)
         except ValueError:
-            self._damaged.add(block.number)
             return None
         self._others = block.number, [(opcode, data[begin:end]) for opcode, begin, end in records.others]
         for opcode, body in self._others[1]:
@@ -184,8 +187,8 @@ class InputLog:
             end,
             course,
             heads["time"].astype(np.uint64),
-            self._extras(block, len(start), len(data)),
-            whole=(self, block) if block.chunked and not block.cut and not self.shift else None,
+            self._extras(block, len(start), len(data)) if saved is None else self._extras_of_rest(block, saved),
+            whole=(self, block) if block.chunked and not block.cut and saved is None and not self.shift else None,
         )
         if block.number in self._spans:
             batch.notes = self._notes(block, batch, heads)
@@ -263,6 +266,31 @@ class InputLog:
                 learn_block(self._file, block, scan)
             except ValueError:
                 self._damaged.add(block.number)
+                if self._salvage:
+                    self._learn_rest(block)
+
+    def _learn_rest(self, block: Block) -> None:
+        saved = salvage(self._file, block)
+        for opcode, begin, end in saved.records.others if saved is not None else ():
+            define(self._scan, opcode, saved.data[begin:end])
+
+    def _read(self, block: Block) -> tuple[bytes, Records, Salvage | None]:
+        """Return a block's records; of a damaged one, what an index confirms, or raise ValueError."""
+        try:
+            data = read_block(self._file, block)
+            return data, records_of(data, cut=block.cut), None
+        except ValueError:
+            self._damaged.add(block.number)
+            saved = salvage(self._file, block) if self._salvage else None
+            if saved is None:
+                raise
+        self._salvaged[block.number] = len(saved.places)
+        return saved.data, saved.records, saved
+
+    def _extras_of_rest(self, block: Block, saved: Salvage) -> NDArray[Any] | None:
+        count = len(saved.places) + saved.missing
+        found = self._extras(block, count, count * MESSAGE_HEAD)
+        return None if found is None else found[saved.places]
 
     def _course_numbers(self, channels: NDArray[Any], course_of: Callable[[InputLog, int], int]) -> NDArray[np.int32]:
         for number in np.unique(channels[~self._asked[channels]]).tolist():

@@ -68,6 +68,7 @@ class EditOptions:
         shifts: `SECONDS` or `TOPIC=SECONDS`.
         remap: `OLD:=NEW`.
         originals: Whether originals and provenance stay; never in the folder of a ROS 2 bag.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
         sort: Write by time even if the only input is not in this order.
         compression: `zstd`, `lz4` or `none`; None as the first input has it.
         chunk_bytes: Size of a chunk before compression.
@@ -96,6 +97,7 @@ class EditOptions:
     shifts: Sequence[str] = ()
     remap: Sequence[str] = ()
     originals: bool = True
+    salvage: bool = False
     sort: bool = False
     compression: str | None = None
     chunk_bytes: int = 1 << 20
@@ -157,6 +159,7 @@ class EditOptions:
             "shift": list(self.shifts),
             "remap": list(self.remap),
             "without_originals": not self.originals or self.folder,
+            "salvage": self.salvage,
             "sort": self.sort,
             "compression": self.compression,
             "split_seconds": self.split_seconds,
