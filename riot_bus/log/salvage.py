@@ -145,7 +145,9 @@ def _index(file: int, block: Block) -> tuple[NDArray[Any], NDArray[Any], NDArray
     """Return channel, time and offset of all messages, as the index records behind a chunk have them."""
     import numpy as np
 
-    channels, entries, count = [], [], 0
+    channels: list[NDArray[Any]] = []
+    entries: list[NDArray[Any]] = []
+    count = 0
     position = sum(block.body)
     while True:
         head = os.pread(file, HEAD.size + _INDEX.size, position)

@@ -271,7 +271,9 @@ class InputLog:
 
     def _learn_rest(self, block: Block) -> None:
         saved = salvage(self._file, block)
-        for opcode, begin, end in saved.records.others if saved is not None else ():
+        if saved is None:
+            return
+        for opcode, begin, end in saved.records.others:
             define(self._scan, opcode, saved.data[begin:end])
 
     def _read(self, block: Block) -> tuple[bytes, Records, Salvage | None]:
