@@ -20,6 +20,9 @@ Place = tuple[int, tuple[Any, ...]]
 def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
     """Return where a host is; waits for its name to be looked up.
 
+    Of a name that stands for addresses of both kinds, such as `localhost`, IPv4 is taken: other programs that speak
+    MAVLink listen there.
+
     Args:
         host: Name or address.
         port: Of it.
@@ -29,7 +32,8 @@ def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
     Raises:
         OSError: It is not known.
     """
-    family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=flags)[0]
+    found = socket.getaddrinfo(host, port, type=kind, flags=flags)
+    family, _, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
     return family, address
 
 

@@ -23,13 +23,26 @@ __all__ = ["TcpClient", "TcpServer"]
 _MOST_CLIENTS = 64
 _RETRY_S = 0.5
 _CONNECT_S = 5.0
+_PROBES = 4
+_LONGEST_PROBE_S = 32767  # that Linux takes
 
 
 class _Socket:
-    def __init__(self, made: socket.socket) -> None:
+    """A connection that ends when the other end is silent, even to TCP itself, for so many seconds."""
+
+    def __init__(self, made: socket.socket, silence: float) -> None:
         self._made = made
         made.settimeout(0)
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        probe = max(1, min(_LONGEST_PROBE_S, round(silence / (_PROBES + 1))))
+        for option, value in (
+            (socket.TCP_NODELAY, 1),
+            (socket.TCP_KEEPIDLE, probe),
+            (socket.TCP_KEEPINTVL, probe),
+            (socket.TCP_KEEPCNT, _PROBES),
+            (socket.TCP_USER_TIMEOUT, round(min(silence, _LONGEST_PROBE_S) * 1000)),
+        ):
+            made.setsockopt(socket.IPPROTO_TCP, option, value)
         self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
 
 
@@ -50,7 +63,8 @@ class TcpServer:
         self._streams: list[Stream] = []
         try:
             family, address = place_of(spec.host, spec.port, socket.SOCK_STREAM)
-            self._listener = socket.create_server(address[:2], family=family)
+            both = family == socket.AF_INET6 and spec.host == "::"  # as `udpin:[::]:PORT` is
+            self._listener = socket.create_server(address[:2], family=family, dualstack_ipv6=both)
         except OSError as error:
             raise cannot_listen(spec, error) from error
         self._listener.settimeout(0)
@@ -86,7 +100,7 @@ class TcpServer:
             made.close()
             self._host.warn(self.spec, f"more than {_MOST_CLIENTS} clients are refused")
             return
-        transport = _Socket(made)
+        transport = _Socket(made, self.spec.silence)
         self._streams.append(
             Stream(self.spec, _text(address), transport=transport, host=self._host, gone=self._streams.remove)
         )
@@ -173,8 +187,9 @@ class TcpClient:
             self._timer.cancel()
         self._host.loop.forget(made.fileno())
         self._trying, self._told = None, ""
+        transport = _Socket(made, self.spec.silence)
         self._stream = Stream(
-            self.spec, self.spec.where, transport=_Socket(made), host=self._host, gone=lambda _: self._lost()
+            self.spec, self.spec.where, transport=transport, host=self._host, gone=lambda _: self._lost()
         )
 
     def _lost(self) -> None:
