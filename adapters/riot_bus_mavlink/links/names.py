@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.links.loop import Loop
 
-__all__ = ["Place", "look_up", "place_of"]
+__all__ = ["Place", "look_up", "place_of", "text_of"]
 
 Place = tuple[int, tuple[Any, ...]]
 """Address family and address."""
@@ -35,6 +35,12 @@ def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
     found = socket.getaddrinfo(host, port, type=kind, flags=flags)
     family, _, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
     return family, address
+
+
+def text_of(address: tuple[Any, ...]) -> str:
+    """Return the address of a socket as people write it."""
+    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
+    return f"{host}:{address[1]}"
 
 
 def look_up(

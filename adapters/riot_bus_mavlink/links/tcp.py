@@ -8,7 +8,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.links.loop import READ, WRITE
-from riot_bus_mavlink.links.names import look_up, place_of
+from riot_bus_mavlink.links.names import look_up, place_of, text_of
 from riot_bus_mavlink.links.stream import Stream
 from riot_bus_mavlink.links.udp import cannot_listen, reason
 
@@ -73,7 +73,7 @@ class TcpServer:
     @property
     def where(self) -> str:
         """Return where it listens."""
-        return _text(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
+        return text_of(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
 
     @property
     def state(self) -> str:
@@ -102,7 +102,7 @@ class TcpServer:
             return
         transport = _Socket(made, self.spec.silence)
         self._streams.append(
-            Stream(self.spec, _text(address), transport=transport, host=self._host, gone=self._streams.remove)
+            Stream(self.spec, text_of(address), transport=transport, host=self._host, gone=self._streams.remove)
         )
 
 
@@ -213,8 +213,3 @@ class TcpClient:
                 self._host.loop.forget(self._trying.fileno())
             self._trying.close()
             self._trying = None
-
-
-def _text(address: tuple[object, ...]) -> str:
-    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
-    return f"{host}:{address[1]}"
