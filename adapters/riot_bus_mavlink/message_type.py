@@ -246,6 +246,9 @@ class MavlinkType:
         if self._signer is None:
             hint = 'name its key: adapters = ["mavlink:key_file=FILE"] in riot.toml'
             raise PayloadError("a signed frame cannot be changed without the key", where=self.name, hint=hint)
+        if not self._signer.made(payload):
+            hint = "it was signed with another key, or broken on its way"
+            raise PayloadError("a frame with a wrong signature is not changed", where=self.name, hint=hint)
         return self._signer.sign(frame, payload[-13], int.from_bytes(payload[-12:-6], "little"))
 
     def _body(self, payload: bytes, parts: _Parts) -> bytes:

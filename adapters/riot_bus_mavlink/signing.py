@@ -58,7 +58,11 @@ class Signer:
 
     def fits(self, frame: Frame) -> bool:
         """Return whether a signed frame has the signature that this key makes."""
-        return frame.signed and hmac.compare_digest(frame.raw[-_HASH_BYTES:], self._hash(frame.raw[:-_HASH_BYTES]))
+        return frame.signed and self.made(frame.raw)
+
+    def made(self, raw: bytes) -> bool:
+        """Return whether the signature at the end of a signed frame is the one that this key makes."""
+        return hmac.compare_digest(raw[-_HASH_BYTES:], self._hash(raw[:-_HASH_BYTES]))
 
     def _hash(self, data: bytes) -> bytes:
         return hashlib.sha256(self._key + data).digest()[:_HASH_BYTES]
@@ -87,13 +91,14 @@ class Renewer:
         """Return a frame as it may be sent now: as it is if its time has grown, else signed with a later time.
 
         Args:
-            raw: One frame. Those that are not signed stay as they are.
+            raw: One frame. Those that are not signed, or not with this key, stay as they are: nobody gets a signature
+                here who has none.
             now: The least time that it should have, see `ticks`; 0 for what is not played from a log.
 
         Raises:
             PayloadError: This is no frame, or there is no later time.
         """
-        if len(raw) < 12 + SIGNATURE or raw[0] != V2 or raw[2] != SIGNED:
+        if len(raw) < 12 + SIGNATURE or raw[0] != V2 or raw[2] != SIGNED or not self._signer.made(raw):
             return raw
         stream = raw[-13:-12] + raw[5:7]
         last = self._last.get(stream, -1)
@@ -159,8 +164,10 @@ def read_key(file: Path) -> bytes:
         data = Path(file).read_bytes()
     except OSError as error:
         raise ConfigError(f"the key cannot be read: {error.strerror}", where=str(file)) from error
-    if len(data) == KEY_BYTES:
-        return data
+    if len(data) == KEY_BYTES and not (
+        data.endswith(b"\n") and data[:-1].isascii() and data[:-1].decode().isprintable()
+    ):
+        return data  # else it is a passphrase of 31 characters and the end of its line
     try:
         text = data.decode().strip()
     except UnicodeDecodeError:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["Part", "Sketch", "sketch", "sketch_json", "sketch_toml"]
 
 OUTSIDE, INSIDE = "outside", "inside"
+UNIT = "unit"
+"""Name of the unit, and of the link that it is behind."""
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 
 
@@ -30,6 +32,7 @@ class Part:
         name: In the system file.
         who: What they say of themselves, one text for each system and component.
         url: The link; empty for the unit.
+        link: Name of the link, which stands in keys; empty for the unit.
         topics: Keys of their messages, and how many frames came a second.
     """
 
@@ -37,6 +40,7 @@ class Part:
     who: Sequence[str]
     url: str
     topics: dict[str, float]
+    link: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,23 +88,23 @@ def sketch(
         unit = next((system for system in systems if _has_no_autopilot(system, survey)), None)
     keys = KeyTemplate()
 
-    def part(name: str, url: str, sources: Iterable[tuple[int, int]]) -> Part:
+    def part(name: str, link: str, url: str, sources: Iterable[tuple[int, int]]) -> Part:
         who, topics = [], {}
         for source in sorted(sources):
             speaker = survey.speakers[source]
             who.append(_who(source, speaker, dialect))
             for number, count in speaker.messages.items():
-                topics[keys.key(speaker.link, *source, dialect.name_of(number))] = count / seconds
-        return Part(name, who, url, dict(sorted(topics.items())))
+                topics[keys.key(link, *source, dialect.name_of(number))] = count / seconds
+        return Part(name, who, url, dict(sorted(topics.items())), link)
 
     own = [source for source in survey.speakers if source[0] == unit]
-    taken = {"unit"}
+    taken = {UNIT}
     outside = []
     for spec in specs:
         sources = [each for each, speaker in survey.speakers.items() if speaker.link == spec.name and each[0] != unit]
         if sources:
-            outside.append(part(_free_name(spec.name, taken), spec.url, sources))
-    return Sketch(outside, part("unit", "", own), survey.skipped)
+            outside.append(part(_free_name(spec.name, taken), spec.name, spec.url, sources))
+    return Sketch(outside, part(UNIT, UNIT, "", own), survey.skipped)
 
 
 def _has_no_autopilot(system: int, survey: Survey) -> bool:
@@ -149,7 +153,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
     topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
     head = [
         f"# Written by `riot init`: {toml_comment(origin)}.",
-        "# What links cannot tell is marked with FILL IN. All keys: docs/riot-toml.md; links: docs/mavlink.md.",
+        "# What links cannot tell is marked with FILL IN. All keys: docs/riot-toml.md; links: docs/mavlink-bridge.md.",
         "",
         "[system]",
         'name = "mavlink"',
@@ -175,7 +179,7 @@ def _outside(part: Part) -> list[str]:
         f"[components.{part.name}]",
         f"# Heard there: {toml_comment(', '.join(part.who))}.",
         "# FILL IN: a real vehicle does not begin anew for each run; a simulator can be started behind `--`.",
-        *_command("--link", f"/{part.name}={part.url}"),
+        *_command("--link", f"/{part.link}={part.url}"),
         f'segment = "{OUTSIDE}"',
         "external = true",
         *_topics("outputs", part.topics),
@@ -187,7 +191,7 @@ def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
     return [
         f"[components.{unit.name}]",
         f"# What is tested: {who}. FILL IN: the program, which has a bridge of its own.",
-        *_command("--link", "/unit=udpin:127.0.0.1:0", "--", "PROGRAM", "udpout:127.0.0.1:{port}"),
+        *_command("--link", f"/{UNIT}=udpin:127.0.0.1:0", "--", "PROGRAM", "udpout:127.0.0.1:{port}"),
         f'segment = "{INSIDE}"',
         *_topics("inputs", dict.fromkeys(inputs)),
         *_topics("outputs", unit.topics),

@@ -7,8 +7,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from riot_bus.errors import ConfigError
 from riot_bus_mavlink.bridge.routing import addressed
-from riot_bus_mavlink.bridge.url import parse_links
+from riot_bus_mavlink.bridge.url import Direction, parse_links
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
@@ -103,6 +104,9 @@ def listen(
         EnvironmentFaultError: A link cannot be opened.
     """
     specs = parse_links(links, id_of=dialect.id_of)
+    for spec in specs:
+        if spec.direction is Direction.SENDER:
+            raise ConfigError("nothing comes from there", where=spec.text, hint="name a link that frames come over")
     host = _Listener(dialect, warn)
     opened = []
     try:

@@ -74,7 +74,7 @@ def parse_dialect(data: bytes, *, where: str) -> DialectFile:
             found.enums.append(_enum(each))
         for each in root.iterfind("messages/message"):
             found.messages.append(_message(each))
-    except (ElementTree.ParseError, DefinitionError, ValueError) as error:
+    except (ElementTree.ParseError, DefinitionError, LookupError, ValueError) as error:  # no such encoding
         raise ConfigError(f"no dialect of MAVLink: {error}", where=where) from error
     return found
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from riot_bus.backchain.activation import Evaluation
 from riot_bus.backchain.activation import activate as search
+from riot_bus.backchain.axes import choose_axes
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.backchain.region import Region, map_region
 from riot_bus.chain.external import ExternalField, external_fields
@@ -149,9 +150,7 @@ def activation(workspace: Workspace, folder: Path, *, budget: int = 200) -> Acti
         region = None
         if result.found is not None and system.log is not None:
             messages, replays = _replay(workspace, folder, Path(system.log), system)
-            axes = _axes(permeable)
-            if axes is not None:
-                region = _region(system, axes, result.found, step)
+            region = _region(system, _axes(permeable), result.found, step)
         record = ActivationRecord(
             found=None if result.found is None else dict(result.found),
             runs=result.runs,
@@ -186,27 +185,31 @@ def _replay(workspace: Workspace, folder: Path, log: Path, system: _System) -> t
     return len(external), sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
 
 
-def _axes(permeable: PermeabilityRecord) -> tuple[str, str] | None:
-    """Return the two most telling external fields: the strongest of each relevant field, then the next strongest."""
+def _axes(permeable: PermeabilityRecord) -> list[str]:
+    """Return the permeable external fields, the strongest of each relevant field first."""
     chosen: list[str] = []
     edges = sorted((edge for edge in permeable.edges if edge.permeable), key=lambda edge: -edge.strength)
     for internal in sorted({edge.internal for edge in edges}):
         best = next(edge.external for edge in edges if edge.internal == internal)
         if best not in chosen:
             chosen.append(best)
-    chosen += [name for name in permeable.permeable if name not in chosen]
-    return (chosen[0], chosen[1]) if len(chosen) > 1 else None
+    return chosen + [name for name in permeable.permeable if name not in chosen]
 
 
-def _region(system: _System, axes: tuple[str, str], found: Mapping[str, float], step: Step) -> RegionRecord:
+def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float], step: Step) -> RegionRecord | None:
     """Map the failing region over two fields; the others stay nominal if the failure does not need them."""
-    start = {name: found.get(name, system.fields[name].nominal) for name in axes}
-    fixed: dict[str, float] = {}
-    if not system.run([start], "region")[0].failed:
-        fixed = {name: value for name, value in found.items() if name not in axes}
+    if len(preferred) < 2:
+        return None
+
+    def fails(points: Sequence[Mapping[str, float]]) -> list[bool]:
+        return [one.failed for one in system.run(points, "region")]
+
+    nominal = {name: system.fields[name].nominal for name in preferred}
+    axes, fixed = choose_axes(preferred, found, nominal, fails)
+    start = {name: found.get(name, nominal[name]) for name in axes}
 
     def ask(points: Sequence[Mapping[str, float]]) -> list[bool]:
-        return [one.failed for one in system.run([{**point, **fixed} for point in points], "region")]
+        return fails([{**point, **fixed} for point in points])
 
     x, y = (_search_field(system.fields[name]) for name in axes)
     region = map_region(

@@ -110,11 +110,16 @@ class Table:
         return self._types[feature.args[0]] not in ("bool", "string", "bytes")
 
     def _equalities(self, feature: Feature, failed: Array, found: list[Candidate], masks: list[Array]) -> None:
-        """Categories have one per value seen; integers one per small or known value seen failing."""
+        """Categories have one per value seen; integers one per small or known value seen failing.
+
+        That an integer is *not* a value is worth telling if it was seen passing with it: a receiver ignores such.
+        """
         rows: list[Scalar]
+        bad: set[Scalar]
+        good: set[Scalar]
         if feature.kind == "sub":
             rows = self.values(feature)
-            wanted: list[Scalar] = [0] if any(type(row) is int and row == 0 for row in rows) else []
+            bad = good = {0} if any(type(row) is int and row == 0 for row in rows) else set()
         else:
             name = feature.args[0]
             rows = [assignment[name] for assignment in self.assignments]
@@ -122,16 +127,17 @@ class Table:
             if variable.type.startswith("float"):
                 return
             category = not self._ordered(feature)
-            seen = {row for row, bad in zip(rows, failed, strict=True) if bad or category}
             known = {variable.failing, *variable.dictionary, *variable.nominal[:64]}
-            wanted = [row for row in seen if category or row in known or (isinstance(row, int) and abs(row) <= 16)]
-            wanted.sort(key=repr)
-        for value in wanted[:64]:
-            mask = np.array([same_scalar(row, value) for row in rows], dtype=bool)
-            bits = feature.cost + 2.0 + (3.0 if isinstance(value, bool | str | bytes) else number_bits(value))
-            found.append(Candidate(feature, "==", bits, inside=value))
-            found.append(Candidate(feature, "!=", bits + 2.0, inside=value))
-            masks.extend((mask[None, :], ~mask[None, :]))
+            told = {row for row in rows if category or row in known or (isinstance(row, int) and abs(row) <= 16)}
+            bad, good = (
+                told & {row for row, fails in zip(rows, failed, strict=True) if fails == side} for side in (1, 0)
+            )
+        for operator, seen in (("==", bad), ("!=", good)):
+            for value in sorted(seen, key=repr)[:64]:
+                mask = np.array([same_scalar(row, value) for row in rows], dtype=bool)
+                bits = feature.cost + 2.0 + (3.0 if isinstance(value, bool | str | bytes) else number_bits(value))
+                found.append(Candidate(feature, operator, bits + 2.0 * (operator == "!="), inside=value))
+                masks.append((mask if operator == "==" else ~mask)[None, :])
 
 
 def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Array]) -> None:

@@ -10,11 +10,12 @@ from riot_bus.errors import ConfigError
 from riot_bus.selector import key_matches
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.types.model import Adapter
     from riot_bus.types.offer import RecordedTopic
 
-__all__ = ["means", "parse_remaps", "parse_time", "renamed"]
+__all__ = ["in_full", "means", "parse_remaps", "parse_time", "renamed"]
 
 _EPOCH_S = 10**8
 _LAST_S = 10**11
@@ -26,6 +27,23 @@ def means(text: str, topic: RecordedTopic) -> bool:
     if text in (topic.name, topic.key) or key_matches(text, topic.key):
         return True
     return key_matches(text.strip("/"), topic.name.strip("/"))
+
+
+def in_full(text: str, topics: Sequence[RecordedTopic], adapters: Callable[[], Sequence[Adapter]]) -> str:
+    """Return the key expression that a short name such as MAVLink's `HEARTBEAT` stands for; other names as they are.
+
+    Args:
+        text: A name or key expression, as a user wrote it.
+        topics: What was recorded; adapters are only asked about a text that means none of it.
+        adapters: Returns who knows short names.
+    """
+    if any(means(text, topic) for topic in topics):
+        return text
+    for adapter in adapters():
+        found = adapter.key_expression(text)
+        if found is not None and any(means(found, topic) for topic in topics):
+            return found
+    return text
 
 
 def parse_remaps(texts: Sequence[str]) -> dict[str, str]:

@@ -322,6 +322,7 @@ def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: Ex
             [
                 *RIOT,
                 *("bridge", "mavlink", f"--endpoint={unit}", "--link=/x=tcpin:127.0.0.1:0"),
+                f"--link=tlogwriter:{tmp_path / 'all.tlog'}",  # nobody waits for a log
                 *("--", sys.executable, "-c", program, "{port}"),
             ],
             stdout=subprocess.PIPE,

@@ -19,7 +19,7 @@ from riot_bus_mavlink.bridge.side import Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines
-from riot_bus_mavlink.bridge.url import LISTENS
+from riot_bus_mavlink.bridge.url import FILES, LISTENS
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
@@ -185,7 +185,7 @@ class MavlinkBridge:
         self._tallies[spec.name].join(end)
         side = self._sides[spec.segment]
         side.routes.add(end)
-        if self._patient and not side.is_open:
+        if self._patient and not side.is_open and (spec.kind not in FILES or self._waits_for_nobody(spec.segment)):
             side.open()
         return end
 
@@ -215,6 +215,10 @@ class MavlinkBridge:
     def _counts(self, segment: str) -> Counter[str]:
         mirror = self._mirrors.get(segment)
         return self._sides[segment].counts + (Counter() if mirror is None else mirror.counts)
+
+    def _waits_for_nobody(self, segment: str) -> bool:
+        """Return whether all links of a segment are logs."""
+        return all(spec.kind in FILES for spec in self._plan.links if spec.segment == segment)
 
     def _is_linked(self, system: int, component: int) -> bool:
         return any(side.routes.knows(system, component) for side in self._sides.values())

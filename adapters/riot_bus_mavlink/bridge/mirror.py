@@ -90,7 +90,10 @@ class Mirror:
     def _run(self) -> None:
         while (frames := self._waiting.get()) is not None and not self._ended:
             for frame in frames:
-                self._publish(frame)
+                try:
+                    self._publish(frame)
+                except Exception:  # the segment is gone; it may come back
+                    self.counts["mirror_lost"] += 1
 
     def _publish(self, frame: Frame) -> None:
         document = self._form.document(frame)

@@ -82,7 +82,7 @@ class Peer:
     @property
     def sources(self) -> frozenset[tuple[int, int]]:
         """Return the systems and components that were seen there, as pairs; those of its group included."""
-        return frozenset((each >> 8, each & 255) for each in self._knowledge.sources)
+        return frozenset((each >> 8, each & 255) for each in self._knowledge.sources.copy())
 
     def join(self, other: Peer) -> None:
         """Share what is known with a peer of the same group."""

@@ -46,10 +46,10 @@ class OwnStreams:
         """Return a frame with the next number of its source's own stream.
 
         Those of unknown messages stay as they are, since no checksum can be made for them; so do signed ones without
-        the key.
+        the key, or with a signature that is not of this key.
         """
         extra = self._extra(frame.message_id)
-        if extra is None or (frame.signed and self._signer is None):
+        if extra is None or (frame.signed and (self._signer is None or not self._signer.fits(frame))):
             return frame.raw
         first = frame.version == 1
         head = bytearray(frame.raw[: 6 if first else 10])

@@ -14,13 +14,14 @@ from riot_bus_mavlink.bridge.filters import FILTER_NAMES, Filter, filter_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["LISTENS", "Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
+__all__ = ["FILES", "LISTENS", "Direction", "LinkKind", "LinkSpec", "parse_link", "parse_links"]
 
 DEFAULT_BAUD = 57600
 _LARGEST_PORT = 65535
 _MOST_LINKS = 256
 _HINT = "such as udpin:0.0.0.0:14550, udpout:127.0.0.1:14550, tcp:127.0.0.1:5760 or /dev/ttyACM0,115200"
 _SETTINGS = frozenset({"baud", "direction", "group", "name", "rate", "timeout"})
+_LISTS = FILTER_NAMES["in"] | FILTER_NAMES["out"]
 _NAMED = re.compile(r"(?P<segment>[A-Za-z0-9_-]+)?(?:/(?P<name>[A-Za-z0-9_.-]+))?=(?P<url>.*)", re.DOTALL)
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
@@ -47,7 +48,7 @@ class Direction(StrEnum):
 
 _SCHEMES = {
     **dict.fromkeys(("udpin", "udpserver", "udps", "udp"), LinkKind.UDP_SERVER),
-    **dict.fromkeys(("udpout", "udpclient", "udpc"), LinkKind.UDP_CLIENT),
+    **dict.fromkeys(("udpout", "udpclient", "udpc", "udpbcast"), LinkKind.UDP_CLIENT),
     **dict.fromkeys(("tcpin", "tcpserver", "tcps"), LinkKind.TCP_SERVER),
     **dict.fromkeys(("tcpout", "tcpclient", "tcpc", "tcp"), LinkKind.TCP_CLIENT),
     "serial": LinkKind.SERIAL,
@@ -60,7 +61,7 @@ _SHORT = {
     LinkKind.TCP_SERVER: "tcp",
     LinkKind.TCP_CLIENT: "tcp",
 }
-_OF_FILES = frozenset({LinkKind.LOG_READER, LinkKind.LOG_WRITER})
+FILES = frozenset({LinkKind.LOG_READER, LinkKind.LOG_WRITER})
 LISTENS = frozenset({LinkKind.UDP_SERVER, LinkKind.TCP_SERVER})
 
 
@@ -78,7 +79,8 @@ class LinkSpec:
         segment: Name of the segment that it belongs to; empty for the only one.
         group: Parallel links of one group know the same systems and do not forward to each other; empty for none.
         direction: Which way frames go.
-        silence: Seconds after which a peer of a UDP server that sends nothing is forgotten.
+        silence: Seconds after which a peer of a UDP server that sends nothing is forgotten, and a TCP connection whose
+            other end acknowledges nothing is ended.
         rate: A log is read so many times as fast as it was written; 0 for as fast as possible.
         accepts: Filter of what comes in.
         emits: Filter of what goes out.
@@ -169,11 +171,11 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
     host, port, path, baud = "", 0, "", DEFAULT_BAUD
     if kind is LinkKind.SERIAL:
         path, baud = _device(rest, settings, text)
-    elif kind in _OF_FILES:
+    elif kind in FILES:
         path = rest
     else:
         host, port = _address(kind, rest, text)
-    if kind in _OF_FILES | {LinkKind.SERIAL} and not path:
+    if kind in FILES | {LinkKind.SERIAL} and not path:
         raise ConfigError(f"{text!r} has no path", where="--link", hint=_HINT)
     name = settings.pop("name", name)
     if name and not _NAME.fullmatch(name):
@@ -188,7 +190,7 @@ def parse_link(text: str, *, id_of: Callable[[str], int | None] = lambda name: N
     )
     if settings:
         unknown = sorted(settings)[0]
-        known = {*_SETTINGS, *FILTER_NAMES["in"], *FILTER_NAMES["out"]}
+        known = _SETTINGS | _LISTS
         raise ConfigError(f"unknown setting {unknown!r}", where=text, hint=did_you_mean(unknown, known))
     return LinkSpec(
         kind, host, port, path, baud, name, segment, group, direction, silence, rate, accepts, emits, text.strip()
@@ -219,7 +221,14 @@ def _settings(query: str, text: str) -> dict[str, str]:
     except ValueError as error:
         hint = "?KEY=VALUE&KEY=VALUE"
         raise ConfigError(f"cannot read the settings in {text!r}", where="--link", hint=hint) from error
-    return {re.sub(r"(?<=[a-z])(?=[A-Z])|-", "_", key).lower(): value for key, value in pairs}
+    settings: dict[str, str] = {}
+    for key, value in pairs:
+        name = re.sub(r"(?<=[a-z])(?=[A-Z])|-", "_", key).lower()
+        if name in settings:
+            hint = f"several values are separated by commas: {key}=1,2" if name in _LISTS else "name it once"
+            raise ConfigError(f"the setting {key!r} is there twice", where=text, hint=hint)
+        settings[name] = value
+    return settings
 
 
 def _address(kind: LinkKind, rest: str, text: str) -> tuple[str, int]:
@@ -258,7 +267,7 @@ def _direction(settings: dict[str, str], kind: LinkKind, text: str) -> Direction
     word = settings.pop("direction", usual).lower()
     if word not in list(Direction):
         raise ConfigError(f"unknown direction {word!r}", where=text, hint=did_you_mean(word, Direction))
-    if kind in _OF_FILES and word != usual:
+    if kind in FILES and word != usual:
         raise ConfigError(f"a {kind} is no {word}", where=text)
     return Direction(word)
 

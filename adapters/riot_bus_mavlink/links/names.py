@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.links.loop import Loop
 
-__all__ = ["Place", "look_up", "place_of"]
+__all__ = ["Place", "look_up", "place_of", "text_of"]
 
 Place = tuple[int, tuple[Any, ...]]
 """Address family and address."""
@@ -19,6 +19,9 @@ Place = tuple[int, tuple[Any, ...]]
 
 def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
     """Return where a host is; waits for its name to be looked up.
+
+    Of a name that stands for addresses of both kinds, such as `localhost`, IPv4 is taken: other programs that speak
+    MAVLink listen there.
 
     Args:
         host: Name or address.
@@ -29,8 +32,15 @@ def place_of(host: str, port: int, kind: int, *, flags: int = 0) -> Place:
     Raises:
         OSError: It is not known.
     """
-    family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=flags)[0]
+    found = socket.getaddrinfo(host, port, type=kind, flags=flags)
+    family, _, _, _, address = min(found, key=lambda each: each[0] != socket.AF_INET)
     return family, address
+
+
+def text_of(address: tuple[Any, ...]) -> str:
+    """Return the address of a socket as people write it."""
+    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
+    return f"{host}:{address[1]}"
 
 
 def look_up(

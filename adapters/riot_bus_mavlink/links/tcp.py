@@ -8,7 +8,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.links.loop import READ, WRITE
-from riot_bus_mavlink.links.names import look_up, place_of
+from riot_bus_mavlink.links.names import look_up, place_of, text_of
 from riot_bus_mavlink.links.stream import Stream
 from riot_bus_mavlink.links.udp import cannot_listen, reason
 
@@ -23,13 +23,26 @@ __all__ = ["TcpClient", "TcpServer"]
 _MOST_CLIENTS = 64
 _RETRY_S = 0.5
 _CONNECT_S = 5.0
+_PROBES = 4
+_LONGEST_PROBE_S = 32767  # that Linux takes
 
 
 class _Socket:
-    def __init__(self, made: socket.socket) -> None:
+    """A connection that ends when the other end is silent, even to TCP itself, for so many seconds."""
+
+    def __init__(self, made: socket.socket, silence: float) -> None:
         self._made = made
         made.settimeout(0)
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        probe = max(1, min(_LONGEST_PROBE_S, round(silence / (_PROBES + 1))))
+        for option, value in (
+            (socket.TCP_NODELAY, 1),
+            (socket.TCP_KEEPIDLE, probe),
+            (socket.TCP_KEEPINTVL, probe),
+            (socket.TCP_KEEPCNT, _PROBES),
+            (socket.TCP_USER_TIMEOUT, round(min(silence, _LONGEST_PROBE_S) * 1000)),
+        ):
+            made.setsockopt(socket.IPPROTO_TCP, option, value)
         self.fileno, self.receive, self.send, self.close = made.fileno, made.recv, made.send, made.close
 
 
@@ -50,7 +63,8 @@ class TcpServer:
         self._streams: list[Stream] = []
         try:
             family, address = place_of(spec.host, spec.port, socket.SOCK_STREAM)
-            self._listener = socket.create_server(address[:2], family=family)
+            both = family == socket.AF_INET6 and spec.host == "::"  # as `udpin:[::]:PORT` is
+            self._listener = socket.create_server(address[:2], family=family, dualstack_ipv6=both)
         except OSError as error:
             raise cannot_listen(spec, error) from error
         self._listener.settimeout(0)
@@ -59,7 +73,7 @@ class TcpServer:
     @property
     def where(self) -> str:
         """Return where it listens."""
-        return _text(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
+        return text_of(self._listener.getsockname()) if self._listener.fileno() >= 0 else self.spec.where
 
     @property
     def state(self) -> str:
@@ -86,9 +100,9 @@ class TcpServer:
             made.close()
             self._host.warn(self.spec, f"more than {_MOST_CLIENTS} clients are refused")
             return
-        transport = _Socket(made)
+        transport = _Socket(made, self.spec.silence)
         self._streams.append(
-            Stream(self.spec, _text(address), transport=transport, host=self._host, gone=self._streams.remove)
+            Stream(self.spec, text_of(address), transport=transport, host=self._host, gone=self._streams.remove)
         )
 
 
@@ -173,8 +187,9 @@ class TcpClient:
             self._timer.cancel()
         self._host.loop.forget(made.fileno())
         self._trying, self._told = None, ""
+        transport = _Socket(made, self.spec.silence)
         self._stream = Stream(
-            self.spec, self.spec.where, transport=_Socket(made), host=self._host, gone=lambda _: self._lost()
+            self.spec, self.spec.where, transport=transport, host=self._host, gone=lambda _: self._lost()
         )
 
     def _lost(self) -> None:
@@ -198,8 +213,3 @@ class TcpClient:
                 self._host.loop.forget(self._trying.fileno())
             self._trying.close()
             self._trying = None
-
-
-def _text(address: tuple[object, ...]) -> str:
-    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
-    return f"{host}:{address[1]}"

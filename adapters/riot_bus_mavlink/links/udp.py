@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import EnvironmentFaultError
-from riot_bus_mavlink.links.names import look_up, place_of
+from riot_bus_mavlink.links.names import look_up, place_of, text_of
 
 if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
@@ -96,7 +96,7 @@ class UdpServer(_UdpLink):
     @property
     def where(self) -> str:
         """Return where it listens."""
-        return self.spec.where if self._socket is None else _text(self._socket.getsockname())
+        return self.spec.where if self._socket is None else text_of(self._socket.getsockname())
 
     @property
     def state(self) -> str:
@@ -133,7 +133,7 @@ class UdpServer(_UdpLink):
     def _join(self, address: Any) -> End:
         if len(self._ends) >= _MOST_PEERS:
             self._drop(min(self._heard, key=self._heard.__getitem__))
-        end = self._host.join(self.spec, _text(address), lambda data: self._send(data, address))
+        end = self._host.join(self.spec, text_of(address), lambda data: self._send(data, address))
         self._ends[address] = end
         return end
 
@@ -202,7 +202,7 @@ class UdpClient(_UdpLink):
             self._again(error)
             return
         self._many = _of_many(self._target[0])
-        self._end = self._host.join(self.spec, _text(self._target), self._put)
+        self._end = self._host.join(self.spec, text_of(self._target), self._put)
         self._host.loop.watch(made.fileno(), self._read)
 
     def _again(self, error: OSError) -> None:
@@ -249,11 +249,6 @@ def _of_many(host: Any) -> bool:
     except ValueError:
         return False
     return address.is_multicast or (address.version == 4 and address.packed[3] == 255)
-
-
-def _text(address: tuple[Any, ...]) -> str:
-    host = f"[{address[0]}]" if ":" in str(address[0]) else address[0]
-    return f"{host}:{address[1]}"
 
 
 def _drops(made: socket.socket) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from riot_bus.bus.playing.options import parse_latched
 from riot_bus.bus.runtime import canonical
 from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
-from riot_bus.log.naming import means, parse_remaps, renamed
+from riot_bus.log.naming import in_full, means, parse_remaps, renamed
 from riot_bus.types.offer import Offer, Offering
 from riot_bus.types.serve import part_of
 
@@ -56,6 +56,12 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
     """
     remaps, latched = parse_remaps(options.remap), parse_latched(options.latched)
     topics = [topic for log in logs for topic in log]
+
+    def full(text: str) -> str:
+        return in_full(text, topics, lambda: adapters)
+
+    options = replace(options, topics=[*map(full, options.topics)], exclude=[*map(full, options.exclude)])
+    latched = {full(text): depth for text, depth in latched.items()}
     wanted = {"--topics": options.topics, "--exclude": options.exclude, "--latched": latched, "--remap": remaps}
     for where, texts in wanted.items():
         _check_known(texts, topics, where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from riot_bus.log.editing.course import Course, Kinds, Step, concerning
 from riot_bus.log.editing.result import TopicCounts
 from riot_bus.log.editing.targets import Target, Targets, new_identity
 from riot_bus.log.layout import Constants
-from riot_bus.log.naming import means, renamed
+from riot_bus.log.naming import in_full, means, renamed
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import RecordedTopic
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -53,7 +54,7 @@ class Roster:
     ) -> None:
         self.courses: list[Course] = []
         self._options = options
-        self._design = design
+        self._design = design = self._in_full(design, inputs)
         self._origin = origin
         self._keep = [Step(each) for each in design.keep]
         self._drop = [Step(each) for each in design.drop]
@@ -88,6 +89,24 @@ class Roster:
                 if topic.schema.name or topic.encoding:
                     found.add_schema(name, topic.schema, topic.encoding)
         return found
+
+    def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
+        """Return a design that names topics by their keys where it named them by short names."""
+        topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channels.values()]
+
+        def full(text: str) -> str:
+            return in_full(text, topics, lambda: self.adapters)
+
+        def select(selection: Selection) -> Selection:
+            return replace(selection, topic=full(selection.topic))
+
+        return replace(
+            design,
+            keep=[*map(select, design.keep)],
+            drop=[*map(select, design.drop)],
+            changes=[replace(each, selection=select(each.selection)) for each in design.changes],
+            shifts=[each if each.topic is None else replace(each, topic=full(each.topic)) for each in design.shifts],
+        )
 
     def pipe(self, is_wanted: Callable[[str], bool]) -> None:
         """Let interceptors see the messages of some keys."""
@@ -146,16 +165,8 @@ class Roster:
         return channel, SchemaRecord(id=1, data=schema.data, encoding=schema.encoding, name=schema.name)
 
     def _add(self, channel: Channel, schema: SchemaRecord | None, *, made: bool = False) -> int:
-        metadata = channel.metadata
-        original = metadata.get(layout.ROLE) == "original"
-        topic = RecordedTopic(
-            metadata.get(layout.TOPIC, channel.topic),
-            metadata.get(layout.KEY, channel.topic),
-            layout.KEY in metadata,
-            Schema(schema.name, schema.encoding, schema.data) if schema is not None else Schema("", "", b""),
-            channel.message_encoding,
-            dict(metadata),
-        )
+        original = channel.metadata.get(layout.ROLE) == "original"
+        topic = _recorded(channel, schema)
         counts = self._counts.setdefault(topic.key, TopicCounts(topic.name))
         course = Course(topic, None, -1 if made else channel.id, counts, self._kinds, original)
         course.numbers = self._numbers.setdefault(topic.key, [0])
@@ -210,6 +221,18 @@ class Roster:
         for old in self._design.remaps:
             if not any(renamed(topic, {old: "x"}) is not None for topic in topics):
                 raise ConfigError(f"the logs have no topic {old!r}", where="--remap", hint=did_you_mean(old, names))
+
+
+def _recorded(channel: Channel, schema: SchemaRecord | None) -> RecordedTopic:
+    metadata = channel.metadata
+    return RecordedTopic(
+        metadata.get(layout.TOPIC, channel.topic),
+        metadata.get(layout.KEY, channel.topic),
+        layout.KEY in metadata,
+        Schema(schema.name, schema.encoding, schema.data) if schema is not None else Schema("", "", b""),
+        channel.message_encoding,
+        dict(metadata),
+    )
 
 
 def _selections(steps: Sequence[Step]) -> list[Selection]:

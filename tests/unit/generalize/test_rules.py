@@ -91,6 +91,14 @@ WIDTH = Variable("w", "int32", 200, (), tuple(range(100, 400, 17)), DICTIONARY)
             lambda v: v["n"] > 2**63,
             "n > 9223372036854775808",
         ),
+        (
+            [
+                Variable("pilot", "uint8", 3, (1,), (3,), tuple(range(20))),
+                Variable("id", "uint8", 255, (0,), (0,), (0, 7, 8, 9, 100, 127, 128, 255)),
+            ],
+            lambda v: v["id"] > 8 and v["pilot"] not in (1, 8),
+            "id > 8 and pilot != 1 and pilot != 8",
+        ),
     ],
 )
 def test_shapes(variables: list[Variable], fails: Callable[[Values], bool], text: str | None) -> None:

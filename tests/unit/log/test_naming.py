@@ -5,9 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.errors import ConfigError
-from riot_bus.log.naming import means, parse_remaps, parse_time, renamed
+from riot_bus.log.naming import in_full, means, parse_remaps, parse_time, renamed
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import RecordedTopic
+from riot_bus_mavlink.adapter import MavlinkAdapter
 
 ODOM = RecordedTopic("/robot1/odom", "0/robot1/odom/nav::O_/H", True, Schema("", "", b""), "cdr")
 
@@ -28,6 +29,21 @@ ODOM = RecordedTopic("/robot1/odom", "0/robot1/odom/nav::O_/H", True, Schema("",
 )
 def test_names_keys_and_expressions_mean_a_topic(text, expected):
     assert means(text, ODOM) is expected
+
+
+def test_short_names_stand_for_keys_that_were_recorded():
+    key = "mavlink_raw/fc/1/1/HEARTBEAT"
+    topics = [ODOM, RecordedTopic(key, key, True, Schema("", "", b""), "")]
+    adapters = [MavlinkAdapter("minimal")]
+    for text, expected in (
+        ("HEARTBEAT", "mavlink_raw/*/*/*/HEARTBEAT"),
+        ("1/*/HEARTBEAT", "mavlink_raw/*/1/*/HEARTBEAT"),
+        ("255/*/HEARTBEAT", "255/*/HEARTBEAT"),
+        ("HEARTBEET", "HEARTBEET"),
+    ):
+        assert in_full(text, topics, lambda: adapters) == expected
+    for text in ("/robot1/odom", "mavlink_raw/**", key):
+        assert in_full(text, topics, lambda: pytest.fail("nobody needs to be asked")) == text
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,14 @@ def test_definitions_that_are_wrong(tmp_path, text, why):
     assert error.value.where
 
 
+def test_encodings_that_are_none(tmp_path):
+    file = tmp_path / "mine.xml"
+    for encoding in ("klingon", "utf-32"):
+        file.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{MINE}')
+        with pytest.raises(ConfigError, match=r"no dialect of MAVLink: .*encoding"):
+            MavlinkAdapter("minimal").load([file])
+
+
 def test_files_that_include_each_other(tmp_path):
     for name, other in (("a", "b"), ("b", "a")):
         text = MINE.replace("minimal.xml", f"{other}.xml").replace("LAMP_STATE", f"LAMP_{name}")

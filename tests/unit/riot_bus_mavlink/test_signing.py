@@ -71,10 +71,11 @@ def test_times_that_grow_are_left_alone():
 
 
 def test_senders_without_end_take_bounded_memory():
-    renewer, sent = Renewer(Signer(KEY)), 1 << 15
+    signer, sent = Signer(KEY), 1 << 15
+    renewer = Renewer(signer)
     template = attitude()
     for number in range(sent):
-        raw = template[:5] + number.to_bytes(2) + template[7:]
+        raw = signer.sign(template[:5] + number.to_bytes(2) + template[7:-SIGNATURE], template[-13], 100)
         assert renewer.renew(raw) == raw
     assert len(renewer.last) == 1 << 14
     assert time_of(parse_frame(renewer.renew(raw))) == 101
@@ -89,6 +90,15 @@ def test_what_is_not_signed_is_left_alone():
     for each in (raw, pack_frame(0, b"\1", 50, version=1, sequence=1, system=1, component=1)):
         with pytest.raises(PayloadError, match="only unsigned frames"):
             sign_frame(each, Signer(KEY), 39, link=0, time=0)
+
+
+def test_nobody_gets_a_signature_who_has_none():
+    renewer, last = Renewer(Signer(KEY)), (1 << 48) - 1
+    forged = [attitude(time=time, key=bytes(32)) for time in (100, 50, last)]
+    assert renewer.renew(attitude(time=70)) == attitude(time=70)
+    assert [renewer.renew(raw) for raw in forged] == forged
+    assert dict(renewer.last) == {b"\3\1\1": 70}
+    assert time_of(parse_frame(renewer.renew(attitude(time=70)))) == 71
 
 
 def test_time_ends():
@@ -113,6 +123,8 @@ def test_keys(tmp_path):
         (KEY, KEY),
         (KEY.hex().encode() + b"\n", KEY),
         (b"open sesame\n", key_of_phrase("open sesame")),
+        (b"p" * 31 + b"\n", key_of_phrase("p" * 31)),
+        (b"\x80" * 31 + b"\n", b"\x80" * 31 + b"\n"),
         (b"abcd", key_of_phrase("abcd")),
     ):
         file.write_bytes(content)

@@ -47,11 +47,12 @@ def test_a_ground_station_is_tested_with_what_an_autopilot_says() -> None:
     system = parsed(text)
     assert '    "mavlink_raw/fc/1/1/ATTITUDE",          # 2/s\n' in text
     assert system["components"]["fc"]["command"][-2:] == ["--link", "/fc=/dev/ttyACM0,115200"]
-    assert system["components"]["radio_1"]["command"][-1] == "/radio_1=udpin:0.0.0.0:14550?group=a"
+    assert system["components"]["radio_1"]["command"][-1] == "/radio.1=udpin:0.0.0.0:14550?group=a"
     assert system["components"]["fc"]["external"]
     unit = system["components"]["unit"]
     assert unit["segment"] == "inside"
-    assert unit["outputs"] == ["mavlink_raw/radio.1/255/190/HEARTBEAT"]
+    assert "/unit=udpin:127.0.0.1:0" in unit["command"]
+    assert unit["outputs"] == ["mavlink_raw/unit/255/190/HEARTBEAT"]
     assert unit["inputs"] == system["external"]["topics"]
     assert len(unit["inputs"]) == 3
     assert list(system["unit"]) == ["unit"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus_mavlink.survey import Survey, listen
 from riot_bus_mavlink.tlog import tlog_record
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
@@ -48,5 +48,8 @@ def test_links_are_listened_to(tmp_path: Path) -> None:
         (1, 1): {0: 1, 30: 1},
         (9, 9): {0: 1},
     }
+    with pytest.raises(ConfigError, match="nothing comes from there"):
+        listen([f"tlogwriter:{tmp_path}/new.tlog"], COMMON, seconds=0.1)
+    assert not (tmp_path / "new.tlog").exists()
     with pytest.raises(EnvironmentFaultError, match="cannot be read"):
         listen([f"{tmp_path}/none.tlog"], COMMON, seconds=0.1)

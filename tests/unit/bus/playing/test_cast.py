@@ -7,6 +7,7 @@ from riot_bus.bus.playing.options import PlayOptions
 from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import Offer, RecordedTopic, SimClock
+from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_ros2.adapter import Ros2Adapter
 from tests.bags import LATCHED, STRING_HASH, STRING_KEY, VOLATILE
 
@@ -81,6 +82,16 @@ def test_selection(options, expected):
 )
 def test_other_names(remap, expected):
     assert play(own("a/x", "a/y"), remap=[remap]).keys == [expected]
+
+
+def test_short_names():
+    keys = [f"mavlink_raw/fc/{name}" for name in ("1/1/HEARTBEAT", "1/1/PROTOCOL_VERSION", "9/1/HEARTBEAT")]
+    adapters = [MavlinkAdapter("minimal")]
+    options = {"topics": ["HEARTBEAT"], "exclude": ["9/*/HEARTBEAT"], "latched": ["1/1/HEARTBEAT=3"]}
+    found = play(own(*keys), adapters=adapters, **options)
+    assert {key: offer.depth for key, offer in found.offers.items()} == {keys[0]: 3}
+    with pytest.raises(ConfigError, match="no topic '2/1/HEARTBEAT'"):
+        play(own(*keys), adapters=adapters, topics=["2/1/HEARTBEAT"])
 
 
 def test_other_names_for_ros():

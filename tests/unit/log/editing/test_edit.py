@@ -1,6 +1,7 @@
 """What an edit does to logs, as the library `mcap` and our own reader see it."""
 
 import json
+import struct
 
 import pytest
 from mcap.reader import make_reader
@@ -15,7 +16,8 @@ from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.message import Message
 from riot_bus.pipeline.event import Change
-from riot_bus.types.registry import TypeRegistry
+from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus_mavlink.frame import pack_frame
 from tests.unit.log.editing.edit_tools import (
     BEGIN,
     SECOND,
@@ -593,3 +595,37 @@ class TestPipeline:
 
         log = json_log(tmp_path / "in.mcap", 5)
         assert run(log, tmp_path / "out.mcap", [Elsewhere()]).warnings == ["no interceptor saw a message"]
+
+
+def test_messages_of_mavlink_are_named_by_short_names(tmp_path):
+    rows = [("1/1", 0, 30), ("1/1", 1, 0), ("255/190", 2, 0), ("1/1", 3, 30)]
+    bodies = {0: bytes(9), 30: struct.pack("<I6f", 1, 0.5, 0, 0, 0, 0, 0)}
+    with LogWriter(tmp_path / "in.mcap") as writer:
+        for source, number, kind in rows:
+            system, component = map(int, source.split("/"))
+            extra, name = {0: (50, "HEARTBEAT"), 30: (39, "ATTITUDE")}[kind]
+            payload = pack_frame(
+                kind, bodies[kind], extra, version=2, sequence=number, system=system, component=component
+            )
+            writer.write(Message(BEGIN + number, f"mavlink_raw/fc/{source}/{name}", payload, sequence=number + 1))
+    result = run(
+        tmp_path / "in.mcap",
+        tmp_path / "out.mcap",
+        drop=["255/*/HEARTBEAT"],
+        changes=["ATTITUDE:roll = 2 where roll > 0", "1/1/HEARTBEAT:type = 6"],
+        shifts=["ATTITUDE=1"],
+    )
+    assert counts(result) == {
+        "mavlink_raw/fc/1/1/ATTITUDE": (2, 2, 0),
+        "mavlink_raw/fc/1/1/HEARTBEAT": (1, 1, 0),
+        "mavlink_raw/fc/255/190/HEARTBEAT": (0, 0, 1),
+    }
+    registry = TypeRegistry(load_adapters())
+    found = [
+        (registry.type_of(message.key).read(message.payload, field), message.time - BEGIN)
+        for message in read_log(tmp_path / "out.mcap")
+        for field in (["roll"] if message.key.endswith("ATTITUDE") else ["type"])
+    ]
+    assert sorted(found) == [(2.0, SECOND), (2.0, SECOND + 3), (6, 1)]
+    with pytest.raises(ConfigError, match="no topic 'SYS_STATUS'"):
+        run(tmp_path / "in.mcap", tmp_path / "none.mcap", drop=["SYS_STATUS"])

@@ -26,6 +26,7 @@ SERVER, CLIENT = LinkKind.UDP_SERVER, LinkKind.UDP_CLIENT
         ("/dev/ttyUSB0", LinkKind.SERIAL, "/dev/ttyUSB0:57600"),
         ("logs/flight.tlog", LinkKind.LOG_READER, "logs/flight.tlog"),
         ("/logs/flight.tlog", LinkKind.LOG_READER, "/logs/flight.tlog"),
+        ("udpbcast:192.168.1.255:14550", CLIENT, "192.168.1.255:14550"),
         # mavlink-server
         ("udpserver://0.0.0.0:14550", SERVER, "0.0.0.0:14550"),
         ("udps:14550", SERVER, "0.0.0.0:14550"),
@@ -84,6 +85,8 @@ def test_spellings(text: str, kind: LinkKind, where: str) -> None:
         ("a.tlog?direction=sender", "a log reader is no sender"),
         ("udpin:1?allow_msg_id_in=NOBODY", "not known"),
         ("udpin:1?allow_src_sys_in=256", "over 255"),
+        ("udpin:1?name=a&name=b", "'name' is there twice"),
+        ("udpin:1?AllowMsgIdIn=1&allow_msg_id_in=2", "allow_msg_id_in=1,2"),
     ],
 )
 def test_what_is_wrong_is_named(text: str, part: str) -> None:

@@ -56,6 +56,29 @@ def test_the_number_of_clients_is_bounded() -> None:
         assert host.wait(lambda: host.ends == [])
 
 
+def test_a_server_on_all_addresses_has_clients_of_both_kinds() -> None:
+    with KeepingHost() as host:
+        try:
+            link = host.open("tcpin:[::]:0")
+        except EnvironmentFaultError:
+            pytest.skip("there is no IPv6")
+        port = int(link.where.rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port), WAIT_S), socket.create_connection(("::1", port), WAIT_S):
+            assert host.wait(lambda: len(host.ends) == 2)
+
+
+def test_connections_end_when_nobody_acknowledges_any_more() -> None:
+    with KeepingHost() as host:
+        link = host.open("tcpin:127.0.0.1:0?timeout=1")
+        with connect(link.where) as stuck:
+            assert host.wait(lambda: len(host.ends) == 1)
+            (end,) = host.ends
+            while not end.lost:
+                end.send(bytes(250))
+            assert host.wait(lambda: host.ends == [])
+            assert stuck.fileno() >= 0
+
+
 def test_a_client_connects_again_by_itself() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         where = f"127.0.0.1:{server.getsockname()[1]}"
