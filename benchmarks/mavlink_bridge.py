@@ -41,6 +41,8 @@ WAYS = (
     "native",
     "patched",
     "two bridges, patched",
+    "own router, native",
+    "own router, patched",
 )
 PEER = "pymavlink loop"
 WINDOW = 256
@@ -109,11 +111,17 @@ class Way:
         if self.name.startswith(PEER):
             words = [sys.executable, __file__, "--forward", str(port), *(["--patch"] if self.patched else [])]
             return int(self._start(words).split()[1])
-        router = ["router", "--segment=system=tcp/127.0.0.1:0", "--segment=unit=tcp/127.0.0.1:0"]
+        injected = []
         if self.patched:
             plan = self._folder / "plan.toml"
             plan.write_text('[[inject]]\ntopic = "mavlink_raw/fc/1/1/ATTITUDE"\nfield = "roll"\nvalue = 0.25\n')
-            router.append(f"--inject={plan}")
+            injected = [f"--inject={plan}"]
+        bridge = [*RIOT, "bridge", "mavlink", "--format=json"]
+        if self.name.startswith("own router"):
+            links = ["--link=system/fc=udpin:127.0.0.1:0", f"--link=unit/gcs=udpout:127.0.0.1:{port}"]
+            listen = ["--listen=system=tcp/127.0.0.1:0", "--listen=unit=tcp/127.0.0.1:0"]
+            return self._port(self._start([*bridge, *listen, *injected, *links]))
+        router = ["router", "--segment=system=tcp/127.0.0.1:0", "--segment=unit=tcp/127.0.0.1:0", *injected]
         segments = dict(re.findall(r"segment (\w+) ([^\s,;]+)", self._start([*RIOT, *router])))
         unit = "unit"
         if self.name == "one segment":
@@ -121,11 +129,13 @@ class Way:
             del segments["unit"]
         named = [f"--segment={name}={where}" for name, where in segments.items()]
         links = ["--link=system/fc=udpin:127.0.0.1:0", f"--link={unit}/gcs=udpout:127.0.0.1:{port}"]
-        bridge = [*RIOT, "bridge", "mavlink", "--format=json"]
         if self.name.startswith("two bridges"):
             self._start([*bridge, named.pop(), links.pop()])
-        ready = json.loads(self._start([*bridge, *named, *links]))
-        return int(ready["links"]["fc"]["where"].rpartition(":")[2])
+        return self._port(self._start([*bridge, *named, *links]))
+
+    @staticmethod
+    def _port(line: str) -> int:
+        return int(json.loads(line)["links"]["fc"]["where"].rpartition(":")[2])
 
     def _start(self, words: list[str]) -> str:
         """Start a process; return the line by which it says that it is ready."""
@@ -226,14 +236,14 @@ def forward(port: int, *, patch: bool) -> None:
             sink.write(message.get_msgbuf())
 
 
-def measure(*, rounds: int, count: int, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
+def measure(ways: list[str], *, rounds: int, count: int, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
     """Return what each way did in each round."""
     found: dict[str, dict[str, list[float]]] = {
-        name: {"rate": [], "cpu_us": [], "p50": [], "p99": [], "lost": []} for name in WAYS
+        name: {"rate": [], "cpu_us": [], "p50": [], "p99": [], "lost": []} for name in ways
     }
     flood, steady = frames(count), frames(int(rate * seconds), first=FIRST_STEADY)
     for _ in range(rounds):
-        for name in WAYS:
+        for name in ways:
             with Way(name, folder) as way:
                 per_second, came, used = way.flood(flood)
                 way.drain()
@@ -268,6 +278,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="write all figures there")
     parser.add_argument("--quick", action="store_true", help="one short round")
+    parser.add_argument(
+        "--way", action="append", choices=WAYS, help="measure only these, and what they are compared to"
+    )
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--rate", type=float, default=1000.0, help="frames/s when delays are measured")
     parser.add_argument("--forward", type=int, metavar="PORT", help="be the loop of pymavlink")
@@ -277,7 +290,9 @@ def main() -> None:
         forward(options.forward, patch=options.patch)
     rounds, count, seconds = (1, 20_000, 1.0) if options.quick else (options.rounds, 100_000, 5.0)
     with tempfile.TemporaryDirectory() as folder:
-        found = measure(rounds=rounds, count=count, rate=options.rate, seconds=seconds, folder=Path(folder))
+        needed = {WAYS[0], PEER, f"{PEER}, patched", *(options.way or WAYS)}
+        ways = [name for name in WAYS if name in needed]
+        found = measure(ways, rounds=rounds, count=count, rate=options.rate, seconds=seconds, folder=Path(folder))
     print(f"ATTITUDE, {WINDOW} frames under way; delays at {options.rate:g} frames/s; {rounds} rounds, medians")
     print("\n".join(table(found)))
     print(
