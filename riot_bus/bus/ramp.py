@@ -12,14 +12,17 @@ import queue
 import threading
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from riot_bus.bus.audience import Audience
 from riot_bus.bus.tally import Tally
 from riot_bus.message import Message
 from riot_bus.pipeline.runner import AbandonedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
+
+    import zenoh
 
     from riot_bus.bus.convert import Outlets
     from riot_bus.bus.crossing import Crossing
@@ -37,7 +40,7 @@ class Track:
 
     __slots__ = (
         "_ramp",
-        "encoding",
+        "audiences",
         "generation",
         "key",
         "looked_at",
@@ -57,11 +60,11 @@ class Track:
         self._ramp = ramp
         self.key, self.qos, self.text = key, qos, text
         self.generation = -1
-        self.encoding: Any = None
         self.native = self.looked_at = False
         self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
         self.outlets: list[Outlets] = []
-        self.puts: list[Callable[..., None]] = []
+        self.audiences: dict[str, Audience] = {}
+        self.puts: list[Callable[[bytes, bytes | None], None]] = []
         self.passed = self.seen = self.rewritten = self.told = 0
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
@@ -89,7 +92,7 @@ class Track:
         began = time.monotonic()
         try:
             for put in self.puts:
-                put(payload, encoding=self.encoding, attachment=attachment)
+                put(payload, attachment)
         except Exception as error:
             self._ramp.failed(self.key, error)
         took = time.monotonic() - began
@@ -100,6 +103,8 @@ class Track:
     def close(self) -> None:
         """Put no more; counts stay."""
         self._ramp.end(self)
+        for audience in self.audiences.values():
+            audience.close()
 
 
 class Ramp:
@@ -111,6 +116,7 @@ class Ramp:
     Args:
         segment: Name of the segment.
         crossing: What happens to the messages.
+        sessions: The segments' own.
         owner: Says which intercepted expression a key belongs to.
         sequence: Numbers of messages.
 
@@ -120,13 +126,19 @@ class Ramp:
     """
 
     def __init__(
-        self, segment: str, crossing: Crossing, *, owner: Callable[[str], str | None], sequence: Iterator[int]
+        self,
+        segment: str,
+        crossing: Crossing,
+        sessions: Mapping[str, zenoh.Session],
+        *,
+        owner: Callable[[str], str | None],
+        sequence: Iterator[int],
     ) -> None:
         self.segment = segment
         self._generations = itertools.count()
         self.generation = next(self._generations)
         self.waiting: queue.Queue[tuple[Track, bytes, bytes | None] | None] = queue.Queue(_ROOM)
-        self._crossing, self._owner, self._sequence = crossing, owner, sequence
+        self._crossing, self._sessions, self._owner, self._sequence = crossing, sessions, owner, sequence
         self._tracks: dict[int, Track] = {}
         self._ended_passed, self._ended_flows = Tally(), Tally()
         self._telling, self._changing = threading.Lock(), threading.Lock()
@@ -264,11 +276,24 @@ class Ramp:
         advanced = crossing.advanced is not None and key in crossing.advanced.keys
         wanted = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
         simple = wanted and not advanced and crossing.recorder is None
-        outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
         track.native = not self.owns(key)
         track.looked_at = wanted or advanced
         track.rewrite = crossing.gate.rewriter(key, payload) if simple and not track.native else None
         if not track.native:
-            track.encoding, track.outlets = outlets[0].encoding(track.text), outlets
-            track.puts = [outlet.publisher(key, track.qos, track.encoding).put for outlet in outlets]
+            targets = crossing.targets[self.segment]
+            track.outlets = [crossing.outlets[name] for name in targets]
+            track.puts = [put for name in targets for put in self._puts(track, name)]
         track.generation = generation
+
+    def _puts(self, track: Track, name: str) -> list[Callable[[bytes, bytes | None], None]]:
+        """Return what publishes on another segment."""
+        crossing, key = self._crossing, track.key
+        if name in crossing.observed:
+            outlet = crossing.outlets[name]
+            encoding = outlet.encoding(track.text)
+            publisher = outlet.publisher(key, track.qos, encoding)
+            return [lambda payload, attachment: publisher.put(payload, encoding=encoding, attachment=attachment)]
+        if name not in track.audiences:
+            track.audiences[name] = Audience(self._sessions[name], key, qos=track.qos, encoding=track.text)
+        takes = [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]
+        return [*takes, track.audiences[name].put]

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.audience import Inner
     from riot_bus.bus.junction import Junction
     from riot_bus.bus.recorder import Recorder
     from riot_bus.bus.segments import Segment
@@ -405,9 +406,37 @@ class Bus:
             segment: Name of the segment from which messages come.
         """
         self.segment(segment)
-        ramp = Ramp(segment, self._crossing, owner=lambda key: self._claims.owner(key), sequence=self._sequence)
+        ramp = Ramp(
+            segment,
+            self._crossing,
+            self.sessions,
+            owner=lambda key: self._claims.owner(key),
+            sequence=self._sequence,
+        )
         self._ramps.append(ramp)
         return ramp
+
+    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
+        """Let ramps of other segments call a bridge in this process that listens to a segment, without a detour.
+
+        Args:
+            segment: Name of the segment.
+            inner: The bridge; it has subscribed, too, for all that comes by other ways.
+
+        Returns:
+            What ends it.
+        """
+        crossing = self._crossing
+        with self._changing:
+            crossing.inner[segment] = (*crossing.inner.get(segment, ()), inner)
+            self._forget()
+
+        def end() -> None:
+            with self._changing:
+                crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
+                self._forget()
+
+        return end
 
     def subscribe(self, segment: str, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
         """Observe what is on a segment, what we publish there included.
@@ -424,6 +453,8 @@ class Bus:
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
         only_stored = StoreFilter(self.segment(segment).zid)
+        self._crossing.observed.add(segment)
+        self._forget()
 
         def take(sample: zenoh.Sample) -> None:
             if not only_stored(sample):

@@ -73,7 +73,7 @@ def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterato
         EnvironmentFaultError: An endpoint is in use.
     """
     settings = settings_of(options.system, options.flags)
-    if options.carried:  # first, so that they include what else is intercepted of them
+    if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
         settings = settings.model_copy(update={"intercept": (*options.carried, *settings.intercept)})
     with Network(settings.segments) as network:
         if network.junction is not None and not intercepts(settings, options):

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.standin import StoreFilter
-from riot_bus.bus.bridge.port import Inlet
+from riot_bus.bus.audience import Audience, Inner
 from riot_bus.bus.runtime import release
 from riot_bus.message import Qos
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.bus.ramp import Ramp
+    from riot_bus.bus.ramp import Track
     from riot_bus.bus.router import Bus
 
 __all__ = ["InnerOutlet", "InnerPort"]
@@ -28,57 +28,44 @@ class InnerOutlet:
     """Publishes on one key; see `InnerPort.publisher`."""
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        ramp: Ramp,
-        key: str,
-        *,
-        qos: Qos,
-        speaking: threading.local | None,
-        changed: Callable[[], None] | None = None,
-        encoding: str = "",
+        self, audience: Audience, track: Track, *, owns: Callable[[str], bool], speaking: threading.local | None
     ) -> None:
-        import zenoh
-
-        block = qos.congestion == "block"
-        self._publisher: Any = session.declare_publisher(
-            key,
-            encoding=zenoh.Encoding(encoding) if encoding else None,
-            congestion_control=zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP,
-            express=qos.express,
-            # Who records a router of one segment listens on this very session.
-            allowed_destination=zenoh.Locality.REMOTE if speaking is None else zenoh.Locality.ANY,
-        )
-        self._declared: list[Any] = [self._publisher]
-        if changed is not None:
-            handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)
-            self._declared.insert(0, self._publisher.declare_matching_listener(handler))
-        self._key, self._ramp = key, ramp
-        self._track = ramp.track(key, qos, encoding)
-        self._cross, self._put = self._track.put, self._publisher.put
-        self._speaking = speaking
+        self._audience, self._track, self._owns, self._speaking = audience, track, owns, speaking
+        self._cross, self._put = track.put, audience.put
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish; waits for slow receivers if it is reliable."""
         self._cross(payload, attachment)
         speaking = self._speaking
         if speaking is None:
-            self._put(payload, attachment=attachment)
+            self._put(payload, attachment)
             return
         speaking.now = True
         try:
-            self._put(payload, attachment=attachment)
+            self._put(payload, attachment)
         finally:
             speaking.now = False
 
     def matched(self) -> bool:
         """Return whether somebody elsewhere gets what is published."""
-        return self._ramp.owns(self._key) or bool(self._publisher.matching_status.matching)
+        return self._owns(self._track.key) or self._audience.listens()
 
     def close(self) -> None:
         """Take it away."""
         self._track.close()
-        release(*self._declared)
+        self._audience.close()
+
+
+class _Listening:
+    """A subscription of a bridge in this process; see `InnerPort.subscribe`."""
+
+    def __init__(self, subscriber: Any, end: Callable[[], None]) -> None:
+        self._subscriber, self._end = subscriber, end
+
+    def close(self) -> None:
+        """Take it away."""
+        self._end()
+        release(self._subscriber)
 
 
 class InnerPort:
@@ -93,10 +80,11 @@ class InnerPort:
     """
 
     def __init__(self, bus: Bus, segment: str) -> None:
-        self._session = bus.segment(segment).session
+        self._bus, self._segment = bus, segment
+        self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
         self.endpoint = bus.endpoint(segment)
         self._ramp = bus.ramp(segment)
-        self._zid = bus.segment(segment).zid
+        # Who records a router of one segment listens on this very session, and so do we.
         self._speaking = threading.local() if len(bus.sessions) == 1 else None
 
     def publisher(
@@ -111,11 +99,13 @@ class InnerPort:
             encoding: Zenoh's encoding string, empty for its default.
         """
         qos = Qos(congestion="block" if reliable else "drop")
-        return InnerOutlet(
-            self._session, self._ramp, key, qos=qos, speaking=self._speaking, changed=changed, encoding=encoding
+        speaking = self._speaking
+        audience = Audience(
+            self._session, key, qos=qos, encoding=encoding, changed=changed, everybody=speaking is not None
         )
+        return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
 
-    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Inlet:
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
         """Subscribe to what others put.
 
         Args:
@@ -127,20 +117,23 @@ class InnerPort:
 
         only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
 
+        def give(payload: bytes, attachment: bytes | None) -> None:
+            with lock:
+                try:
+                    take(payload, attachment)
+                except Exception:
+                    _LOG.exception("a message for %s was lost", key)
+
         def receive(sample: zenoh.Sample) -> None:
             if speaking is not None and getattr(speaking, "now", False):
-                return
+                return  # it is ours
             kind: Any = sample.kind
-            with lock:
-                if only_stored(sample) or int(kind) != 0:
-                    return
+            if int(kind) == 0 and not only_stored(sample):
                 attachment = sample.attachment
-                try:
-                    take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
-                except Exception:
-                    _LOG.exception("a message of %s was lost", sample.key_expr)
+                give(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
 
         handler: Any = zenoh.handlers.Callback(receive, indirect=False)
-        return Inlet(self._session.declare_subscriber(key, handler))
+        subscriber = self._session.declare_subscriber(key, handler)
+        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(key), give)))
 
     collect = subscribe
