@@ -7,6 +7,7 @@ import random
 import pytest
 
 from riot_bus.errors import PayloadError
+from riot_bus.trial import Scalar
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
 from riot_bus_mavlink.message_type import MavlinkType
@@ -28,7 +29,8 @@ def test_it_is_the_same_as_to_patch(name: str, version: int) -> None:
         body = bytes(draw.choice((0, draw.randrange(256))) for _ in range(size))
         frame = pack_frame(message.id, body, message.crc_extra, version=version, sequence=7, system=1, component=2)
         for leaf in kind.leaves(frame):
-            for value in ("", "text") if isinstance(leaf.value, str) else (0, 1, 255):
+            values: tuple[Scalar, ...] = ("", "text") if isinstance(leaf.value, str) else (0, 1, 255)
+            for value in values:
                 patch = kind.patcher(leaf.path, value)
                 if patch is not None:
                     assert patch(frame) == kind.patch(frame, {leaf.path: value})
