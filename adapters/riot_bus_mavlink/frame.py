@@ -44,6 +44,7 @@ LONGEST = 280
 
 _STARTS = (V1, V2)
 _CRC_START = 0xFFFF
+_new = tuple.__new__
 _EXTRA = [bytes([number]) for number in range(256)]
 
 
@@ -125,9 +126,20 @@ class Framer:
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are complete with these bytes, in their order."""
         counts = self.counts
-        counts.bytes += len(data)
+        size = len(data)
+        counts.bytes += size
         if self._rest:
             data = self._rest + data
+        elif size > 11 and data[0] == V2 and data[1] == size - 12 and not data[2]:
+            frame = _unsigned(data)  # most often, a packet is one such frame
+            extra = self._extra(frame.message_id)
+            if extra is not None and self._crc(_EXTRA[extra], self._crc(data[1:-2], _CRC_START)) == (
+                data[-2] | data[-1] << 8
+            ):
+                counts.frames += 1
+                counts.frame_bytes += size
+                self._in_step = True
+                return [frame]
         return self._scan(data, ended=False)
 
     def flush(self) -> list[Frame]:
@@ -195,7 +207,10 @@ def parse_frame(data: bytes) -> Frame:
     Raises:
         PayloadError: They are no frame, or more than one.
     """
-    if len(data) < 8 or data[0] not in _STARTS:
+    size = len(data)
+    if size > 11 and data[0] == V2 and data[1] == size - 12 and not data[2]:
+        return _unsigned(data)
+    if size < 8 or data[0] not in _STARTS:
         raise PayloadError("no MAVLink frame: it begins with FE or FD and has at least 8 bytes")
     length = frame_length(data, 0)
     if length != len(data):
@@ -276,6 +291,12 @@ def frame_length(data: bytes, at: int) -> int:
     if flags & ~SIGNED:
         return -1
     return 12 + data[at + 1] + (SIGNATURE if flags else 0)
+
+
+def _unsigned(raw: bytes) -> Frame:
+    """Return what an unsigned frame of MAVLink 2 is, without a detour through the arguments of `Frame`."""
+    number = raw[7] | raw[8] << 8 | raw[9] << 16
+    return _new(Frame, (raw, 2, raw[4], raw[5], raw[6], number, False))
 
 
 def _parse(data: bytes, at: int, length: int) -> Frame:

@@ -138,8 +138,19 @@ class MavlinkType:
             return None
         packed = slot.pack(value)
         start, end = slot.offset, slot.end
+        crc, extra, number = self._crc, self._extra, self.message.id.to_bytes(3, "little")
+        first, last = 10 + start, 10 + end
 
         def patch(payload: bytes) -> bytes:
+            stop = len(payload) - 2
+            # The usual frame: unsigned, of MAVLink 2, and its length stays since what ends it is not changed.
+            if stop > last and payload[0] == V2 and payload[1] == stop - 10 and payload[2] == 0:
+                begin, middle, rest = payload[1:first], payload[first:last], payload[last:stop]
+                if rest[-1] and payload[7:10] == number:
+                    before = crc(begin, 0xFFFF)
+                    if crc(extra, crc(rest, crc(middle, before))) == payload[stop] | payload[stop + 1] << 8:
+                        check = crc(extra, crc(rest, crc(packed, before)))
+                        return b"%b%b%b%c%c" % (payload[:first], packed, rest, check & 255, check >> 8)
             parts = self._parts(payload)
             body = self._body(payload, parts)
             if end > len(body):

@@ -44,6 +44,8 @@ class RouterOptions:
         definitions: Files that define message types.
         seed: Seed of everything that is random.
         bypass_watch: Whether to look for ways around the router.
+        adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
+        carried: Key expressions that are intercepted besides, for a bridge in the same process.
     """
 
     system: Path | None = None
@@ -54,6 +56,8 @@ class RouterOptions:
     definitions: Sequence[Path] = ()
     seed: int = 0
     bypass_watch: bool = True
+    adapters: Sequence[str] = ()
+    carried: Sequence[str] = ()
 
 
 def settings_of(system: Path | None, flags: RouterFlags) -> RouterSettings:
@@ -74,7 +78,7 @@ def settings_of(system: Path | None, flags: RouterFlags) -> RouterSettings:
 def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
     """Return whether something is intercepted from the beginning."""
     wanted = (settings.intercept, settings.services, settings.interceptors, options.interceptors, options.inject)
-    return any(wanted)
+    return any(wanted) or bool(options.carried)
 
 
 def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:
@@ -149,8 +153,13 @@ def registry_of(options: RouterOptions) -> TypeRegistry:
     if known is not system or not all(map(_is_texts, texts)):
         hint = "adapters and messages are lists of text, types is a table of text"
         raise ConfigError("types, adapters or messages are not usable", where=f"{path}: [system]", hint=hint)
+    loaded = load_adapters(chosen_adapters(adapters))
+    if options.adapters:
+        replaced = {text.partition(":")[0] for text in options.adapters}
+        kept = [each for each in loaded if getattr(each, "name", "") not in replaced]
+        loaded = [*kept, *load_adapters(options.adapters)]
     return TypeRegistry(
-        load_adapters(chosen_adapters(adapters)),
+        loaded,
         declared={**types, **parse_types(options.types)},
         definitions=[*(path.resolve().parent / name for name in messages), *options.definitions],
     )

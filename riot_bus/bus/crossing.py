@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.advanced.relay import Relay
     from riot_bus.bus.advanced.terminator import Terminator
+    from riot_bus.bus.audience import Inner
     from riot_bus.bus.convert import Outlets
     from riot_bus.bus.gate import Gate, Holder
     from riot_bus.bus.recorder import Recorder
@@ -63,6 +64,10 @@ class Crossing:
         self.recorder: Recorder | None = None
         self.advanced: Terminator | None = None
         """Stands in for advanced publishers; None if there is nobody to stand in for."""
+        self.inner: dict[str, tuple[Inner, ...]] = {}
+        """Bridges in this process, by segment."""
+        self.observed: set[str] = set()
+        """Segments that somebody else in this process listens to."""
         self._owned = owned
         self._sequence = sequence
         self._topic = topic

@@ -19,6 +19,7 @@ from riot_bus.bus.gate import BUDGET_S, Gate
 from riot_bus.bus.lane import Lane
 from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.network import Network
+from riot_bus.bus.ramp import Ramp
 from riot_bus.bus.runtime import canonical, includes, intersects, release, wait_until
 from riot_bus.bus.services.services import Services
 from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.audience import Inner
     from riot_bus.bus.junction import Junction
     from riot_bus.bus.recorder import Recorder
     from riot_bus.bus.segments import Segment
@@ -103,6 +105,7 @@ class Bus:
         self._converters = {name: Converter(name, self._sequence) for name in network.settings}
         self._lanes: dict[str, list[Lane]] = {}
         self._retired: list[Lane] = []
+        self._ramps: list[Ramp] = []
         self._observers: list[Subscription] = []
         self._claims = Claims(canonical(intercept))
         self._selected = canonical(services)
@@ -180,6 +183,8 @@ class Bus:
         return watch
 
     def _stop(self) -> None:
+        for ramp in self._ramps:
+            ramp.close()
         release(*self._observers)
         self._observers.clear()
         if self._services is not None:
@@ -317,8 +322,8 @@ class Bus:
             self._retired.append(lane)
 
     def _forget(self) -> None:
-        for lane in itertools.chain(*list(self._lanes.values())):
-            lane.forget()
+        for way in self._present_ways():
+            way.forget()
 
     def _observe(self) -> None:
         # Those of a former junction are gone already, which does no harm.
@@ -393,6 +398,45 @@ class Bus:
         self._outlets[segment].publisher(key, qos)
         return BusPublisher(self, segment, key, qos)
 
+    def ramp(self, segment: str) -> Ramp:
+        """Return a way to the other segments for a bridge in this process; it ends with the bus.
+
+        Args:
+            segment: Name of the segment from which messages come.
+        """
+        self.segment(segment)
+        ramp = Ramp(
+            segment,
+            self._crossing,
+            self.sessions,
+            owner=lambda key: self._claims.owner(key),
+            sequence=self._sequence,
+        )
+        self._ramps.append(ramp)
+        return ramp
+
+    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
+        """Let ramps of other segments call a bridge in this process that listens to a segment, without a detour.
+
+        Args:
+            segment: Name of the segment.
+            inner: The bridge; it has subscribed, too, for all that comes by other ways.
+
+        Returns:
+            What ends it.
+        """
+        crossing = self._crossing
+        with self._changing:
+            crossing.inner[segment] = (*crossing.inner.get(segment, ()), inner)
+            self._forget()
+
+        def end() -> None:
+            with self._changing:
+                crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
+                self._forget()
+
+        return end
+
     def subscribe(self, segment: str, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
         """Observe what is on a segment, what we publish there included.
 
@@ -408,6 +452,8 @@ class Bus:
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
         only_stored = StoreFilter(self.segment(segment).zid)
+        self._crossing.observed.add(segment)
+        self._forget()
 
         def take(sample: zenoh.Sample) -> None:
             if not only_stored(sample):
@@ -475,7 +521,7 @@ class Bus:
             lanes = list(itertools.chain(*self._lanes.values()))
             received = sum(lane.received for lane in lanes)
             arrived, before = received - before, received
-            done = not arrived and all(lane.idle() for lane in lanes)
+            done = not arrived and all(way.idle() for way in self._present_ways())
             done = done and not self._crossing.held() and self._dispatcher.idle()
             done = done and (self._advanced is None or self._advanced.idle())
             done = done and (self._services is None or self._services.idle())
@@ -501,9 +547,10 @@ class Bus:
         undelivered: Counter[str] = Counter()
         for topics in self._crossing.losses().values():
             undelivered.update(topics)
+        passed = self._by_topic(way.passed() for way in self._all_ways())
         return count(
             self.gate.pipeline.counts,
-            passed=self._by_topic(lane.passed() for lane in self._all_lanes()),
+            passed=passed,
             shed=self._shed(),
             undelivered=undelivered,
             held=self._crossing.held() + self._by_topic([] if self._services is None else [self._services.held()]),
@@ -514,9 +561,9 @@ class Bus:
     def flows(self) -> dict[tuple[str, str], int]:
         """Return how many intercepted messages came so far, by key and the segment that they came from."""
         total: Counter[tuple[str, str]] = Counter()
-        for lane in self._all_lanes():
-            for key, number in lane.flows().items():
-                total[key, lane.segment] += number
+        for way in self._all_ways():
+            for key, number in way.flows().items():
+                total[key, way.segment] += number
         return dict(total)
 
     def senders(self) -> dict[tuple[str, str], set[str]]:
@@ -532,6 +579,12 @@ class Bus:
 
     def _all_lanes(self) -> list[Lane]:
         return [*self._retired, *itertools.chain(*list(self._lanes.values()))]
+
+    def _present_ways(self) -> list[Lane | Ramp]:
+        return [*itertools.chain(*list(self._lanes.values())), *self._ramps]
+
+    def _all_ways(self) -> list[Lane | Ramp]:
+        return [*self._all_lanes(), *self._ramps]
 
     def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:
         total: Counter[str] = Counter()

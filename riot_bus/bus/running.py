@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import closing
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
@@ -14,17 +14,30 @@ from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from riot_bus.bus.assemble import RouterOptions
     from riot_bus.bus.bypass import Bypass
     from riot_bus.bus.service import RouterService
     from riot_bus.bus.tally import Losses
 
-__all__ = ["run_router"]
+__all__ = ["Trimmer", "router_of", "run_router", "say_end"]
 
 _LOOK_S = 0.2
 _TRIM_S = 20.0
+
+
+class Trimmer:
+    """Called often, it seldom gives memory back to the system."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def __call__(self) -> None:
+        """Do it if it is time."""
+        if time.monotonic() - self._last > _TRIM_S:
+            trim_heap()
+            self._last = time.monotonic()
 
 
 def run_router(
@@ -43,7 +56,25 @@ def run_router(
         EnvironmentFaultError: An endpoint is in use.
         DataLossError: It ran, but messages were lost.
     """
+    with router_of(options, warn=warn) as service:
+        _run(service, say=say, warn=warn, as_json=as_json)
+
+
+@contextmanager
+def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterator[RouterService]:
+    """Yield a router whose segments are open; it is not itself.
+
+    Args:
+        options: What to do.
+        warn: Prints a line of diagnostics.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: An endpoint is in use.
+    """
     settings = settings_of(options.system, options.flags)
+    if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
+        settings = settings.model_copy(update={"intercept": (*options.carried, *settings.intercept)})
     with closing(Network(settings.segments)) as network:
         if not intercepts(settings, options):  # else it has to be known first what is cut
             network.open()
@@ -62,7 +93,7 @@ def run_router(
         )
         for line in service.warnings:
             warn(f"warning: {line}")
-        _run(service, say=say, warn=warn, as_json=as_json)
+        yield service
 
 
 def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool) -> None:
@@ -70,12 +101,10 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
         with service:
             say(_ready(service, as_json=as_json))
             service.watch()
-            trimmed = time.monotonic()
+            trim = Trimmer()
             while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
-                if time.monotonic() - trimmed > _TRIM_S:
-                    trim_heap()
-                    trimmed = time.monotonic()
-        _end(service, say, warn, as_json=as_json)
+                trim()
+        say_end(service, say, warn, as_json=as_json)
 
 
 def _ready(service: RouterService, *, as_json: bool) -> str:
@@ -88,7 +117,18 @@ def _ready(service: RouterService, *, as_json: bool) -> str:
     return f"ready: {where}; intercepting {', '.join(service.topics) or 'nothing'}"
 
 
-def _end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
+def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
+    """Say what happened to each topic.
+
+    Args:
+        service: The router, ended.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        as_json: Say it as a line of JSON.
+
+    Raises:
+        DataLossError: Messages were lost.
+    """
     from riot_bus.bus.status import count_rows, count_table, interceptor_rows, loss_rows
     from riot_bus.bus.status_text import plain
 

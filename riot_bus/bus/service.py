@@ -154,6 +154,11 @@ class RouterService(Operations):
         self.stopping.set()
 
     @property
+    def bus(self) -> Bus:
+        """The bus, while it is open."""
+        return self._open_bus()
+
+    @property
     def endpoints(self) -> dict[str, tuple[str, ...]]:
         """Where components of each segment connect."""
         bus = self._open_bus()
@@ -162,6 +167,7 @@ class RouterService(Operations):
     def status(self) -> dict[str, Any]:
         """Return all that there is to say, as JSON values."""
         bus = self._open_bus()
+        counts = status.count_rows(bus.counts())  # first: interceptors are told of some messages only then
         return {
             "name": self.settings.name,
             "version": __version__,
@@ -174,7 +180,7 @@ class RouterService(Operations):
             "interceptors": status.interceptor_rows(bus.gate.pipeline),
             "plan": status.plan_row(self._interception.plan),
             "recording": self._recordings.status(),
-            "counts": status.count_rows(bus.counts()),
+            "counts": counts,
             "losses": status.loss_rows(bus.losses),
             "departures": bus.departures,
             "bypasses": status.bypass_rows(self._watches.bypasses if self._watches is not None else ()),

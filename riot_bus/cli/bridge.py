@@ -150,6 +150,29 @@ def mavlink(
         str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the only segment listens.")
     ] = None,
     cfg: Cfg = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=ENDPOINT[,...]",
+            help="Without --segment and --endpoint, the bridge is its own router: a segment of it, and where that "
+            "listens; repeatable. [default: as of riot router]",
+        ),
+    ] = None,
+    intercept: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEYEXPR", help="Its own router: what goes through interceptors, such as COMMAND_LONG."),
+    ] = None,
+    interceptor: Annotated[
+        list[str] | None,
+        typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="Its own router: as of riot router."),
+    ] = None,
+    inject: Annotated[
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="Its own router: injections; their topics are intercepted."),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="OUT.mcap", help="Its own router: record all that passes.")
+    ] = None,
     dialect: Annotated[
         str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
     ] = None,
@@ -176,23 +199,28 @@ def mavlink(
     Links of one segment see each other directly, those of different segments through riot, where their messages can be
     intercepted. With a segment for the autopilot and one for the ground station, riot is between them:
 
-    riot bridge mavlink --segment system --segment unit --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
+    riot bridge mavlink --inject plan.toml --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
+
+    That is a router, too, and the fastest way; riot ctl speaks to it. With --segment NAME or --endpoint ENDPOINT, the
+    bridge joins segments of a running riot router instead.
     """
     from contextlib import ExitStack
 
+    from riot_bus.bus.assemble import RouterOptions, settings_of
+    from riot_bus.bus.bridge.own_router import run_own_router
     from riot_bus.bus.bridge.port import open_port
     from riot_bus.bus.bridge.program import end_as
     from riot_bus.bus.bridge.running import run_bridge
     from riot_bus.bus.component import client_cfg
-    from riot_bus.errors import ConfigError
+    from riot_bus.bus.flags import RouterFlags
     from riot_bus_mavlink.bridge.bridge import MavlinkBridge
     from riot_bus_mavlink.bridge.options import BridgeOptions
     from riot_bus_mavlink.dialect import DEFAULT
     from riot_bus_mavlink.keys import TEMPLATE
 
-    if (segment is None) == (endpoint is None):
-        hint = "give --segment NAME or --endpoint ENDPOINT"
-        raise ConfigError("which segment?", where="riot bridge mavlink", hint=hint)
+    joins = segment is not None or endpoint is not None
+    wanted = {"listen": listen, "intercept": intercept, "interceptor": interceptor, "inject": inject, "record": record}
+    _check_ways(segment, endpoint, cfg, joins=joins, of_router=[name for name, value in wanted.items() if value])
     options = BridgeOptions(
         links=link or (),
         dialect=dialect or DEFAULT,
@@ -204,20 +232,57 @@ def mavlink(
         mirror=None if mirror is None else mirror.value,
         patient=bool(program),
     )
-    config = client_cfg(cfg or ())
-    places = _places(segment or [f"={endpoint}"], config, system=system)
-    options.plan(list(places))
-    with ExitStack() as stack:
-        ports = {
-            name: stack.enter_context(open_port(endpoints, config=settings))
-            for name, (endpoints, settings) in places.items()
-        }
-        bridge = MavlinkBridge(ports, options, warn=lambda line: typer.echo(line, err=True))
-        start = partial(_start, program, bridge) if program else None
-        status = run_bridge(bridge, say=typer.echo, as_json=form is OutputFormat.JSON, program=start)
+    say, warn, as_json = typer.echo, partial(typer.echo, err=True), form is OutputFormat.JSON
+    start = partial(_start, program) if program else None
+    if joins:
+        places = _places(segment or [f"={endpoint}"], client_cfg(cfg or ()), system=system)
+        options.plan(list(places))
+        with ExitStack() as stack:
+            ports = {
+                name: stack.enter_context(open_port(endpoints, config=settings))
+                for name, (endpoints, settings) in places.items()
+            }
+            bridge = MavlinkBridge(ports, options, warn=warn)
+            started = None if start is None else partial(start, bridge)
+            status = run_bridge(bridge, say=say, as_json=as_json, program=started)
+    else:
+        flags = RouterFlags(segments=listen or (), intercept=intercept or (), record=record)
+        router = RouterOptions(
+            system,
+            flags,
+            interceptors=interceptor or (),
+            inject=inject,
+            definitions=definitions or (),
+            adapters=options.adapters(),
+            carried=[options.plan(list(settings_of(system, flags).segments)).keys.expression()],
+        )
+        status = run_own_router(
+            router,
+            lambda ports: MavlinkBridge(ports, options, warn=warn),
+            say=say,
+            warn=warn,
+            as_json=as_json,
+            program=start,
+        )
     if status:
         end_as(status)
         raise typer.Exit(status)
+
+
+def _check_ways(
+    segment: list[str] | None, endpoint: str | None, cfg: list[str] | None, *, joins: bool, of_router: list[str]
+) -> None:
+    from riot_bus.errors import ConfigError
+
+    where = "riot bridge mavlink"
+    if segment is not None and endpoint is not None:
+        raise ConfigError("which segment?", where=where, hint="give --segment NAME or --endpoint ENDPOINT, not both")
+    if joins and of_router:
+        text = f"--{of_router[0]} is for a bridge that is its own router; this one joins another"
+        hint = f"give it to riot router, or leave {'--segment' if segment else '--endpoint'} out"
+        raise ConfigError(text, where=where, hint=hint)
+    if not joins and cfg:
+        raise ConfigError("--cfg is for a router elsewhere", where=where, hint="write it into [router] of riot.toml")
 
 
 def _start(command: list[str], bridge: MavlinkBridge) -> Program:

@@ -20,17 +20,21 @@ class MavlinkBridgeProcess:
     """The test's end.
 
     Args:
-        segments: Endpoints by name.
+        segments: Endpoints by name; None if the bridge is its own router.
         links: As `--link` takes them.
         options: More of the command's options.
     """
 
-    def __init__(self, segments: dict[str, str], links: list[str], *options: str) -> None:
+    def __init__(self, segments: dict[str, str] | None, links: list[str], *options: str) -> None:
+        own = [] if segments is not None else [f"--listen={name}=tcp/127.0.0.1:0" for name in ("system", "unit")]
+        self.router: dict[str, Any] = {}
+        """What the bridge has said at its end as its own router."""
         self.process = subprocess.Popen(
             [
                 *RIOT,
                 *("bridge", "mavlink", "--format=json"),
-                *(f"--segment={name}={endpoint}" for name, endpoint in segments.items()),
+                *(f"--segment={name}={endpoint}" for name, endpoint in (segments or {}).items()),
+                *([] if any(each.startswith("--listen") for each in options) else own),
                 *(f"--link={link}" for link in links),
                 *options,
             ],
@@ -53,8 +57,13 @@ class MavlinkBridgeProcess:
         self.process.send_signal(signal.SIGTERM)
         out, err = self.process.communicate(timeout=60)
         assert (self.process.returncode, err) == (0, ""), err
-        found: dict[str, Any] = json.loads(out)
-        return found
+        found: list[dict[str, Any]] = [json.loads(line) for line in out.splitlines()]
+        self.router = found[-1]
+        return found[0]
+
+    def endpoint(self, segment: str) -> str:
+        """Return where a segment listens."""
+        return str(self.ready["segments"][segment]["endpoint"])
 
     def __enter__(self) -> Self:
         return self

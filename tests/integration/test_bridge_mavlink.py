@@ -56,7 +56,7 @@ def stack() -> Iterator[ExitStack]:
 def test_options_that_are_wrong_are_named(tmp_path: Path) -> None:
     nobody = free_endpoint()
     for arguments, code, part in (
-        ([], 2, "--segment"),
+        ([], 2, "--link udpin:0.0.0.0:14550"),
         (["--segment=a", "--endpoint=tcp/127.0.0.1:1"], 2, "--segment"),
         (["--segment=nowhere", "--link=udpin:1"], 2, "nowhere"),
         ([f"--endpoint={nobody}"], 2, "--link udpin:0.0.0.0:14550"),

@@ -50,6 +50,13 @@ class BridgeOptions:
     mirror: Literal["messages", "fields"] | None = None
     patient: bool = False
 
+    def adapters(self) -> list[str]:
+        """Return how a router names the adapter that knows the same keys and types; nothing if the usual one does."""
+        usual = {"dialect": DEFAULT, "template": TEMPLATE, "key_file": "None"}
+        chosen = {"dialect": self.dialect, "template": self.keys, "key_file": str(self.key_file)}
+        texts = [f"{name}={value}" for name, value in chosen.items() if value != usual[name]]
+        return [f"mavlink:{';'.join(texts)}"] if texts else []
+
     def plan(self, segments: Sequence[str]) -> Plan:
         """Return what is to be bridged.
 

@@ -140,9 +140,8 @@ class Side:
         return kept
 
     def hear(self, payload: bytes, attachment: bytes | None) -> None:
-        """Carry what came from the bus."""
-        counts = self.counts
-        mark = origin_of(attachment, self._mark)
+        """Carry what came from the bus; one thread at a time."""
+        mark = Mark.OWN if attachment == self._mark else origin_of(attachment, self._mark)
         try:
             frame = parse_frame(payload)
         except PayloadError:
@@ -151,15 +150,15 @@ class Side:
         if mark is Mark.NONE and self._linked(frame.system, frame.component):
             payload = self._renumbered(frame)
         ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
-        with self._lock:
-            counts["from_bus"] += 1
-            counts["unrouted"] += not ends
-            if frame.signed and ends and self._renewer is not None:
-                try:
-                    payload = self._renewer.renew(payload)  # it may be late, repeated, or from a log
-                except PayloadError:
-                    counts["refused"] += 1
-                    return
+        counts = self.counts
+        counts["from_bus"] += 1
+        counts["unrouted"] += not ends
+        if frame.signed and ends and self._renewer is not None:
+            try:
+                payload = self._renewer.renew(payload)  # it may be late, repeated, or from a log
+            except PayloadError:
+                counts["refused"] += 1
+                return
         for end in ends:
             end.send(payload)
 
@@ -184,9 +183,8 @@ class Side:
     def _hear_broken(self, payload: bytes) -> None:
         """Give all links what is no frame, as it is: it was broken on purpose, and names no target."""
         fits = 0 < len(payload) <= LONGEST
-        with self._lock:
-            self.counts["from_bus"] += 1
-            self.counts["broken" if fits else "refused"] += 1
+        self.counts["from_bus"] += 1
+        self.counts["broken" if fits else "refused"] += 1
         if fits:
             for end in self.routes.peers:
                 if end.sends:

@@ -211,7 +211,7 @@ class UdpClient(_UdpLink):
             self._timer = self._host.loop.later(_RETRY_S, self._look_up)
 
     def _put(self, data: bytes) -> bool:
-        answering = self._answering
+        answering = self._answering  # None unless the address is that of many
         if answering is not None and time.monotonic() - answering[1] < _UNICAST_S:
             return self._send(data, answering[0])
         return self._send(data, self._target)

@@ -46,12 +46,17 @@ class Bridge(Protocol):
     def __exit__(self, *error: object) -> None: ...
 
 
+def _nothing() -> None:
+    """Have nothing to look at."""
+
+
 def run_bridge(
     bridge: Bridge,
     *,
     say: Callable[[str], None],
     as_json: bool = False,
     program: Callable[[], Program] | None = None,
+    look: Callable[[], None] = _nothing,
 ) -> int:
     """Bridge until SIGINT, SIGTERM, a failure, or the end of the program behind it.
 
@@ -60,6 +65,7 @@ def run_bridge(
         say: Prints a line of the result.
         as_json: Say it as lines of JSON.
         program: Starts the program behind it, once it is ready.
+        look: Called a few times in a second.
 
     Returns:
         The program's exit status, negative for a signal; 0 if it was still running, or there is none.
@@ -72,8 +78,8 @@ def run_bridge(
         with bridge, ExitStack() as stack:
             say(json.dumps({"event": "ready", **bridge.status()}, sort_keys=True) if as_json else bridge.ready())
             behind = stack.enter_context(program()) if program is not None else None
-            while not bridge.wait(_LOOK_S):
-                pass  # a signal that comes just before an endless wait begins does not end it
+            while not bridge.wait(_LOOK_S):  # a signal that comes just before an endless wait does not end that
+                look()
             status = behind.status if behind is not None else None
         if as_json:
             say(json.dumps({"event": "ended", **bridge.status()}, sort_keys=True))

@@ -1,0 +1,87 @@
+"""Who gets what this process publishes on a segment: components, and bridges in the same process."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.bus.convert import publisher_settings
+from riot_bus.bus.runtime import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from riot_bus.message import Qos
+
+__all__ = ["Audience", "Inner"]
+
+
+class Inner(NamedTuple):
+    """A bridge in this process that listens.
+
+    Attributes:
+        expression: To what.
+        take: Called with payload and attachment, on any thread; raises nothing.
+    """
+
+    expression: zenoh.KeyExpr
+    take: Callable[[bytes, bytes | None], None]
+
+
+class Audience:
+    """Publishes on one key to the components of a segment, as long as there are any that listen.
+
+    Args:
+        session: The segment's own.
+        key: Without wildcards.
+        qos: Delivery settings.
+        encoding: Zenoh's encoding string, empty for its default.
+        changed: Called on a thread of Zenoh's when `listens` may have changed.
+        everybody: Publish always, and for this process, too.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        *,
+        qos: Qos,
+        encoding: str = "",
+        changed: Callable[[], None] | None = None,
+        everybody: bool = False,
+    ) -> None:
+        import zenoh
+
+        self._publisher: Any = session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding(encoding) if encoding else None,
+            allowed_destination=zenoh.Locality.ANY if everybody else zenoh.Locality.REMOTE,
+            **publisher_settings(qos),
+        )
+        self._put = self._publisher.put
+        self._changed, self._everybody = changed, everybody
+        self._listens, self._stale = everybody, not everybody
+        handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # else each has a thread
+        self._listener = self._publisher.declare_matching_listener(handler)
+
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        """Publish; waits for slow receivers if the QoS says so. Raises zenoh.ZError when the session is closed."""
+        if self._stale:
+            self._stale = False  # first, so that no change is missed
+            self._listens = self.listens()
+        if self._listens:
+            self._put(payload, attachment=attachment)
+
+    def listens(self) -> bool:
+        """Return whether anybody does."""
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        """Publish no more."""
+        release(self._listener, self._publisher)
+
+    def _note(self, status: object) -> None:
+        self._stale = not self._everybody
+        if self._changed is not None:
+            self._changed()

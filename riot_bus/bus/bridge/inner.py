@@ -1,0 +1,139 @@
+"""A segment of a router in this process, for bridges: nothing is between them and the interceptors."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bus.advanced.standin import StoreFilter
+from riot_bus.bus.audience import Audience, Inner
+from riot_bus.bus.runtime import release
+from riot_bus.message import Qos
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from riot_bus.bus.ramp import Track
+    from riot_bus.bus.router import Bus
+
+__all__ = ["InnerOutlet", "InnerPort"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class InnerOutlet:
+    """Publishes on one key; see `InnerPort.publisher`."""
+
+    def __init__(
+        self, audience: Audience, track: Track, *, owns: Callable[[str], bool], speaking: threading.local | None
+    ) -> None:
+        self._audience, self._track, self._owns, self._speaking = audience, track, owns, speaking
+        self._cross, self._put = track.put, audience.put
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish; waits for slow receivers if it is reliable."""
+        self._cross(payload, attachment)
+        speaking = self._speaking
+        if speaking is None:
+            self._put(payload, attachment)
+            return
+        speaking.now = True
+        try:
+            self._put(payload, attachment)
+        finally:
+            speaking.now = False
+
+    def matched(self) -> bool:
+        """Return whether somebody elsewhere gets what is published."""
+        return self._owns(self._track.key) or self._audience.listens()
+
+    def close(self) -> None:
+        """Take it away."""
+        self._track.close()
+        self._audience.close()
+
+
+class _Listening:
+    """A subscription of a bridge in this process; see `InnerPort.subscribe`."""
+
+    def __init__(self, subscriber: Any, end: Callable[[], None]) -> None:
+        self._subscriber, self._end = subscriber, end
+
+    def close(self) -> None:
+        """Take it away."""
+        self._end()
+        release(self._subscriber)
+
+
+class InnerPort:
+    """A segment as a bridge in the router's own process sees it; it ends with the bus.
+
+    What is put on intercepted keys goes to the other segments on the thread that puts it, and there to who listens on
+    this thread, too, unless an interceptor has to look at it. Otherwise it is as `SegmentPort`.
+
+    Args:
+        bus: The bus, open.
+        segment: Name of the segment.
+    """
+
+    def __init__(self, bus: Bus, segment: str) -> None:
+        self._bus, self._segment = bus, segment
+        self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
+        self.endpoint = bus.endpoint(segment)
+        self._ramp = bus.ramp(segment)
+        # Who records a router of one segment listens on this very session, and so do we.
+        self._speaking = threading.local() if len(bus.sessions) == 1 else None
+
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> InnerOutlet:
+        """Return a new publisher.
+
+        Args:
+            key: Where to; one thread at a time publishes there.
+            reliable: Slow receivers hold it up, instead of losing messages.
+            changed: Called on a thread of Zenoh's when `matched` may have changed.
+            encoding: Zenoh's encoding string, empty for its default.
+        """
+        qos = Qos(congestion="block" if reliable else "drop")
+        speaking = self._speaking
+        audience = Audience(
+            self._session, key, qos=qos, encoding=encoding, changed=changed, everybody=speaking is not None
+        )
+        return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
+        """Subscribe to what others put.
+
+        Args:
+            key: Where.
+            take: Called with payload and attachment, once at a time, on whatever thread brings it: one of Zenoh's, or
+                of the router's, or who puts it on another segment.
+        """
+        import zenoh
+
+        only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
+
+        def give(payload: bytes, attachment: bytes | None) -> None:
+            with lock:
+                try:
+                    take(payload, attachment)
+                except Exception:
+                    _LOG.exception("a message for %s was lost", key)
+
+        def receive(sample: zenoh.Sample) -> None:
+            if speaking is not None and getattr(speaking, "now", False):
+                return  # it is ours
+            kind: Any = sample.kind
+            if int(kind) == 0 and not only_stored(sample):
+                attachment = sample.attachment
+                give(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+
+        handler: Any = zenoh.handlers.Callback(receive, indirect=False)
+        subscriber = self._session.declare_subscriber(key, handler)
+        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(key), give)))
+
+    collect = subscribe
