@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
-from riot_bus.bus.heap import trim_heap
+from riot_bus.bus.heap import steady_heap, trim_heap
 from riot_bus.bus.network import Network
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
@@ -43,6 +43,7 @@ def run_router(
         DataLossError: It ran, but messages were lost.
     """
     settings = settings_of(options.system, options.flags)
+    steady_heap()
     with Network(settings.segments) as network:
         if network.junction is not None and not intercepts(settings, options):
             network.junction.begin()
