@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
@@ -44,9 +45,11 @@ def run_router(
     """
     settings = settings_of(options.system, options.flags)
     steady_heap()
-    with Network(settings.segments) as network:
-        if network.junction is not None and not intercepts(settings, options):
-            network.junction.begin()
+    with closing(Network(settings.segments)) as network:
+        if not intercepts(settings, options):  # else it has to be known first what is cut
+            network.open()
+            if network.junction is not None:
+                network.junction.begin()
         from riot_bus.bus.service import RouterService  # while Zenoh draws its routes, which takes as long
 
         service = RouterService(
