@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +56,7 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
     for field in ("listen", "connect"):
         where = place_of(path, text, [*table, field])
         ends[field] = tuple(endpoint_files(each, root, where=where) for each in getattr(segment, field))
-    return segment.model_copy(update={"config": config, **ends})
+    return replace(segment, config=config, **ends)
 
 
 def absolute_file(key: str, value: Any, root: Path, *, where: str) -> Any:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from riot_bus.bus.endpoints import split_endpoints
 from riot_bus.bus.files import absolute_file, check_certificates, endpoint_files
-from riot_bus.bus.settings import DEFAULT_SEGMENTS, SEGMENT_NAME, RouterSettings, SegmentSettings
+from riot_bus.bus.setting_checks import SEGMENT_NAME
+from riot_bus.bus.settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings
+from riot_bus.bus.tomlfile import MistakeError
 from riot_bus.bus.zenoh_keys import leaves, value_of
 from riot_bus.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 __all__ = ["RouterFlags", "merged", "parse_cfg", "parse_endpoints"]
 
@@ -94,12 +94,11 @@ def merged(settings: RouterSettings, flags: RouterFlags, *, cwd: Path | None = N
         "budget": flags.budget,
         "control": tuple(flags.control) or None,
     }
-    document = {name: getattr(settings, name) for name in RouterSettings.model_fields}
-    document |= {name: value for name, value in changed.items() if value is not None}
+    given = {name: value for name, value in changed.items() if value is not None}
     try:
-        result = RouterSettings.model_validate({**document, "segments": segments})
-    except ValidationError as error:
-        raise _explained(error, changed) from None
+        result = replace(settings, **given, segments=segments)
+    except MistakeError as error:
+        raise _explained(error, given) from None
     check_certificates(result)
     return result
 
@@ -128,12 +127,10 @@ def _ends(segment: SegmentSettings, field: str, texts: Sequence[str], cwd: Path,
 
 
 def _changed(segment: SegmentSettings, field: str, value: Any, where: str) -> SegmentSettings:
-    document = {name: getattr(segment, name) for name in SegmentSettings.model_fields}
     try:
-        return SegmentSettings.model_validate({**document, field: value})
-    except ValidationError as error:
-        problem: Any = error.errors()[0]
-        raise ConfigError(problem["msg"], where=where, hint=problem.get("ctx", {}).get("hint")) from None
+        return replace(segment, **{field: value})
+    except MistakeError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None
 
 
 def _check_known(name: str, segments: Iterable[str], where: str) -> None:
@@ -141,10 +138,7 @@ def _check_known(name: str, segments: Iterable[str], where: str) -> None:
         raise ConfigError(f"no segment {name!r}", where=where, hint=did_you_mean(name, segments))
 
 
-def _explained(error: ValidationError, changed: dict[str, Any]) -> ConfigError:
-    problem: Any = error.errors()[0]
-    context = problem.get("ctx", {})
-    place = [str(part) for part in (*problem["loc"], *context.get("place", ()))]
-    where = f"--{place[0]}" if changed.get(place[0]) is not None else f"[{'.'.join(['router', *place[:-1]])}]"
-    got = "" if "place" in context else f" (got {problem.get('input')!r})"
-    return ConfigError(f"{problem['msg']}{got}", where=where, hint=context.get("hint"))
+def _explained(error: MistakeError, given: Mapping[str, Any]) -> ConfigError:
+    place = error.place
+    where = f"--{place[0]}" if place[0] in given else f"[{'.'.join(['router', *place[:-1]])}]"
+    return ConfigError(error.message, where=where, hint=error.hint)

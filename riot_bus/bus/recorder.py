@@ -7,6 +7,7 @@ import threading
 import time
 from collections import defaultdict
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.bus.mailbox import Mailbox
@@ -25,6 +26,7 @@ __all__ = ["Recorder", "Writer"]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25
+_PATIENCE_S = 5.0
 
 
 class Writer(Protocol):
@@ -116,6 +118,7 @@ class Recorder:
         self._lock = threading.Lock()
         self._done = 0
         self._closing = False
+        self._urgent: _Switch | None = None
         self._said: set[type[Exception]] = set()
         self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
         self._thread.start()
@@ -150,23 +153,27 @@ class Recorder:
         """Return how many messages were written so far, originals not counted, and how many were lost."""
         return sum(self.recorded.copy().values()), sum(self.lost.copy().values())
 
-    def switch(self, writer: Writer, *, timeout: float = 60.0) -> tuple[int, int]:
+    def switch(self, writer: Writer, *, patience: float = _PATIENCE_S, timeout: float = 60.0) -> tuple[int, int]:
         """Go on with another writer: each message is in one of both files, and in one only.
 
         Args:
             writer: The new one; the former is closed.
-            timeout: Seconds to wait until what came before is written.
+            patience: Seconds to wait for what came before. What of it is not written by then, since more comes than can
+                be written, is left to the new one.
+            timeout: Seconds to wait until the former is closed.
 
         Returns:
-            `totals` of what came before.
+            `totals` of what is in the former and all before it.
 
         Raises:
             TimeoutError: That took longer; the new writer takes over all the same.
         """
-        totals: Future[tuple[int, int]] = Future()
-        while not self._mailbox.offer(_Switch(writer, totals), 0):
-            time.sleep(_TICK_S / 100)  # the box is full, and its messages are being written
-        return totals.result(timeout)
+        switch = _Switch(writer, Future())
+        if self._mailbox.offer(switch, 0):
+            with suppress(TimeoutError):
+                return switch.totals.result(patience)
+        self._urgent = switch
+        return switch.totals.result(timeout)
 
     def idle(self) -> bool:
         """Return whether everything so far was written."""
@@ -207,6 +214,7 @@ class Recorder:
     def _run(self) -> None:
         ticked = time.monotonic()
         while True:
+            self._hurry()
             item = self._mailbox.take(0 if self._closing else _TICK_S)
             if item is not None:
                 self._take(item)
@@ -224,10 +232,22 @@ class Recorder:
         elif isinstance(item, _Note):
             self._guard(lambda: self._writer.note(item.name, item.mapping))
         else:
-            self._finish()
-            self._writer = item.writer
-            self._said.clear()
-            item.totals.set_result(self.totals())
+            self._change(item)
+
+    def _hurry(self) -> None:
+        """Make the change that has waited too long for its turn."""
+        urgent = self._urgent
+        if urgent is not None:
+            self._urgent = None
+            self._change(urgent)
+
+    def _change(self, switch: _Switch) -> None:
+        if switch.totals.done():  # its turn has come all the same
+            return
+        self._finish()
+        self._writer = switch.writer
+        self._said.clear()
+        switch.totals.set_result(self.totals())
 
     def _write(self, entry: _Entry) -> None:
         message, writer = entry.message, self._writer

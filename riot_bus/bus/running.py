@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import time
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
-from riot_bus.bus.heap import trim_heap
+from riot_bus.bus.heap import steady_heap, trim_heap
 from riot_bus.bus.network import Network
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
@@ -74,7 +75,8 @@ def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterato
     """
     settings = settings_of(options.system, options.flags)
     if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
-        settings = settings.model_copy(update={"intercept": (*options.carried, *settings.intercept)})
+        settings = replace(settings, intercept=(*options.carried, *settings.intercept))
+    steady_heap()
     with closing(Network(settings.segments)) as network:
         if not intercepts(settings, options):  # else it has to be known first what is cut
             network.open()

@@ -1,66 +1,53 @@
-"""`[router]` in riot.toml: what the router is made of, as plain data. Nothing here starts Zenoh."""
+"""`[router]` in riot.toml: what the router is made of, as plain data. Nothing here starts Zenoh.
+
+A table that is read from a file is given its types by pydantic, which a router without a file does not wait for.
+"""
 
 from __future__ import annotations
 
-import json
-from itertools import combinations
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
-
-from riot_bus.bus.endpoints import Endpoint, overlap, parse_endpoint
+from riot_bus.bus.endpoints import Endpoint, parse_endpoint
 from riot_bus.bus.files import with_files
-from riot_bus.bus.tomlfile import explained, mistake, read_toml
-from riot_bus.bus.zenoh_keys import forbidden
+from riot_bus.bus.setting_checks import check_apart, check_name, check_setting, check_text, checked_endpoints
+from riot_bus.bus.tomlfile import MistakeError, explained, read_toml
 from riot_bus.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentName", "SegmentSettings", "load_router", "router_keys"]
+__all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "load_router", "router_keys"]
 
-SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
-SegmentName = Annotated[str, Field(pattern=f"^{SEGMENT_NAME}$")]
-
-_Text = Annotated[str, Field(min_length=1)]
+_LONGEST_BUDGET_S = 86_400.0
+_STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentSettings:
+    """`[router.segments.NAME]`: one isolated router of the bus.
 
+    Attributes:
+        listen: Endpoints for components; none means a free port of this machine.
+        connect: Routers or peers outside that the segment joins.
+        config: Further Zenoh configuration: keys joined by `/`, and JSON values.
 
-class SegmentSettings(_Table):
-    """`[router.segments.NAME]`: one isolated router of the bus."""
+    Raises:
+        MistakeError: An endpoint or a setting cannot work.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
 
     listen: tuple[str, ...] = ()
-    """Endpoints for components; none means a free port of this machine."""
     connect: tuple[str, ...] = ()
-    """Routers or peers outside that the segment joins."""
-    config: dict[str, Any] = {}
-    """Further Zenoh configuration: keys joined by `/`, and JSON values."""
+    config: dict[str, Any] = field(default_factory=dict)
 
-    @field_validator("listen", "connect")
-    @classmethod
-    def _endpoints(cls, texts: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        try:
-            return tuple(str(parse_endpoint(text, connect=info.field_name == "connect")) for text in texts)
-        except ConfigError as error:
-            raise mistake(error.message, hint=error.hint) from None
-
-    @field_validator("config")
-    @classmethod
-    def _config(cls, config: dict[str, Any]) -> dict[str, Any]:
-        for key, value in config.items():
-            why = forbidden(key, value)
-            if why is not None:
-                raise mistake(f"{key!r} cannot be set here", hint=why, place=[key])
-            try:
-                json.dumps(value, allow_nan=False)
-            except (TypeError, ValueError):
-                hint = "write text, a finite number, true, false, a list or a table"
-                raise mistake(f"Zenoh has no such value: {value!r}", hint=hint, place=[key]) from None
-        return config
+    def __post_init__(self) -> None:
+        for name in ("listen", "connect"):
+            object.__setattr__(self, name, checked_endpoints(getattr(self, name), name))
+        for key, value in self.config.items():
+            check_setting(key, value)
 
     @property
     def listeners(self) -> tuple[Endpoint, ...]:
@@ -83,57 +70,53 @@ DEFAULT_SEGMENTS = {
 }
 
 
-class RouterSettings(_Table):
-    """`[router]`: name, segments, and what is done to the traffic between them."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouterSettings:
+    """`[router]`: name, segments, and what is done to the traffic between them.
 
-    name: Annotated[str, Field(pattern=f"^{SEGMENT_NAME}$")] = "router"
-    """The router answers under `@riot/<name>/**`."""
-    intercept: tuple[_Text, ...] = ()
-    services: tuple[_Text, ...] = ()
-    """Services and actions whose requests and replies are intercepted; names or key expressions."""
-    record: _Text | None = None
-    budget: Annotated[float, Field(gt=0, le=86_400)] = 1.0
-    """Seconds that an interceptor may block."""
-    control: tuple[SegmentName, ...] | None = None
-    """Segments whose components may control the router; None means those that only this machine reaches."""
-    segments: dict[SegmentName, SegmentSettings] = {}
-    """Empty means `DEFAULT_SEGMENTS`."""
+    Attributes:
+        name: The router answers under `@riot/<name>/**`.
+        intercept: Topics or key expressions that are intercepted.
+        services: Services and actions whose requests and replies are intercepted; names or key expressions.
+        record: File to record to.
+        budget: Seconds that an interceptor may block.
+        control: Segments whose components may control the router; None means those that only this machine reaches.
+        segments: Empty means `DEFAULT_SEGMENTS`.
+        interceptors: Tables as they were written; who builds interceptors knows their keys.
+
+    Raises:
+        MistakeError: A value cannot work, or segments get into each other's way.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+
+    name: str = "router"
+    intercept: tuple[str, ...] = ()
+    services: tuple[str, ...] = ()
+    record: str | None = None
+    budget: float = 1.0
+    control: tuple[str, ...] | None = None
+    segments: dict[str, SegmentSettings] = field(default_factory=dict)
     interceptors: tuple[dict[str, Any], ...] = ()
-    """Tables as they were written; who builds interceptors knows their keys."""
 
-    @model_validator(mode="after")
-    def _segments_stay_apart(self) -> Self:
-        for (a, first), (b, second) in combinations(self.segments.items(), 2):
-            for mine in first.listeners:
-                for other in second.listeners:
-                    if overlap(mine, other):
-                        text = f"segments {a!r} and {b!r} both listen on {other}"
-                        hint = "each segment needs a port of its own"
-                        raise mistake(text, hint=hint, place=["segments", b, "listen"])
-            for text in set(first.connect) & set(second.connect):
-                raise mistake(
-                    f"segments {a!r} and {b!r} both connect to {text}",
-                    hint="what they have in common would pass there, around the interceptors",
-                    place=["segments", b, "connect"],
-                )
-        for name, segment in self.segments.items():
-            self._connects_outside(name, segment)
+    def __post_init__(self) -> None:
+        check_name(self.name, "name")
+        for word in ("intercept", "services"):
+            for number, text in enumerate(getattr(self, word)):
+                check_text(text, word, str(number))
+        if self.record is not None:
+            check_text(self.record, "record")
+        if not 0 < self.budget <= _LONGEST_BUDGET_S:
+            text = f"budget should be greater than 0 and at most {_LONGEST_BUDGET_S:g} (got {self.budget!r})"
+            raise MistakeError(text, hint="write seconds", place=["budget"])
         for number, name in enumerate(self.control or ()):
+            check_name(name, "control", str(number))
             if self.segments and name not in self.segments:
                 known = did_you_mean(name, self.segments)
-                raise mistake(f"no segment {name!r}", hint=known, place=["control", str(number)])
-        return self
-
-    def _connects_outside(self, name: str, segment: SegmentSettings) -> None:
-        for text in segment.connect:
-            outside = parse_endpoint(text)
-            for other, own in self.segments.items():
-                if any(overlap(outside, listener) and outside.is_local for listener in own.listeners):
-                    raise mistake(
-                        f"segment {name!r} connects to {text}, which is segment {other!r} of this router",
-                        hint="riot joins its segments itself",
-                        place=["segments", name, "connect"],
-                    )
+                raise MistakeError(f"no segment {name!r}", hint=known, place=["control", str(number)])
+        for name in self.segments:
+            check_name(name, "segments", name)
+        check_apart(self.segments)
 
     @property
     def controlled_from(self) -> tuple[str, ...]:
@@ -161,9 +144,9 @@ def router_keys(place: Sequence[str]) -> list[str]:
         place: Keys from `router` on.
     """
     if len(place) == 1:
-        return list(RouterSettings.model_fields)
+        return [each.name for each in fields(RouterSettings)]
     if len(place) == 3 and place[1] == "segments":
-        return list(SegmentSettings.model_fields)
+        return [each.name for each in fields(SegmentSettings)]
     return []
 
 
@@ -175,14 +158,16 @@ def load_router(path: Path) -> RouterSettings:
     Raises:
         ConfigError: Missing file, unknown key or bad value; with place and suggestion.
     """
+    from pydantic import TypeAdapter, ValidationError
+
     document, text = read_toml(path)
     root = path.resolve().parent
     try:
-        settings = RouterSettings.model_validate(document.get("router", {}))
+        settings = TypeAdapter(RouterSettings).validate_python(document.get("router", {}))
     except ValidationError as error:
         raise explained(error, path, text, router_keys, prefix=["router"]) from None
     segments = {
         name: with_files(segment, root, path=path, text=text, name=name) for name, segment in settings.segments.items()
     }
     record = None if settings.record is None else str(root / settings.record)
-    return settings.model_copy(update={"segments": segments, "record": record})
+    return replace(settings, segments=segments, record=record)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING, Any
 
-from pydantic_core import PydanticCustomError
-
 from riot_bus.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -15,9 +13,21 @@ if TYPE_CHECKING:
 
     from pydantic import ValidationError
 
-__all__ = ["explained", "line_of", "mistake", "place_of", "read_toml"]
+__all__ = ["MistakeError", "explained", "line_of", "place_of", "read_toml"]
 
-_MISTAKE = "riot_mistake"
+
+class MistakeError(ValueError):
+    """What a table must not say; `explained` finds it in pydantic's error.
+
+    Args:
+        message: What is wrong, with the value.
+        hint: What to do.
+        place: Keys below the table.
+    """
+
+    def __init__(self, message: str, *, hint: str | None = None, place: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.message, self.hint, self.place = message, hint, list(place)
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
@@ -40,17 +50,6 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         raise ConfigError(str(error), where=str(path), hint="this is not valid TOML") from None
 
 
-def mistake(message: str, *, hint: str | None = None, place: Sequence[str] = ()) -> PydanticCustomError:
-    """Return an error for a pydantic validator to raise; `explained` understands it.
-
-    Args:
-        message: What is wrong, with the value.
-        hint: What to do.
-        place: Keys below the value that is validated.
-    """
-    return PydanticCustomError(_MISTAKE, "{message}", {"message": message, "hint": hint, "place": list(place)})
-
-
 def explained(
     error: ValidationError,
     path: Path,
@@ -71,13 +70,14 @@ def explained(
     problem: Any = error.errors()[0]
     place = [*prefix, *(str(part) for part in problem["loc"])]
     hint = None
-    if problem["type"] == _MISTAKE:
-        message, hint = problem["ctx"]["message"], problem["ctx"]["hint"]
-        place += problem["ctx"]["place"]
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, MistakeError):
+        message, hint = cause.message, cause.hint
+        place += cause.place
     elif problem["type"] == "value_error":
         dotted, message, hint = (str(problem["msg"]).removeprefix("Value error, ") + "||").split("|")[:3]
         place = dotted.split(".")
-    elif problem["type"] == "extra_forbidden":
+    elif problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         message = f"unknown key {place[-1]!r}"
         hint = did_you_mean(place[-1], known_keys(place[:-1]))
     elif problem["type"] == "missing":

@@ -1,18 +1,47 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from riot_bus.bus.heap import trim_heap
 
+pytestmark = pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="this is not glibc")
+
+BURST = """
+from pathlib import Path
+from riot_bus.bus.heap import steady_heap
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+steady_heap()
+bytearray(16_000_000)  # freed at once, after which glibc would keep blocks of this size by itself
+before, kept = resident(), []
+parts = []
+for _ in range(1000):
+    parts.append(bytearray(b"x" * 200_000))
+    kept.append(bytearray(b"x" * 1000))
+parts.clear()
+print(resident() - before)
+"""
+
 
 def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="this is not glibc")
+def burst(**environment: str) -> int:
+    """Return by how much a process is larger after it had and let go of 200 MB."""
+    done = subprocess.run(
+        [sys.executable, "-c", BURST], env=environment, capture_output=True, text=True, check=True, timeout=60
+    )
+    return int(done.stdout)
+
+
 def test_freed_memory_goes_back_though_something_behind_it_is_in_use() -> None:
     kept = []
     parts = [bytes(60_000) for _ in range(2000)]
@@ -22,3 +51,11 @@ def test_freed_memory_goes_back_though_something_behind_it_is_in_use() -> None:
     trim_heap()
     assert before - resident() > 60_000_000
     assert kept
+
+
+def test_a_burst_leaves_nothing_behind() -> None:
+    assert burst() < 5_000_000
+
+
+def test_what_users_wish_of_the_heap_is_kept() -> None:
+    assert burst(MALLOC_MMAP_THRESHOLD_="33554432", MALLOC_TRIM_THRESHOLD_="1073741824") > 100_000_000

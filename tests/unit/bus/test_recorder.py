@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,36 @@ def test_a_switch_leaves_each_message_in_one_file() -> None:
     assert recorder.totals() == (5000, 0)
     accounts = [each.account for each in (first, second)]
     assert [sum(each.recorded.values()) for each in accounts if each is not None] == [len(first.rows), len(second.rows)]
+
+
+class Slow(Memory):
+    def write(self, message: Message, *, role: str = "delivered", changes: Any = ()) -> None:
+        super().write(message)
+        self.closed.wait(0.01)
+
+
+def test_a_switch_does_not_wait_for_ever_for_what_comes_too_fast() -> None:
+    first, second = Slow(), Memory()
+    recorder = Recorder(first)
+    keys = [str(number) for number in range(3000)]
+    for key in keys:
+        recorder.delivered(Message(1, key, b""))
+    began = time.monotonic()
+    written, lost = recorder.switch(second, patience=0.1)
+    assert time.monotonic() - began < 15  # all of it would take twice as long
+    assert (written, lost) == (len(first.rows), 0)
+    assert recorder.switch(Memory(), patience=60)[0] == 3000
+    recorder.close()
+    assert first.rows + second.rows == keys
+
+
+def test_a_switch_needs_no_room_among_the_messages() -> None:
+    first, second = Memory(), Memory()
+    recorder = Recorder(first, capacity=0)
+    assert recorder.switch(second) == (0, 0)
+    assert first.closed.is_set()
+    recorder.close()
+    assert second.closed.is_set()
 
 
 def test_notes_are_in_their_place_among_the_messages() -> None:

@@ -18,7 +18,7 @@ from riot_bus.bus.graph.model import Component
 from riot_bus.bus.remote import Remote, find_routers
 from riot_bus.bus.runtime import wait_until
 from riot_bus.bus.service import RouterService
-from riot_bus.bus.settings import RouterSettings
+from riot_bus.bus.settings import RouterSettings, SegmentSettings
 from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.log.reader import LogReader
 from riot_bus.message import Message
@@ -217,11 +217,11 @@ def test_only_chosen_segments_are_answered(tmp_path: Path) -> None:
     ],
 )
 def test_control_stays_on_this_machine_unless_the_settings_say_so(segment: dict[str, Any], local: bool) -> None:
-    settings = RouterSettings.model_validate({"segments": {"x": segment}})
+    settings = RouterSettings(segments={"x": SegmentSettings(**segment)})
     assert settings.controlled_from == (("x",) if local else ())
-    named = RouterSettings.model_validate({"segments": {"x": segment}, "control": ["x"]})
+    named = RouterSettings(segments=settings.segments, control=("x",))
     assert named.controlled_from == ("x",)
-    assert RouterSettings.model_validate({"segments": {"x": segment}, "control": []}).controlled_from == ()
+    assert RouterSettings(segments=settings.segments, control=()).controlled_from == ()
 
 
 def test_a_router_that_is_not_open_says_so(tmp_path: Path) -> None:

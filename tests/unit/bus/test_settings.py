@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
 
@@ -290,6 +292,19 @@ def test_tables_are_taken_apart_where_zenoh_has_tables() -> None:
         "transport/link/protocols": ["tcp"],
         "timestamping/enabled": {"peer": True},
     }
+
+
+def test_a_router_without_a_file_does_not_wait_for_what_only_others_need() -> None:
+    code = """
+import sys
+import riot_bus.bus.running, riot_bus.bus.service
+from riot_bus.bus.assemble import RouterOptions, registry_of, settings_of
+options = RouterOptions()
+settings_of(options.system, options.flags), registry_of(options)
+print([name for name in ("pydantic", "ssl", "rich", "mcap") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "[]"
 
 
 def test_settings_split_at_the_first_colon_and_equals_sign() -> None:
