@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import zenoh
 
 from riot_bus.bus.client import open_client
+from riot_bus.bus.heap import steady_heap
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import prepare_runtime, release, wait_until
 from riot_bus.bus.segments import Segment
@@ -149,6 +150,7 @@ def _forwarder(target: zenoh.Session) -> Callable[[zenoh.Sample], None]:
 
 @contextmanager
 def _bus(path: str) -> Iterator[tuple[str, str]]:
+    steady_heap()  # as `riot router` does
     with ExitStack() as stack:
         interceptors: list[object] = []
         registry = TypeRegistry()
