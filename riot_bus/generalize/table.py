@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,9 @@ __all__ = ["Candidate", "Table", "concrete"]
 
 BOUNDARIES = 24
 """So many thresholds per feature are tried."""
+
+MOST_VALUES = 64
+"""So many values per feature are compared for equality."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +114,9 @@ class Table:
         return self._types[feature.args[0]] not in ("bool", "string", "bytes")
 
     def _equalities(self, feature: Feature, failed: Array, found: list[Candidate], masks: list[Array]) -> None:
-        """Categories have one per value seen; integers one per small or known value seen failing."""
+        """Categories have some per value seen; integers per small or known value, `!=` alone if it has never failed."""
         rows: list[Scalar]
+        spared: list[Scalar] = []
         if feature.kind == "sub":
             rows = self.values(feature)
             wanted: list[Scalar] = [0] if any(type(row) is int and row == 0 for row in rows) else []
@@ -122,16 +127,21 @@ class Table:
             if variable.type.startswith("float"):
                 return
             category = not self._ordered(feature)
-            seen = {row for row, bad in zip(rows, failed, strict=True) if bad or category}
+            seen = Counter(rows)
+            failing = {row for row, bad in zip(rows, failed, strict=True) if bad}
             known = {variable.failing, *variable.dictionary, *variable.nominal[:64]}
-            wanted = [row for row in seen if category or row in known or (isinstance(row, int) and abs(row) <= 16)]
-            wanted.sort(key=repr)
-        for value in wanted[:64]:
+            telling = [row for row in seen if category or row in known or (isinstance(row, int) and abs(row) <= 16)]
+            telling.sort(key=repr)
+            wanted = [row for row in telling if category or row in failing][:MOST_VALUES]
+            spared = [row for row in telling if not category and row not in failing and seen[row] > 1][:MOST_VALUES]
+        for number, value in enumerate((*wanted, *spared)):
             mask = np.array([same_scalar(row, value) for row in rows], dtype=bool)
             bits = feature.cost + 2.0 + (3.0 if isinstance(value, bool | str | bytes) else number_bits(value))
-            found.append(Candidate(feature, "==", bits, inside=value))
+            if number < len(wanted):
+                found.append(Candidate(feature, "==", bits, inside=value))
+                masks.append(mask[None, :])
             found.append(Candidate(feature, "!=", bits + 2.0, inside=value))
-            masks.extend((mask[None, :], ~mask[None, :]))
+            masks.append(~mask[None, :])
 
 
 def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Array]) -> None:
