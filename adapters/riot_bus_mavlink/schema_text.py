@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
 
 from riot_bus.errors import ConfigError
 from riot_bus.types.model import Schema
@@ -38,6 +37,8 @@ def parse_schema(schema: Schema) -> DialectFile | None:
 
 
 def _lines(message: MessageTable, enums: Mapping[str, EnumTable]) -> Iterator[str]:
+    from xml.sax.saxutils import quoteattr  # takes a while: it brings half of the standard library along
+
     fields = [place.field for place in message.places.values()]
     named = sorted({field.enum for field in fields} & enums.keys())
     yield "<mavlink>"
