@@ -49,9 +49,14 @@ if TYPE_CHECKING:
 
 SIZES = (64, 1024, 1 << 16, 1 << 20)
 WAYS = {1: "one way", 2: "both ways at once"}
-RATIO_TARGETS = {"free": {1: 0.9, 2: 0.9}, "cut": {1: 0.6, 2: 0.7}, "inject": {1: 0.4, 2: 0.4}}
+RATIO_TARGETS = {
+    "free": {1: 0.9, 2: 0.9},
+    "junction": {1: 0.9, 2: 0.9},
+    "cut": {1: 0.6, 2: 0.7},
+    "inject": {1: 0.4, 2: 0.4},
+}
 DELAY_TARGETS = {"p50": 20.0, "p99": 150.0}
-DELAY_PATHS = ("free", "cut", "look", "inject")
+DELAY_PATHS = ("free", "junction", "cut", "look", "inject")
 STARTUP_TARGET_S = 0.3
 STARTS = 5
 SEGMENTS = ("--segment", "system=tcp/127.0.0.1:0", "--segment", "unit=tcp/127.0.0.1:0")

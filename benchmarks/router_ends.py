@@ -36,12 +36,14 @@ PATHS = {
     "chain": "two plain routers in a chain",
     "three": "three plain routers in a chain",
     "free": "riot, un-intercepted",
+    "junction": "riot, un-intercepted, after a change",
     "cut": "riot, intercepted",
     "look": "riot, intercepted, one interceptor looks",
     "inject": "riot, one scalar injected",
     "naive": "naive Python callback",
 }
 ANCHOR = "chain"
+FREE = ("free", "junction")  # paths whose messages are not intercepted
 TIMEOUT_S = 15.0
 WARM_UP_S = 0.5
 
@@ -81,7 +83,7 @@ def payload(size: int, number: int) -> bytes:
 
 def key_of(path: str, direction: str) -> str:
     """Return a key that is cut, or one that is not."""
-    return f"{'free' if path == 'free' else 'cut'}/{direction}"
+    return f"{'free' if path in FREE else 'cut'}/{direction}"
 
 
 class Look:
@@ -157,7 +159,10 @@ def _bus(path: str) -> Iterator[tuple[str, str]]:
             registry = _registry(Path(stack.enter_context(tempfile.TemporaryDirectory())))
         pipeline = Pipeline(interceptors, registry=registry, provenance=False)
         stack.callback(pipeline.close)
-        bus = stack.enter_context(Bus(_SEGMENTS, intercept=["cut/**"], pipeline=pipeline, registry=registry))
+        first = "other/**" if path == "junction" else "cut/**"
+        bus = stack.enter_context(Bus(_SEGMENTS, intercept=[first], pipeline=pipeline, registry=registry))
+        if path == "junction":
+            bus.set_intercept(["cut/**"])
         yield bus.endpoint("a"), bus.endpoint("b")
 
 

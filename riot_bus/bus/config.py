@@ -89,7 +89,11 @@ def is_control(zid: str) -> bool:
 
 
 def access_control(
-    cut: Sequence[str], *, services: Sequence[str] = (), tokens: Sequence[str] | None = None
+    cut: Sequence[str],
+    *,
+    services: Sequence[str] = (),
+    tokens: Sequence[str] | None = None,
+    peers: Sequence[str] | None = None,
 ) -> SessionConfig:
     """Return the rules by which a junction keeps the cut keys to their segments.
 
@@ -102,6 +106,7 @@ def access_control(
         services: Key expressions of services whose requests and replies are intercepted.
         tokens: Key expressions of the liveliness tokens that are kept apart too; default: those of all advanced
             publishers on cut keys.
+        peers: Ids of the sessions whose links they apply to; default: all.
     """
     tokens = [f"{key}/@adv/pub/**" for key in cut] if tokens is None else tokens
     rules = [{"id": "control", "messages": ["query", "reply", "declare_queryable"], "key_exprs": [f"{OWN_CHUNK}/**"]}]
@@ -123,7 +128,7 @@ def access_control(
             "enabled": True,
             "default_permission": "allow",
             "rules": [{**rule, "permission": "deny", "flows": _FLOWS} for rule in rules],
-            "subjects": [{"id": "everybody"}],
-            "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
+            "subjects": [{"id": "peers"} if peers is None else {"id": "peers", "zids": list(peers)}],
+            "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["peers"]}],
         }
     }

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from riot_bus.bus.direct import DirectLinks
     from riot_bus.bus.segments import Segment
 
 __all__ = ["Junction"]
 
 _PROBE_INTERVAL_S = 0.002
-_FLUSH_S = 1.0
 _ROUTES_S = 1.0
 _FORGET_S = 0.2
 _PROBES = 4
@@ -35,10 +35,13 @@ _MOST_WEIGHT = 65_000
 class Junction:
     """Joins segments; everything that is not cut flows through it natively and never enters Python.
 
+    While there are direct links between the segments, it flows through those instead.
+
     Access control cannot be changed in a running router, so another cut means another router with another id.
 
     Args:
         segments: At least two.
+        direct: Severed when something else is to be cut than what they cut.
         inner: Where it listens by turns (at least three), for segments that it may not connect to.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
@@ -49,6 +52,7 @@ class Junction:
         self,
         segments: Sequence[Segment],
         *,
+        direct: DirectLinks | None = None,
         inner: Sequence[str] = (),
         config: Mapping[str, Any] | None = None,
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
@@ -60,6 +64,7 @@ class Junction:
         self.ids: set[str] = set()
         """Ids of all routers that were in this place."""
         self._segments = tuple(segments)
+        self._direct = direct
         self._probes = _probes(segments)
         self._inner = itertools.cycle(inner)
         self._path = ""
@@ -103,9 +108,11 @@ class Junction:
             ):
                 self._leave(*former)
                 former = None, ""
+                if self._direct is not None and not self._direct.cuts(cut, services):
+                    self._sever(self._direct)
                 if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
                     return session
-            self.close()
+            self._leave(self.session, self.zid)
             self.session, self.zid = former
             patience *= 2
         self.close()
@@ -152,6 +159,8 @@ class Junction:
         """Separate the segments; return once all of them know; safe to call twice."""
         former, self.session = (self.session, self.zid), None
         self.zid = ""
+        if self._direct is not None:
+            self._sever(self._direct)
         self._leave(*former)
 
     def _tokens(self, cut: Sequence[str]) -> list[str]:
@@ -178,14 +187,18 @@ class Junction:
             wait_until(lambda: all(zid not in segment.peers() for segment in self._segments), self._timeout)
             self._left = time.monotonic()
 
+    def _sever(self, direct: DirectLinks) -> None:
+        if not direct.severed:
+            direct.sever(self._segments)
+            self._left = time.monotonic()
+
     def _flush(self, zid: str) -> None:
         """Wait until the junction has taken in what segments told it.
 
         Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
         """
         for segment in self._segments:
-            for _ in segment.session.get(f"@/{zid}/router", timeout=_FLUSH_S):
-                pass
+            segment.flush([zid])
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
+from riot_bus.bus.direct import DirectLinks, are_possible
 from riot_bus.bus.junction import Junction
 from riot_bus.bus.runtime import prepare_runtime
 from riot_bus.bus.segments import Segment, is_open_to_all
@@ -40,6 +41,7 @@ class Network:
         settings: Of each segment.
         segments: By name, as soon as they are open.
         junction: None if there is only one segment, and before it is open.
+        direct: None if there is only one segment, or if the user's configuration forbids it, and before it is open.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Network:
         }
         self.segments: dict[str, Segment] = {}
         self.junction: Junction | None = None
+        self.direct: DirectLinks | None = None
         self.wait_before_close_s = wait_before_close_s
         self._config = dict(config or {})
         self._timeout = timeout
@@ -70,8 +73,12 @@ class Network:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def open(self) -> Self:
+    def open(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> Self:
         """Open the segments, unless they are open.
+
+        Args:
+            cut: Canonical key expressions that will be intercepted.
+            services: Canonical key expressions of services that will be.
 
         Raises:
             ConfigError: Zenoh refuses a configuration.
@@ -83,23 +90,30 @@ class Network:
         with ExitStack() as stack:
             configs = {name: {**self._config, **each.config} for name, each in self.settings.items()}
             closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]
-            inner = _sockets(stack) if len(self.settings) > 1 and closed else []
+            several = len(self.settings) > 1
+            folder = _folder(stack) if several else Path()
+            inner = [f"unixsock-stream/{folder}/{number}" for number in range(_INNER)] if several and closed else []
+            if several and are_possible(configs):
+                self.direct = DirectLinks(list(self.settings), folder, cut=cut, services=services)
             for name, each in self.settings.items():
+                direct = self.direct
                 segment = Segment(
                     name,
                     each.listen,
-                    connect=each.connect,
+                    connect=[*each.connect, *(direct.connect(name) if direct is not None else ())],
                     inner=inner if name in closed else (),
-                    config=configs[name],
+                    hidden=direct.listen(name) if direct is not None else (),
+                    config=configs[name] | (direct.config(name) if direct is not None else {}),
                     wait_before_close_s=self.wait_before_close_s,
                 )
                 stack.callback(segment.close)
                 self.segments[name] = segment
-            if len(self.segments) > 1:
+            if several:
                 # Without it in the junction's configuration, too, shared memory would end there.
                 shared = any(config.get(_SHARED_MEMORY) for config in configs.values())
                 self.junction = Junction(
                     list(self.segments.values()),
+                    direct=self.direct,
                     inner=inner,
                     config={_SHARED_MEMORY: True} if shared else {},
                     wait_before_close_s=self.wait_before_close_s,
@@ -114,14 +128,19 @@ class Network:
         self._open = False
         self._stack.close()
 
+    def linked(self) -> set[str]:
+        """Return the ids of those whose links join the segments at present: the junction, and linked segments."""
+        junction = {self.junction.zid} - {""} if self.junction is not None else set()
+        return junction | (self.direct.ids if self.direct is not None else set())
+
     @property
     def sessions(self) -> dict[str, zenoh.Session]:
         """The segments' own sessions."""
         return {name: segment.session for name, segment in self.segments.items()}
 
 
-def _sockets(stack: ExitStack) -> list[str]:
-    """Return endpoints to which only this user can connect."""
+def _folder(stack: ExitStack) -> Path:
+    """Make a folder for sockets to which only this user can connect."""
     folder = Path(tempfile.mkdtemp(prefix="riot-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
-    return [f"unixsock-stream/{folder}/{number}" for number in range(_INNER)]
+    return folder

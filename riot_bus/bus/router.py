@@ -139,7 +139,7 @@ class Bus:
         """
         self._check_ways(self.gate.pipeline.stages)
         with ExitStack() as stack:
-            self._network.open()
+            self._network.open(self._claims.expressions, self._selected)
             stack.callback(self._network.close)
             self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
             self._watch = self._watched()
@@ -170,11 +170,10 @@ class Bus:
         self.close()
 
     def _watched(self) -> TransportWatch:
-        junction = self._junction
         watch = TransportWatch(
             self._network.wait_before_close_s,
-            junction=lambda: junction.zid if junction is not None else "",
-            ours=self.ids_ever,
+            inner=self._network.linked,
+            ours=lambda: self.ids | self.ids_ever,
             longest=lambda name: self._outlets[name].longest_s,
         )
         watch.start(self.sessions)
@@ -494,13 +493,12 @@ class Bus:
     @property
     def ids(self) -> set[str]:
         """Ids of the bus's present sessions."""
-        own = {segment.zid for segment in self._segments.values()}
-        return own | {self._junction.zid} if self._junction is not None and self._junction.zid else own
+        return {segment.zid for segment in self._segments.values()} | self._network.linked()
 
     @property
     def ids_ever(self) -> set[str]:
         """Ids of all routers that were ever the junction."""
-        return self._junction.ids if self._junction is not None else set()
+        return self._network.junction.ids if self._network.junction is not None else set()
 
     def counts(self) -> dict[str, TopicCounts]:
         """Return what happened so far to intercepted messages, and how many of all messages were recorded, by topic."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
@@ -43,9 +44,11 @@ def run_router(
         DataLossError: It ran, but messages were lost.
     """
     settings = settings_of(options.system, options.flags)
-    with Network(settings.segments) as network:
-        if network.junction is not None and not intercepts(settings, options):
-            network.junction.begin()
+    with closing(Network(settings.segments)) as network:
+        if not intercepts(settings, options):  # else it has to be known first what is cut
+            network.open()
+            if network.junction is not None:
+                network.junction.begin()
         from riot_bus.bus.service import RouterService  # while Zenoh draws its routes, which takes as long
 
         service = RouterService(

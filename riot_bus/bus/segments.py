@@ -8,13 +8,14 @@ from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S, router_config
 from riot_bus.bus.runtime import listening, open_session, release
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 __all__ = ["EPHEMERAL", "Segment"]
 
 EPHEMERAL = "tcp/127.0.0.1:0"
 """Listen on a free port of this machine; `Segment.endpoints` tells which."""
 
+_FLUSH_S = 1.0
 _RETRY = {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1}
 
 
@@ -26,6 +27,7 @@ class Segment:
         listen: Endpoints to listen on; none means a free port of this machine.
         connect: Routers and peers outside that it joins.
         inner: Where junctions will listen, if the segment lets nobody in without asking who it is.
+        hidden: Further endpoints to listen on, for other segments.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
@@ -40,20 +42,22 @@ class Segment:
         *,
         connect: Sequence[str] = (),
         inner: Sequence[str] = (),
+        hidden: Sequence[str] = (),
         config: Mapping[str, Any] | None = None,
         wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
     ) -> None:
         self.name = name
         listen = listen or [EPHEMERAL]
         settings = router_config(
-            listen=listen,
+            listen=[*listen, *hidden],
             connect=[*connect, *inner],
             wait_before_close_s=wait_before_close_s,
             extra={**({"connect/retry": _RETRY} if inner else {}), **(config or {})},
         )
         self.session = open_session(settings, purpose=f"segment {name!r}")
         self.zid = str(self.session.info.zid())
-        self.endpoints = tuple(listening(self.session) or listen)  # Zenoh does not show where it listens for ws
+        found = [each for each in listening(self.session) if each not in hidden]
+        self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
         """Where components can connect."""
         self.open_to_all = not inner
         """Whether the junction may connect to the first endpoint; if not, the segment connects to the junction."""
@@ -61,6 +65,12 @@ class Segment:
     def peers(self) -> set[str]:
         """Return the ids of the sessions that are connected."""
         return {str(transport.zid) for transport in self.session.info.transports()}
+
+    def flush(self, zids: Iterable[str]) -> None:
+        """Wait until neighbours have taken in what this segment told them; not for long."""
+        for zid in zids:
+            for _ in self.session.get(f"@/{zid}/router", timeout=_FLUSH_S):
+                pass
 
     def close(self) -> None:
         """Disconnect everybody; safe to call twice."""

@@ -28,14 +28,14 @@ class BrokenLink:
         segment: Where.
         peer: Id of the session at the other end.
         time: Nanoseconds since the Unix epoch.
-        reason: The junction's own link; a publication of ours that waited too long; or a peer that came back, so it
-            had not left on its own account.
+        reason: A link between our own routers; a publication of ours that waited too long; or a peer that came back,
+            so it had not left on its own account.
     """
 
     segment: str
     peer: str
     time: int
-    reason: Literal["junction", "stalled", "reconnected"]
+    reason: Literal["inner", "stalled", "reconnected"]
 
     def __str__(self) -> str:
         return f"segment {self.segment}: link to {self.peer} broke ({self.reason})"
@@ -48,8 +48,8 @@ class TransportWatch:
 
     Args:
         wait_before_close_s: Longest wait of a BLOCK publication before Zenoh closes the link.
-        junction: Returns the junction's present id, empty while there is none.
-        ours: Ids of sessions whose coming and going is our own doing.
+        inner: Returns the ids of the junction and of the segments that are linked at present.
+        ours: Returns the ids of sessions whose coming and going is our own doing.
         longest: Returns the longest time that one of our publications into a segment took.
     """
 
@@ -57,14 +57,14 @@ class TransportWatch:
         self,
         wait_before_close_s: float,
         *,
-        junction: Callable[[], str],
-        ours: Container[str],
+        inner: Callable[[], Container[str]],
+        ours: Callable[[], Container[str]],
         longest: Callable[[str], float],
     ) -> None:
         self.broken: list[BrokenLink] = []
         self.departures = 0
         self._limit_s = _STALLED * wait_before_close_s
-        self._junction = junction
+        self._inner = inner
         self._ours = ours
         self._longest = longest
         self._gone: dict[tuple[str, str], int] = {}
@@ -101,9 +101,9 @@ class TransportWatch:
                 if self._gone.pop((segment, peer), None) is not None:
                     self.departures -= 1
                     self.broken.append(BrokenLink(segment, peer, now, "reconnected"))
-            elif peer == self._junction():
-                self.broken.append(BrokenLink(segment, peer, now, "junction"))
-            elif peer in self._ours or is_control(peer):
+            elif peer in self._inner():
+                self.broken.append(BrokenLink(segment, peer, now, "inner"))
+            elif peer in self._ours() or is_control(peer):
                 return
             elif self._longest(segment) >= self._limit_s:
                 self.broken.append(BrokenLink(segment, peer, now, "stalled"))

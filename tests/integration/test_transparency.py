@@ -73,4 +73,4 @@ def test_an_unknown_scenario_is_an_error_with_a_hint() -> None:
 @pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=str)
 def test_scenarios_say_what_they_do_and_limit_only_our_ways(scenario: Scenario) -> None:
     assert scenario.summary.endswith(".")
-    assert set(scenario.limits) <= {"native", "intercepted"}
+    assert set(scenario.limits) <= {"native", "junction", "intercepted"}

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BusNetwork", "Network", "PlainNetwork", "RunningNetwork"]
 
-_TIMEOUT_S = 5.0
+_TIMEOUT_S = 10.0
+_UNUSED = "riot/unused"
 _ENDS: tuple[EndName, EndName] = ("left", "right")
 
 
@@ -72,11 +73,13 @@ class BusNetwork:
     Args:
         settings: How it listens and is configured.
         intercept: Keys that go through a pipeline without interceptors.
+        changed: Whether something else was intercepted before: then the segments are no longer linked directly.
     """
 
-    def __init__(self, settings: Settings, intercept: Sequence[str] = ()) -> None:
+    def __init__(self, settings: Settings, intercept: Sequence[str] = (), *, changed: bool = False) -> None:
         self._settings = settings
         self._intercept = intercept
+        self._changed = changed
         self._listen: dict[str, Sequence[str]] = dict.fromkeys(_ENDS, (settings.listen,))
         self._bus: Bus | None = None
 
@@ -95,8 +98,11 @@ class BusNetwork:
         return lost + [str(link) for link in losses.links]
 
     def __enter__(self) -> Self:
-        self._bus = Bus(self._listen, intercept=self._intercept, config=self._settings.router, timeout=_TIMEOUT_S)
+        first = [_UNUSED] if self._changed else self._intercept
+        self._bus = Bus(self._listen, intercept=first, config=self._settings.router, timeout=_TIMEOUT_S)
         self._bus.open()
+        if self._changed:
+            self._bus.set_intercept(self._intercept)
         self._listen = {name: self._bus.segment(name).endpoints for name in _ENDS}
         return self
 

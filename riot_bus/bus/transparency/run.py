@@ -23,8 +23,12 @@ if TYPE_CHECKING:
 __all__ = ["OURS", "PLAIN", "Difference", "Outcome", "Result", "compare", "run_scenario", "run_suite"]
 
 PLAIN = "plain"
-OURS = (PLAIN, "native", "intercepted")
-"""The ways whose routers we start ourselves."""
+OURS = (PLAIN, "native", "junction", "intercepted")
+"""The ways whose routers we start ourselves.
+
+What is not intercepted goes directly from segment to segment (`native`) until another set of keys is intercepted, and
+over the junction then.
+"""
 
 _OWN_ROUTER: frozenset[Need] = frozenset({"router", "tls", "mtls", "password", "shm"})
 _TIMEOUT_S = 40.0
@@ -35,7 +39,7 @@ class Outcome:
     """What happened in one way.
 
     Attributes:
-        way: `plain`, `native`, `intercepted` or the name of a running router.
+        way: One of `OURS`, or the name of a running router.
         observations: What each end saw.
         error: Why there are no observations.
         skipped: Why it was not tried.
@@ -135,7 +139,7 @@ def _network(scenario: Scenario, way: str, endpoints: tuple[str, str] | None, se
         return PlainNetwork(settings)
     if way not in OURS:
         raise ValueError(f"way {way!r} needs endpoints")
-    return BusNetwork(settings, scenario.keys if way == "intercepted" else ())
+    return BusNetwork(settings, scenario.keys if way == "intercepted" else (), changed=way == "junction")
 
 
 def compare(outcomes: Sequence[Outcome]) -> list[Difference]:

@@ -27,8 +27,11 @@ def test_cut_denies_caches_too_and_applies_to_everybody() -> None:
     assert {"query", "reply", "declare_queryable", "declare_subscriber"} <= set(rules["rules"][2]["messages"])
     assert rules["rules"][3]["messages"] == ["liveliness_token"]
     assert not {"query", "reply"} & set(rules["rules"][1]["messages"])
-    assert rules["subjects"] == [{"id": "everybody"}]
-    assert rules["policies"] == [{"rules": ["control", "cut", "cut-caches", "cut-tokens"], "subjects": ["everybody"]}]
+    assert rules["subjects"] == [{"id": "peers"}]
+    assert rules["policies"] == [{"rules": ["control", "cut", "cut-caches", "cut-tokens"], "subjects": ["peers"]}]
+    assert access_control([], peers=["1a", "2b"])["access_control"]["subjects"] == [
+        {"id": "peers", "zids": ["1a", "2b"]}
+    ]
 
 
 def test_questions_to_the_router_never_cross_whatever_is_cut() -> None:

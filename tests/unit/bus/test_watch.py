@@ -5,7 +5,7 @@ from riot_bus.bus.watch import TransportWatch
 
 def test_watch_tells_leaving_from_breaking() -> None:
     longest = {"s": 0.0}
-    watch = TransportWatch(1.0, junction=lambda: "now", ours={"former", "now"}, longest=longest.__getitem__)
+    watch = TransportWatch(1.0, inner=lambda: {"now"}, ours=lambda: {"former", "now"}, longest=longest.__getitem__)
     for peer in ("former", "left", "back"):
         watch.event("s", peer, opened=True)
         watch.event("s", peer, opened=False)
@@ -16,7 +16,7 @@ def test_watch_tells_leaving_from_breaking() -> None:
     watch.event("s", "slow", opened=False)
     assert [(link.peer, link.reason) for link in watch.broken] == [
         ("back", "reconnected"),
-        ("now", "junction"),
+        ("now", "inner"),
         ("slow", "stalled"),
     ]
     assert watch.departures == 1

@@ -43,7 +43,9 @@ def _receive_and_answer(end: End) -> Observation:
     return [seen, str(queryable.key_expr)]
 
 
-@scenario("peers", needs=("peer",), settings=_PEER, limits=dict.fromkeys(("native", "intercepted"), _STAMPING))
+@scenario(
+    "peers", needs=("peer",), settings=_PEER, limits=dict.fromkeys(("native", "junction", "intercepted"), _STAMPING)
+)
 class _Peers:
     """Both ends are peers, whom a single router introduces to each other."""
 

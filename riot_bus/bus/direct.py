@@ -1,0 +1,108 @@
+"""Direct links between segments: what is not intercepted passes two routers, not three, while the first cut holds."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import stat
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from riot_bus.bus.config import access_control
+from riot_bus.bus.runtime import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.bus.config import SessionConfig
+    from riot_bus.bus.segments import Segment
+
+__all__ = ["DirectLinks", "are_possible"]
+
+_WITHIN_S = 10.0
+_OWN = ("transport/auth", "access_control", "listen/endpoints", "connect/endpoints", "id")
+_SELDOM = "#retry_period_init_ms=1000;retry_period_max_ms=3600000"  # nobody listens there any more once it is severed
+
+
+class DirectLinks:
+    """A link from each segment to each other, with the access control of a junction.
+
+    It costs routers less than the way over a junction, so they take it. Access control is fixed when a router opens:
+    when something else is to be cut, the links are severed for good, and the junction takes over.
+
+    Args:
+        names: Of the segments, in the order in which they will be opened.
+        folder: Where the sockets will be; only this user may enter it.
+        cut: Canonical key expressions that must not cross.
+        services: Canonical key expressions of services that must not be seen or asked across.
+    """
+
+    def __init__(self, names: Sequence[str], folder: Path, *, cut: Sequence[str], services: Sequence[str]) -> None:
+        self.severed = False
+        self._cut = list(cut), list(services)
+        self._names = list(names)
+        self._paths = {name: folder / f"direct-{number}" for number, name in enumerate(names)}
+        self._ids = {name: f"{secrets.randbits(128) | 1 << 124:x}" for name in names}  # no leading zeros in Zenoh's ids
+
+    @property
+    def ids(self) -> set[str]:
+        """Ids of the segments that are linked; none when they are not any more."""
+        return set() if self.severed else set(self._ids.values())
+
+    def cuts(self, cut: Sequence[str], services: Sequence[str]) -> bool:
+        """Return whether just this is cut."""
+        return self._cut == (list(cut), list(services))
+
+    def listen(self, name: str) -> list[str]:
+        """Return where a segment has to listen for those that are opened later."""
+        return [f"unixsock-stream/{self._paths[name]}"] if name != self._names[-1] else []
+
+    def connect(self, name: str) -> list[str]:
+        """Return what a segment has to connect to: those that are opened earlier."""
+        return [f"unixsock-stream/{self._paths[other]}{_SELDOM}" for other in self._earlier(name)]
+
+    def config(self, name: str) -> SessionConfig:
+        """Return further configuration of a segment. One end of a link guards it in both directions."""
+        earlier = [self._ids[other] for other in self._earlier(name)]
+        rules = access_control(self._cut[0], services=self._cut[1], peers=earlier) if earlier else {}
+        return {"id": self._ids[name], **rules}
+
+    def sever(self, segments: Sequence[Segment]) -> None:
+        """Cut all links; return once the segments know; safe to call twice."""
+        if self.severed:
+            return
+        for segment in segments:
+            # Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
+            segment.flush(self._ids[other] for other in self._names if other != segment.name)
+        self.severed = True
+        for path in self._paths.values():
+            path.unlink(missing_ok=True)
+        _hang_up({str(path) for path in self._paths.values()})
+        linked = set(self._ids.values())
+        wait_until(lambda: not any(linked & segment.peers() for segment in segments), _WITHIN_S)
+
+    def _earlier(self, name: str) -> list[str]:
+        return self._names[: self._names.index(name)]
+
+
+def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
+    """Return whether segments can be linked: nobody else decides who they are and whom they let in.
+
+    Args:
+        configs: By segment, Zenoh configuration that the user has given.
+    """
+    keys = {key for config in configs.values() for key in config}
+    return not any(f"{key}/".startswith(f"{own}/") or own.startswith(f"{key}/") for key in keys for own in _OWN)
+
+
+def _hang_up(paths: Container[str]) -> None:
+    """Shut down the connections that this process has accepted on Unix sockets; Zenoh has no call for it."""
+    for name in os.listdir("/dev/fd"):
+        with suppress(OSError):  # others close theirs meanwhile
+            number = int(name)
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                with socket.socket(fileno=os.dup(number)) as end:
+                    if end.getsockname() in paths and not end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                        end.shutdown(socket.SHUT_RDWR)

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from riot_bus.bus.direct import _hang_up
+from riot_bus.bus.recorder import Recorder
+from riot_bus.bus.router import Bus
+from riot_bus.bus.runtime import wait_until
+from riot_bus.log.reader import read_log
+from riot_bus.log.writer import LogWriter
+from tests.integration.bus_puppet import Puppet
+
+pytestmark = pytest.mark.integration
+
+SEGMENTS = {"a": (), "b": (), "c": ()}
+
+
+def linked(bus: Bus) -> set[tuple[str, str]]:
+    """Return the pairs of segments whose routers have a link."""
+    names = {bus.segment(name).zid: name for name in SEGMENTS}
+    return {(name, names[peer]) for name in SEGMENTS for peer in bus.segment(name).peers() & names.keys()}
+
+
+@contextmanager
+def components(bus: Bus) -> Iterator[list[Puppet]]:
+    """Yield a component in each segment, subscribed to everything."""
+    with ExitStack() as stack:
+        puppets = [stack.enter_context(Puppet(bus.endpoint(name))) for name in SEGMENTS]
+        for puppet in puppets:
+            puppet.do("subscribe", key="**")
+        for name in SEGMENTS:
+            assert bus.wait_subscribed(name, ["free/x"], timeout=5) == []
+        yield puppets
+
+
+EVERY = {(one, other) for one in SEGMENTS for other in SEGMENTS if one != other}
+
+
+def test_segments_are_linked_until_something_else_is_cut() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus, components(bus) as (source, *sinks):
+        before = len(os.listdir("/dev/fd"))
+        assert bus.segment("a").endpoints == (bus.endpoint("a"),)  # the sockets of the links are no place for others
+        assert linked(bus) == EVERY
+        for number, cut in enumerate(("cut/**", "other/**", "cut/**")):
+            bus.set_intercept([cut])
+            assert linked(bus) == (EVERY if number == 0 else set())
+            for name in SEGMENTS:
+                assert bus.wait_subscribed(name, ["free/x"], timeout=5) == []
+            for key in ("free/x", "cut/x"):
+                source.do("put_texts", key=key, payloads=[str(number)] * 2, congestion="BLOCK")
+            for sink in sinks:
+                seen = [(each["key"], bytes.fromhex(each["payload"])) for each in sink.do("wait", count=4 * number + 4)]
+                expected = sorted([b"0", b"1", b"2"][: number + 1] * 2)
+                for key in ("free/x", "cut/x"):
+                    assert [text for where, text in seen if where == key] == expected
+        assert bus.counts()["cut/x"].forwarded == 4
+        assert not bus.losses
+        assert len(os.listdir("/dev/fd")) <= before
+
+
+def test_a_link_that_breaks_is_reported_and_comes_back() -> None:
+    with Bus(SEGMENTS) as bus:
+        direct = bus._network.direct
+        assert direct is not None
+        sockets = [each.split("/", 1)[1] for name in SEGMENTS for each in direct.listen(name)]
+        _hang_up(set(sockets))
+        assert wait_until(lambda: bool(bus.losses.links), 5)
+        assert {link.reason for link in bus.losses.links} == {"inner"}
+        assert wait_until(lambda: linked(bus) == EVERY, 10)
+        with Puppet(bus.endpoint("a")) as source, Puppet(bus.endpoint("b")) as sink:
+            sink.do("subscribe", key="x")
+            assert bus.wait_subscribed("a", ["x"], timeout=5) == []
+            source.do("put_texts", key="x", payloads=["after"], congestion="BLOCK")
+            assert len(sink.do("wait", count=1)) == 1
+
+
+def test_what_passes_by_a_link_is_recorded_once(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with (
+        LogWriter(path) as writer,
+        closing(Recorder(writer)) as recorder,
+        Bus(SEGMENTS, recorder=recorder, record=["**"]) as bus,
+    ):
+        assert linked(bus) == EVERY
+        with components(bus) as puppets:
+            for name, puppet in zip(SEGMENTS, puppets, strict=True):
+                puppet.do("put_texts", key=f"from/{name}", payloads=["one", "two"], congestion="BLOCK")
+            for puppet in puppets:
+                puppet.do("wait", count=6)
+            assert bus.drain(5)
+    found = sorted((message.key, message.payload) for message in read_log(path))
+    assert found == sorted((f"from/{name}", text) for name in SEGMENTS for text in (b"one", b"two"))
+
+
+def test_a_user_who_decides_who_may_connect_has_no_links() -> None:
+    with Bus({"a": (), "b": ()}, config={"access_control": {"enabled": False}}) as bus:
+        assert bus.segment("a").zid not in bus.segment("b").peers()
