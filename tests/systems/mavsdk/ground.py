@@ -4,6 +4,7 @@ Its plugins need a vehicle, and hear only what comes after they have subscribed.
 vehicle known, and it connects when everything is subscribed and asked for: nothing that comes over the link is missed.
 """
 
+import contextlib
 import sys
 import threading
 
@@ -14,7 +15,7 @@ from mavsdk.plugins.gimbal import Gimbal
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.mission import Mission
 from mavsdk.plugins.mission_raw import MissionRaw, MissionRawError
-from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.param import Param
 from mavsdk.plugins.shell import Shell
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.transponder import Transponder
@@ -34,18 +35,22 @@ def heartbeat():
     return message.pack(vehicle)
 
 
-def ask(request, refusal):
+def ask(request):
     """Ask for something until it is answered, on a thread of its own."""
 
     def run():
         for _ in range(TRIES):
-            try:
-                request()
-            except refusal:
-                continue
-            return
+            with contextlib.suppress(MissionRawError):
+                if request():
+                    return
 
     threading.Thread(target=run, daemon=True).start()
+
+
+def parameters(system):
+    """Return the vehicle's parameters, none if it does not answer."""
+    found = Param(system).get_all_params()
+    return [*found.int_params, *found.float_params, *found.custom_params]
 
 
 def main(url):
@@ -66,8 +71,8 @@ def main(url):
         for name in dir(plugin):
             if name.startswith("subscribe_"):
                 getattr(plugin, name)(lambda *values: None)
-    ask(Param(system).get_all_params, ParamError)
-    ask(MissionRaw(system).download_mission, MissionRawError)
+    ask(lambda: parameters(system))
+    ask(MissionRaw(system).download_mission)
     if not asked.wait(PATIENCE):
         sys.exit("nothing was asked for")
     sdk.add_any_connection(url)
