@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.assemble import settings_of
 from riot_bus.bus.environment import (
     client_settings,
     environment_lines,
@@ -15,7 +14,6 @@ from riot_bus.bus.environment import (
     session_file,
 )
 from riot_bus.bus.files import absolute_file
-from riot_bus.bus.flags import RouterFlags
 from riot_bus.bus.zenoh_keys import leaves, value_of
 from riot_bus.errors import ConfigError
 
@@ -74,6 +72,9 @@ def component_environment(
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
+    from riot_bus.bus.assemble import settings_of
+    from riot_bus.bus.flags import RouterFlags
+
     found = settings_of(system, RouterFlags(segments=segments)).segment(segment)
     endpoints = reachable(found.listen, flavour=flavour, host=host)
     config, hints = missing_for_clients(found, client_cfg(cfg))
@@ -99,6 +100,9 @@ def segment_endpoints(
     Raises:
         ConfigError: There is no such segment, or it cannot be reached.
     """
+    from riot_bus.bus.assemble import settings_of
+    from riot_bus.bus.flags import RouterFlags
+
     found = settings_of(system, RouterFlags()).segment(segment)
     return reachable(found.listen), missing_for_clients(found, config)[0]
 

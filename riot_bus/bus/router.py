@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
-_MATCHING_INTERVAL_S = 0.002
+_ALIVE_INTERVAL_S = 0.02
 _QUIET_POLLS = 3
 
 
@@ -489,21 +489,25 @@ class Bus:
         session = self.segment(segment).session
         # Not by the admin space, which tells it exactly: a query there while somebody declares something can block
         # the whole router for ever (zenoh 1.10.2 locks its tables twice).
-        waiting: dict[str, Any] = {
-            text: session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
-            for text in canonical(keyexprs)
-        }
-
-        def settled() -> bool:
-            for text in [text for text, each in waiting.items() if each.matching_status.matching]:
-                release(waiting.pop(text))
-            return not waiting or not alive()
-
+        waiting: dict[str, Any] = {}
+        listeners: dict[str, Any] = {}
+        changed = threading.Event()
+        deadline = time.monotonic() + timeout
         try:
-            wait_until(settled, timeout, interval=_MATCHING_INTERVAL_S)
-            return list(waiting)
+            for text in canonical(keyexprs):
+                waiting[text] = session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
+                handler: Any = zenoh.handlers.Callback(lambda status: changed.set(), indirect=False)
+                listeners[text] = waiting[text].declare_matching_listener(handler)
+            while True:
+                changed.clear()
+                for text in [text for text, each in waiting.items() if each.matching_status.matching]:
+                    release(listeners.pop(text), waiting.pop(text))
+                left = deadline - time.monotonic()
+                if not waiting or left <= 0 or not alive():
+                    return list(waiting)
+                changed.wait(min(left, _ALIVE_INTERVAL_S))
         finally:
-            release(*waiting.values())
+            release(*listeners.values(), *waiting.values())
 
     def drain(self, timeout: float) -> bool:
         """Wait until all messages received so far are through and published, delayed ones included.

@@ -146,7 +146,7 @@ class _Work:
 
     def prepare(self) -> None:
         workspace = self._workspace
-        self._trial = UnitTrial(workspace.context, self._unit, idle_rate=workspace.idle_rate(self._unit))
+        self._trial = UnitTrial(workspace.context, self._unit, idle=workspace.idle(self._unit))
         _ = workspace.pool
 
     def stop(self) -> None:

@@ -60,7 +60,7 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages
-        trial = UnitTrial(workspace.context, finding.unit, idle_rate=workspace.idle_rate(finding.unit))
+        trial = UnitTrial(workspace.context, finding.unit, idle=workspace.idle(finding.unit))
     runner = LocalRunner(trial, workspace.pool)
     outcomes = runner.run([TestCase(messages, seed=workspace.seed + number) for number in range(times)])
     for outcome in outcomes:

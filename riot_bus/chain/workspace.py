@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from riot_bus.message import Message
+    from riot_bus.sut.activity import Idle
     from riot_bus.sut.system import Pace, Unit
 
 __all__ = ["Narrator", "Step", "Workspace", "open_finding"]
@@ -85,7 +86,7 @@ class Step:
 
     def unit_runner(self, unit: str) -> StoredRunner:
         """Return a runner for trials of a unit alone."""
-        trial = UnitTrial(self.workspace.context, unit, idle_rate=self.workspace.idle_rate(unit))
+        trial = UnitTrial(self.workspace.context, unit, idle=self.workspace.idle(unit))
         return self._stored(LocalRunner(trial, self.workspace.pool), {"unit": unit})
 
     def system_runner(self, *, observe: Sequence[str], pace: Pace) -> StoredRunner:
@@ -122,7 +123,7 @@ class Workspace:
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / "trials.jsonl")
         self._pool: Pool | None = None
-        self._idle: dict[str, float] = {}
+        self._idle: dict[str, Idle] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -149,12 +150,12 @@ class Workspace:
         chosen = self.context.file.choose_unit(name)
         return chosen, self.context.file.unit[chosen]
 
-    def idle_rate(self, unit: str) -> float:
-        """Return the context switches per second that a unit shows without input (measured once)."""
+    def idle(self, unit: str) -> Idle:
+        """Return what a unit does without input (measured once)."""
         if unit not in self._idle:
-            from riot_bus.sut.calibration import measure_idle_rate
+            from riot_bus.sut.calibration import measure_idle
 
-            self._idle[unit] = measure_idle_rate(self.context, unit, self.pool)
+            self._idle[unit] = measure_idle(self.context, unit, self.pool)
         return self._idle[unit]
 
     def nominal_log(self) -> Path:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import EnvironmentFaultError
+from riot_bus.sut.activity import Idle
 from riot_bus.sut.stage import Stage
 from riot_bus.trial import Outcome, TestCase, Verdict
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.launcher import Launcher
     from riot_bus.sut.local import Pool
 
-__all__ = ["measure_idle_rate"]
+__all__ = ["measure_idle"]
 
 _WARM_UP = 0.15
 _WATCH = 0.5
@@ -36,16 +36,14 @@ class _IdleTrial:
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)
-                before = stage.activity([name])
-                time.sleep(_WATCH)
-                switches = stage.activity([name]).switches - before.switches
+                idle = stage.measure_idle([name], seconds=_WATCH).or_more(stage.idle)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
-        return Outcome(Verdict.PASS, statistics={"rate": switches / _WATCH})
+        return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
 
 
-def measure_idle_rate(context: Context, unit: str, pool: Pool) -> float:
-    """Return the context switches per second of a unit that gets no input.
+def measure_idle(context: Context, unit: str, pool: Pool) -> Idle:
+    """Return what a unit does that gets no input.
 
     Raises:
         EnvironmentFaultError: The unit does not start.
@@ -53,4 +51,4 @@ def measure_idle_rate(context: Context, unit: str, pool: Pool) -> float:
     outcome = pool.execute(_IdleTrial(context, unit), TestCase())
     if outcome.verdict is Verdict.ERROR:
         raise EnvironmentFaultError(outcome.detail)
-    return float(outcome.statistics["rate"])
+    return Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))

@@ -1,67 +1,35 @@
 """When has a component finished what it was given? Measured, never slept for.
 
-The sum of context switches of all its threads stands still, and no thread is running or waiting for a processor
-(facts: a window of 15 ms came right after the last of 200 one-millisecond callbacks in 5 of 5 tries; the state of the
-threads makes it hold on a loaded machine too).
+The sum of voluntary context switches of all its threads stands still, and no thread is running or waiting for a
+processor (facts: a window of 15 ms came right after the last of 200 one-millisecond callbacks in 5 of 5 tries; the
+state of the threads makes it hold on a loaded machine too). A component with timers of its own never stands still: it
+has finished when it does no more than it does without input, in switches and in time of the processor.
+
+Deadlines do not run while a component waits for a processor that others have: a loaded machine is no hang.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from contextlib import suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from riot_bus.errors import EnvironmentFaultError
+from riot_bus.sut.activity import STILL, Shares, activity, shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["Activity", "activity", "families", "wait_sent", "wait_settled"]
+    from riot_bus.sut.activity import Activity, Idle
+
+__all__ = ["wait_sent", "wait_settled"]
 
 _POLL = 0.004
+_LONGEST_POLL = 0.02
+_POLLS = 8
 _ZENOH_THREADS = (b"app-", b"acc-", b"tx-", b"rx-", b"net-")
-
-
-@dataclass(frozen=True, slots=True)
-class Activity:
-    """Context switches so far of a group of processes, and whether any of their threads wants the processor."""
-
-    switches: int
-    busy: bool
-
-
-def families(pids: Sequence[int]) -> list[int]:
-    """Return processes and all that they have started and still run, such as the node behind `ros2 run`."""
-    import psutil
-
-    found = list(pids)
-    for pid in pids:
-        with suppress(psutil.Error):
-            found += [child.pid for child in psutil.Process(pid).children(recursive=True)]
-    return found
-
-
-def activity(pids: Sequence[int]) -> Activity:
-    """Read the activity of processes from /proc; processes that are gone count as idle."""
-    switches, busy = 0, False
-    for pid in pids:
-        tasks = f"/proc/{pid}/task"
-        try:
-            threads = os.listdir(tasks)
-        except OSError:
-            continue
-        for thread in threads:
-            try:
-                with open(f"{tasks}/{thread}/status", "rb") as stream:
-                    text = stream.read()
-            except OSError:
-                continue
-            state = text.partition(b"State:\t")[2][:1]
-            busy = busy or state in (b"R", b"D")
-            voluntary = text.partition(b"\nvoluntary_ctxt_switches:\t")[2].partition(b"\n")[0]
-            involuntary = text.partition(b"\nnonvoluntary_ctxt_switches:\t")[2].partition(b"\n")[0]
-            switches += int(voluntary or 0) + int(involuntary or 0)
-    return Activity(switches, busy)
+_LONGER, _LONGER_BY = 10, 60.0
+_MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
 
 
 def wait_sent(*, timeout: float) -> bool:
@@ -91,7 +59,7 @@ def wait_settled(
     *,
     window: float,
     timeout: float,
-    idle_rate: float = 0.0,
+    idle: Idle = STILL,
     since: Activity | None = None,
     alive: Callable[[], bool] = lambda: True,
 ) -> bool:
@@ -100,32 +68,71 @@ def wait_settled(
     Args:
         pids: The processes.
         window: Seconds without activity that count as settled.
-        timeout: Deadline in seconds.
-        idle_rate: Context switches per second that the processes show without any input (timers of their own).
+        timeout: Deadline in seconds, of those in which the processes did not have to wait for a processor.
+        idle: What the processes do without any input.
         since: Activity before the last input; until the processes have moved past it (at most ten windows) they
             have not received that input yet.
         alive: False when waiting has become pointless.
 
     Returns:
         False when the deadline passed while they were still busy.
+
+    Raises:
+        EnvironmentFaultError: Most of the time others had the processors, so nothing can be told.
     """
     start = time.monotonic()
-    calm_since, calm_switches = start, -1
+    begun = shares(pids)
+    pause = min(max(window / _POLLS, _POLL), _LONGEST_POLL)
+    calm = _Calm(pids, idle, start)
     received = since is None
     while True:
         seen = activity(pids)
         now = time.monotonic()
         if not alive():
             return True
-        allowed = 2.0 * idle_rate * (now - calm_since) + (1 if idle_rate else 0)
-        if seen.busy or calm_switches < 0 or seen.switches - calm_switches > allowed:
-            calm_since, calm_switches = now, seen.switches
+        calm.see(seen, now)
         if since is not None and seen.switches > since.switches:
             received = True
         if not received and now - start > 10 * window:
             received = True
-        if received and now - calm_since >= window:
+        if received and not seen.busy and now - calm.since >= window and calm.confirmed(now):
             return True
         if now - start > timeout:
-            return False
-        time.sleep(_POLL)
+            if now - start - shares(pids).waited_since(begun) > timeout:
+                return False
+            if now - start > _LONGER * timeout + _LONGER_BY:
+                raise EnvironmentFaultError(
+                    f"components got so little of the processors that they were not done within {now - start:.0f} s",
+                    hint="run fewer trials at once (--jobs), or stop what else runs on this machine",
+                )
+        time.sleep(pause)
+
+
+class _Calm:
+    """Since when processes have done no more than without input."""
+
+    def __init__(self, pids: Sequence[int], idle: Idle, now: float) -> None:
+        self.since = now
+        self._pids, self._idle = pids, idle
+        self._switches, self._shares = -1, Shares({}, {})
+
+    def see(self, seen: Activity, now: float) -> None:
+        """Begin anew if there were more switches than without input."""
+        allowed = _MORE_SWITCHES * self._idle.switches * (now - self.since) + (1 if self._idle.switches else 0)
+        if self._switches < 0 or not 0 <= seen.switches - self._switches <= allowed:
+            self._begin(seen.switches, now)
+
+    def confirmed(self, now: float) -> bool:
+        """Return whether they have not run for longer than without input either; if they have, begin anew."""
+        if not self._idle.switches:
+            return True
+        allowed = _MORE_TIME * self._idle.ran + _SLACK
+        if shares(self._pids).share_since(self._shares, seconds=now - self.since) <= allowed:
+            return True
+        self._begin(-1, now)
+        return False
+
+    def _begin(self, switches: int, now: float) -> None:
+        self.since, self._switches = now, switches
+        if self._idle.switches:
+            self._shares = shares(self._pids)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Self
 from riot_bus.bus.router import Bus
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.monitors.model import ComponentView, TrialView
-from riot_bus.sut.settling import Activity, activity, families, wait_settled
+from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, shares
+from riot_bus.sut.settling import wait_settled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -46,7 +47,7 @@ class Stage:
         stall: Seconds after which a component that takes no messages loses its link.
 
     Attributes:
-        idle_rate: Context switches per second of components that are ready and never rest; 0 if they do.
+        idle: What components do that are ready and never rest; nothing if they rest.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class Stage:
         self.processes: dict[str, Process] = {}
         self._families: dict[tuple[int, ...], list[int]] = {}
         self.outputs: list[Message] = []
-        self.idle_rate = 0.0
+        self.idle = STILL
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
             intercept=intercept,
@@ -162,15 +163,13 @@ class Stage:
         """Wait until components stand still, or are as busy as the moment before: they have timers of their own."""
         if self.settle(names, window=_AT_REST, timeout=max(_AT_REST, min(_TIMERS_AFTER, deadline - time.monotonic()))):
             return
-        before, last = self.activity(names), -1.0
+        last = self.measure_idle(names, seconds=_MEASURE)
         while time.monotonic() < deadline:
-            time.sleep(_MEASURE)
-            now = self.activity(names)
-            rate = (now.switches - before.switches) / _MEASURE
-            if abs(rate - last) <= _ALIKE * rate:
-                self.idle_rate = max(rate, last)
+            now = self.measure_idle(names, seconds=_MEASURE)
+            self.idle = now.or_more(last)
+            if abs(now.switches - last.switches) <= _ALIKE * now.switches:
                 return
-            before, last = now, rate
+            last = now
 
     def _check_alive(self, names: Iterable[str]) -> None:
         for name in names:
@@ -205,10 +204,24 @@ class Stage:
 
     def activity(self, names: Iterable[str]) -> Activity:
         """Return how busy components have been so far."""
+        return activity(self._family(names))
+
+    def measure_idle(self, names: Iterable[str], *, seconds: float) -> Idle:
+        """Return what components do now, watched for some seconds."""
+        names = list(names)
+        begin, before = time.monotonic(), (self.activity(names), self._shares(names))
+        time.sleep(seconds)
+        after = self.activity(names), self._shares(names)
+        return idle_between(before, after, seconds=time.monotonic() - begin)
+
+    def _shares(self, names: Iterable[str]) -> Shares:
+        return shares(self._family(names))
+
+    def _family(self, names: Iterable[str]) -> list[int]:
         pids = tuple(self.processes[name].pid for name in names)
         if pids not in self._families:
             self._families[pids] = families(pids)
-        return activity(self._families[pids])
+        return self._families[pids]
 
     def settle(
         self,
@@ -216,10 +229,14 @@ class Stage:
         *,
         window: float,
         timeout: float,
-        idle_rate: float = 0.0,
+        idle: Idle = STILL,
         since: Activity | None = None,
     ) -> bool:
-        """Wait until components stand still or one has died; False if they were busy to the end."""
+        """Wait until components stand still or one has died; False if they were busy to the end.
+
+        Raises:
+            EnvironmentFaultError: The machine was too busy for them.
+        """
         processes = [self.processes[name] for name in names]
         pids = tuple(process.pid for process in processes)
         deadline = time.monotonic() + timeout
@@ -230,7 +247,7 @@ class Stage:
                 family,
                 window=window,
                 timeout=max(0.0, deadline - time.monotonic()),
-                idle_rate=idle_rate,
+                idle=idle,
                 since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
             )

@@ -131,7 +131,7 @@ class SystemTrial:
                 self._play(messages, stage)
             else:
                 self._drive(outside, inside, stage, case.seed)
-            settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle_rate=stage.idle_rate)
+            settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
             if settled:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)

@@ -12,6 +12,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.player import play
 from riot_bus.message import Qos
 from riot_bus.monitors.model import judge
+from riot_bus.sut.activity import STILL, Idle
 from riot_bus.sut.settling import wait_sent
 from riot_bus.sut.stage import Stage
 from riot_bus.trial import Outcome, Verdict
@@ -34,12 +35,12 @@ class UnitTrial:
     """Runs test cases against one unit.
 
     Attributes:
-        idle_rate: Context switches per second that the unit shows without input.
+        idle: What the unit does without input.
     """
 
     context: Context
     unit: str
-    idle_rate: float = 0.0
+    idle: Idle = STILL
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
@@ -80,7 +81,7 @@ class UnitTrial:
                     [name],
                     window=unit.settle.window,
                     timeout=unit.settle.timeout,
-                    idle_rate=self.idle_rate,
+                    idle=self.idle,
                     since=before if messages else None,
                 )
                 if settled:

@@ -44,6 +44,6 @@ def test_timers_are_told_from_work(tmp_path: Path, period: str, *, restless: boo
         begin = time.monotonic()
         stage.wait_ready(["part"])
         assert time.monotonic() - begin < 50
-        assert (stage.idle_rate > 50) is restless
-        assert stage.settle(["part"], window=0.03, timeout=20.0, idle_rate=stage.idle_rate)
+        assert (stage.idle.switches > 50) is restless
+        assert stage.settle(["part"], window=0.03, timeout=20.0, idle=stage.idle)
         assert stage.settle(["part"], window=0.03, timeout=1.0) is not restless

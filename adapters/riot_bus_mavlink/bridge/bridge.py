@@ -11,7 +11,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus_mavlink.bridge.duplicates import Duplicates
-from riot_bus_mavlink.bridge.json_form import JsonForm
 from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror
 from riot_bus_mavlink.bridge.routing import Routes
@@ -94,6 +93,8 @@ class MavlinkBridge:
         }
         self._mirrors: dict[str, Mirror] = {}
         if options.mirror is not None:
+            from riot_bus_mavlink.bridge.json_form import JsonForm
+
             form = JsonForm(dialect)
             for number, (name, side) in enumerate(self._sides.items()):
                 take = None if number else partial(side.insert, link=JSON_LINK)  # JSON comes to all segments

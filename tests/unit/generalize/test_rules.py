@@ -66,6 +66,7 @@ NUMBERS = (0.0, -1.0, 1e6, -1e6, math.nan, math.inf, -math.inf, 1e300)
 SPEED = Variable("speed", "float64", 1e6, (2.0,), tuple(float(i) / 4 for i in range(12)), NUMBERS)
 MODE = Variable("mode", "string", "auto", (), ("auto", "manual", "off"), ("", "x" * 50))
 INDEX = Variable("i", "int32", -1, (5,), tuple(range(0, 90, 7)), DICTIONARY)
+KIND = Variable("kind", "uint8", 3, (8,), (3,), tuple(range(21)))
 WIDTH = Variable("w", "int32", 200, (), tuple(range(100, 400, 17)), DICTIONARY)
 
 
@@ -98,6 +99,11 @@ WIDTH = Variable("w", "int32", 200, (), tuple(range(100, 400, 17)), DICTIONARY)
             ],
             lambda v: v["id"] > 8 and v["pilot"] not in (1, 8),
             "id > 8 and pilot != 1 and pilot != 8",
+        ),
+        (
+            [Variable("id", "uint8", 200, (0,), (0, 1), (8, 9, 255)), KIND],
+            lambda v: v["id"] > 8 and v["kind"] not in (1, 8),
+            "id > 8 and kind != 1 and kind != 8",
         ),
     ],
 )
