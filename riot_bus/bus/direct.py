@@ -69,6 +69,17 @@ class DirectLinks:
         rules = access_control(self._cut[0], services=self._cut[1], peers=earlier) if earlier else {}
         return {"id": self._ids[name], **rules}
 
+    def complete(self, segments: Sequence[Segment]) -> None:
+        """Wait until all links are there, and let no other be made; if they are not there in time, have none.
+
+        One that breaks must not come back: what it carries would overtake what goes over the junction meanwhile.
+        """
+        ids = self.ids
+        linked = wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
+        self._unlink()
+        if not linked:
+            self.sever(segments)
+
     def sever(self, segments: Sequence[Segment]) -> None:
         """Cut all links; return once the segments know; safe to call twice."""
         if self.severed:
@@ -77,11 +88,14 @@ class DirectLinks:
             # Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
             segment.flush(self._ids[other] for other in self._names if other != segment.name)
         self.severed = True
-        for path in self._paths.values():
-            path.unlink(missing_ok=True)
+        self._unlink()
         _hang_up({str(path) for path in self._paths.values()})
         linked = set(self._ids.values())
         wait_until(lambda: not any(linked & segment.peers() for segment in segments), _WITHIN_S)
+
+    def _unlink(self) -> None:
+        for path in self._paths.values():
+            path.unlink(missing_ok=True)
 
     def _earlier(self, name: str) -> list[str]:
         return self._names[: self._names.index(name)]

@@ -108,6 +108,8 @@ class Network:
                 )
                 stack.callback(segment.close)
                 self.segments[name] = segment
+            if self.direct is not None:
+                self.direct.complete(list(self.segments.values()))
             if several:
                 # Without it in the junction's configuration, too, shared memory would end there.
                 shared = any(config.get(_SHARED_MEMORY) for config in configs.values())
