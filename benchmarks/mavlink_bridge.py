@@ -7,6 +7,9 @@ un-intercepted and with one field patched, with one bridge for both segments and
 is processes of its own. Throughput is that of a window of frames that are under way; nothing may be lost. Delays are
 those of a steady rate. In each round all ways are measured in turn; ratios are those of one round: to the plain loop of
 pymavlink, and to the one that does the same.
+
+ATTITUDE is always of the same length, and the bridge can send many such frames with one call. `--traffic mixed` sends
+what an autopilot does, each frame of another length than the one before.
 """
 
 from __future__ import annotations
@@ -53,6 +56,10 @@ PATCHED_ROLL = struct.pack("<f", 0.25)
 TIMEOUT_S = 30.0
 RIOT = [sys.executable, "-m", "riot_bus"]
 ATTITUDE = 30
+STREAM = (
+    "ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD", "RAW_IMU", "SERVO_OUTPUT_RAW", "ATTITUDE", "SYS_STATUS",
+    "GPS_RAW_INT", "NAV_CONTROLLER_OUTPUT", "HEARTBEAT",
+)  # fmt: skip
 FIRST_STEADY = 1 << 24
 
 
@@ -73,6 +80,18 @@ def frames(count: int, *, first: int = 0) -> list[bytes]:
         )
         for number in range(first, first + count)
     ]
+
+
+def mixed(count: int) -> list[bytes]:
+    """Return frames of what an autopilot sends in turn, so that each has another length than the one before."""
+    dialect = load_dialect("common")
+    found = []
+    for number in range(count):
+        message = dialect.message(STREAM[number % len(STREAM)])
+        assert message is not None
+        body = bytes((number + at) % 255 + 1 for at in range(message.size))
+        found.append(pack_frame(message.id, body, message.crc_extra, version=2, sequence=number, system=1, component=1))
+    return found
 
 
 def udp_socket() -> socket.socket:
@@ -238,12 +257,15 @@ def forward(port: int, *, patch: bool) -> None:
             sink.write(message.get_msgbuf())
 
 
-def measure(ways: list[str], *, rounds: int, count: int, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
+def measure(
+    ways: list[str], *, traffic: str, rounds: int, count: int, rate: float, seconds: float, folder: Path
+) -> dict[str, Any]:
     """Return what each way did in each round."""
     found: dict[str, dict[str, list[float]]] = {
         name: {"rate": [], "cpu_us": [], "p50": [], "p99": [], "lost": []} for name in ways
     }
-    flood, steady = frames(count), frames(int(rate * seconds), first=FIRST_STEADY)
+    flood = mixed(count) if traffic == "mixed" else frames(count)
+    steady = frames(int(rate * seconds), first=FIRST_STEADY)
     for _ in range(rounds):
         for name in ways:
             with Way(name, folder) as way:
@@ -291,6 +313,12 @@ def main() -> None:
     parser.add_argument(
         "--way", action="append", choices=WAYS, help="measure only these, and what they are compared to"
     )
+    parser.add_argument(
+        "--traffic",
+        choices=("ATTITUDE", "mixed"),
+        default="ATTITUDE",
+        help="what the throughput is measured with: always the same message, or those that an autopilot sends",
+    )
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--rate", type=float, default=1000.0, help="frames/s when delays are measured")
     parser.add_argument("--forward", type=int, metavar="PORT", help="be the loop of pymavlink")
@@ -302,15 +330,31 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         needed = {WAYS[0], PEER, f"{PEER}, patched", *(options.way or WAYS)}
         ways = [name for name in WAYS if name in needed]
-        found = measure(ways, rounds=rounds, count=count, rate=options.rate, seconds=seconds, folder=Path(folder))
-    print(f"ATTITUDE, {WINDOW} frames under way; delays at {options.rate:g} frames/s; {rounds} rounds, medians")
+        found = measure(
+            ways,
+            traffic=options.traffic,
+            rounds=rounds,
+            count=count,
+            rate=options.rate,
+            seconds=seconds,
+            folder=Path(folder),
+        )
+    print(
+        f"{options.traffic}, {WINDOW} frames under way; delays at {options.rate:g} frames/s; {rounds} rounds, medians"
+    )
     print("\n".join(table(found)))
     print(
         f"targets, of {JUDGED!r}: >= {TARGET_RATE} frames/s, >= {TARGET_RATIO:g} x peer, "
         f"added p50 <= {TARGET_DELAY_US:g} us"
     )
     if options.json:
-        place = {"python": platform.python_version(), "cpus": os.cpu_count(), "window": WINDOW, "rate": options.rate}
+        place = {
+            "python": platform.python_version(),
+            "cpus": os.cpu_count(),
+            "window": WINDOW,
+            "rate": options.rate,
+            "traffic": options.traffic,
+        }
         options.json.write_text(json.dumps({"where": place, "found": found}, indent=1))
 
 

@@ -5,7 +5,6 @@ One root, few children: each child stands for one exit code of the command line 
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -85,6 +84,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
         word: What the user wrote.
         known: What would have been accepted.
     """
+    from difflib import get_close_matches
+
     options = sorted(set(known))
     near = get_close_matches(word, options, n=3, cutoff=0.6)
     if near:

@@ -27,6 +27,7 @@ __all__ = [
     "Framer",
     "checksum_fits",
     "frame_length",
+    "is_plain",
     "pack_frame",
     "parse_frame",
     "seal",
@@ -125,22 +126,31 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are complete with these bytes, in their order."""
+        if len(data) > 11:
+            extra = self._extra(data[7] | data[8] << 8 | data[9] << 16)
+            if extra is not None and self.single(data, extra):
+                return [_unsigned(data)]  # most often, a packet is one such frame
+        self.counts.bytes += len(data)
+        return self._scan(self._rest + data if self._rest else data, ended=False)
+
+    def single(self, data: bytes, extra: int) -> bool:
+        """Take bytes that are one whole frame, unsigned and of MAVLink 2; return whether they are, else do nothing.
+
+        Args:
+            data: What came.
+            extra: The extra byte of the message that the frame would be.
+        """
+        size, crc = len(data), self._crc
+        if size < 12 or data[0] != V2 or data[1] != size - 12 or data[2] or self._rest:
+            return False
+        if crc(_EXTRA[extra], crc(data[1:-2], _CRC_START)) != data[-2] | data[-1] << 8:
+            return False
         counts = self.counts
-        size = len(data)
+        counts.frames += 1
         counts.bytes += size
-        if self._rest:
-            data = self._rest + data
-        elif size > 11 and data[0] == V2 and data[1] == size - 12 and not data[2]:
-            frame = _unsigned(data)  # most often, a packet is one such frame
-            extra = self._extra(frame.message_id)
-            if extra is not None and self._crc(_EXTRA[extra], self._crc(data[1:-2], _CRC_START)) == (
-                data[-2] | data[-1] << 8
-            ):
-                counts.frames += 1
-                counts.frame_bytes += size
-                self._in_step = True
-                return [frame]
-        return self._scan(data, ended=False)
+        counts.frame_bytes += size
+        self._in_step = True
+        return True
 
     def flush(self) -> list[Frame]:
         """Return the whole frames in what waits for more, which never comes; the rest of it is junk."""
@@ -208,7 +218,7 @@ def parse_frame(data: bytes) -> Frame:
         PayloadError: They are no frame, or more than one.
     """
     size = len(data)
-    if size > 11 and data[0] == V2 and data[1] == size - 12 and not data[2]:
+    if is_plain(data):
         return _unsigned(data)
     if size < 8 or data[0] not in _STARTS:
         raise PayloadError("no MAVLink frame: it begins with FE or FD and has at least 8 bytes")
@@ -217,6 +227,12 @@ def parse_frame(data: bytes) -> Frame:
         why = "has flags that are not defined" if length < 0 else f"should have {length} bytes by its header"
         raise PayloadError(f"no MAVLink frame: it has {len(data)} bytes and {why}")
     return _parse(data, 0, length)
+
+
+def is_plain(data: bytes) -> bool:
+    """Return whether bytes have the header and the length of one unsigned frame of MAVLink 2, as most have."""
+    size = len(data)
+    return size > 11 and data[0] == V2 and data[1] == size - 12 and not data[2]
 
 
 def checksum_fits(frame: Frame, crc_extra: int) -> bool:

@@ -33,6 +33,7 @@ __all__ = ["PREFIX", "MavlinkType"]
 PREFIX = "mavlink/"
 """What names of types begin with: `mavlink/HEARTBEAT`."""
 
+_V2 = bytes([V2])
 _BYTE = struct.Struct("<B")
 
 
@@ -145,12 +146,10 @@ class MavlinkType:
             stop = len(payload) - 2
             # The usual frame: unsigned, of MAVLink 2, and its length stays since what ends it is not changed.
             if stop > last and payload[0] == V2 and payload[1] == stop - 10 and payload[2] == 0:
-                begin, middle, rest = payload[1:first], payload[first:last], payload[last:stop]
-                if rest[-1] and payload[7:10] == number:
-                    before = crc(begin, 0xFFFF)
-                    if crc(extra, crc(rest, crc(middle, before))) == payload[stop] | payload[stop + 1] << 8:
-                        check = crc(extra, crc(rest, crc(packed, before)))
-                        return b"%b%b%b%c%c" % (payload[:first], packed, rest, check & 255, check >> 8)
+                check = payload[stop] | payload[stop + 1] << 8
+                if payload[stop - 1] and payload[7:10] == number and crc(extra, crc(payload[1:stop], 0xFFFF)) == check:
+                    body = payload[1:first] + packed + payload[last:stop]
+                    return _V2 + body + crc(extra, crc(body, 0xFFFF)).to_bytes(2, "little")
             parts = self._parts(payload)
             body = self._body(payload, parts)
             if end > len(body):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.frame import Frame
+    from riot_bus_mavlink.links.end import Batching
 
 __all__ = ["Speaker", "Survey", "listen"]
 
@@ -130,8 +131,10 @@ class _Listener:
         self.survey = Survey(dialect.targets)
         self._warn = warn
 
-    def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
-        return End(spec, address, Framer(self.crc_extra), write)
+    def join(
+        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
+    ) -> End:
+        return End(spec, address, Framer(self.crc_extra), write, batching)
 
     def leave(self, end: End) -> None:
         pass

@@ -20,24 +20,10 @@ if TYPE_CHECKING:
 
     from riot_bus.message import Message
 
-__all__ = ["Client", "Subscription", "open_client", "subscribe"]
+__all__ = ["Client", "Subscription", "open_client"]
 
 Subscription = Any
 """Something with `undeclare()`."""
-
-
-def subscribe(
-    session: zenoh.Session, keyexpr: str, *, take: Callable[[Message], None], convert: Converter
-) -> zenoh.Subscriber[None]:
-    """Subscribe with messages instead of samples.
-
-    Args:
-        session: Where.
-        keyexpr: What.
-        take: Called on a thread of Zenoh's; must return at once, else it stalls the link.
-        convert: Turns samples into messages.
-    """
-    return session.declare_subscriber(keyexpr, lambda sample: take(convert(sample)))
 
 
 class Client:
@@ -69,9 +55,8 @@ class Client:
         """
         (text,) = canonical([keyexpr])
         self._dispatcher.start()
-        return subscribe(
-            self.session, text, take=lambda message: self._dispatcher.deliver(callback, message), convert=self._convert
-        )
+        convert, deliver = self._convert, self._dispatcher.deliver
+        return self.session.declare_subscriber(text, lambda sample: deliver(callback, convert(sample)))
 
     def put(self, message: Message) -> None:
         """Publish a message: put or delete, with its QoS; its time and sequence stay here."""

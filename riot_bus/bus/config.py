@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
 
 def control_id() -> str:
     """Return a new id for a session that controls a router; such sessions are no components."""
-    return f"{_CONTROL}{secrets.token_hex(8)}"
+    return f"{_CONTROL}{os.urandom(8).hex()}"
 
 
 def is_control(zid: str) -> bool:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
-import socket
 import stat
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -44,7 +42,9 @@ class DirectLinks:
         self._cut = list(cut), list(services)
         self._names = list(names)
         self._paths = {name: folder / f"direct-{number}" for number, name in enumerate(names)}
-        self._ids = {name: f"{secrets.randbits(128) | 1 << 124:x}" for name in names}  # no leading zeros in Zenoh's ids
+        self._ids = {
+            name: f"{int.from_bytes(os.urandom(16)) | 1 << 124:x}" for name in names
+        }  # no leading zeros in Zenoh's ids
 
     @property
     def ids(self) -> set[str]:
@@ -111,8 +111,14 @@ def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
     return not any(f"{key}/".startswith(f"{own}/") or own.startswith(f"{key}/") for key in keys for own in _OWN)
 
 
+def _new_id() -> str:
+    return f"{int.from_bytes(os.urandom(16)) | 1 << 124:x}"  # no leading zeros in Zenoh's ids
+
+
 def _hang_up(paths: Container[str]) -> None:
     """Shut down the connections that this process has accepted on Unix sockets; Zenoh has no call for it."""
+    import socket
+
     for name in os.listdir("/dev/fd"):
         with suppress(OSError):  # others close theirs meanwhile
             number = int(name)

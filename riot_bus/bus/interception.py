@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING
 
 from riot_bus.bus.config import OWN_CHUNK
 from riot_bus.bus.runtime import canonical
-from riot_bus.bus.services.selection import split
-from riot_bus.errors import ConfigError, RiotError, did_you_mean
+from riot_bus.bus.services.selection import service_keys, split
+from riot_bus.errors import ConfigError, EnvironmentFaultError, RiotError, did_you_mean
 from riot_bus.types.serve import REQUEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.bus.router import Bus
+    from riot_bus.bus.settings import RouterSettings
     from riot_bus.inject.interceptor import Injector
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Interception", "Plan", "topics_of"]
+__all__ = ["Interception", "Plan", "expressions_of", "topics_of", "wanted_keys"]
 
 _MOST_KEYS = 1024
 _LONGEST_KEY = 1024
@@ -71,6 +72,28 @@ def topics_of(interceptor: object) -> list[str] | None:
     if topics is None:
         return None
     return [parse_selector(text).topic for text in ([topics] if isinstance(topics, str) else topics)]
+
+
+def expressions_of(
+    settings: RouterSettings, *, interceptors: Sequence[object], plan: Plan | None, registry: TypeRegistry
+) -> tuple[list[str], list[str]]:
+    """Return the key expressions of topics and of services that a router will intercept at first.
+
+    Raises:
+        ConfigError: A key cannot be intercepted, or an interceptor would see nothing.
+    """
+    keys = wanted_keys(settings, registry)
+    found = Interception(_nothing_yet, keys=keys, interceptors=interceptors, plan=plan, registry=registry)
+    return found.expressions, found.services
+
+
+def wanted_keys(settings: RouterSettings, registry: TypeRegistry) -> list[str]:
+    """Return what a router's settings want to be intercepted, services included."""
+    return [*settings.intercept, *service_keys(settings.services, registry)]
+
+
+def _nothing_yet() -> Bus:
+    raise EnvironmentFaultError("this router is not open", hint="use it in a with statement")
 
 
 class Interception:

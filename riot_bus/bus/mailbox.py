@@ -18,7 +18,7 @@ __all__ = ["Dispatcher", "Mailbox"]
 
 _LOG = logging.getLogger(__name__)
 _OVERHEAD_BYTES = 256
-_POLL_S = 0.001
+_HANDFUL_BYTES = 1 << 22
 ItemT = TypeVar("ItemT")
 
 
@@ -28,12 +28,9 @@ class Mailbox(Generic[ItemT]):
     Args:
         capacity: Most items.
         capacity_bytes: Most payload bytes.
-        patience_s: How long `offer(..., patient=True)` may wait for room: as a native router lets a BLOCK publication
-            wait, yet far below the time after which Zenoh closes the link. Once that was in vain, nobody waits until
-            the box is half empty again, so that many messages in a row cannot stall the link together.
     """
 
-    def __init__(self, *, capacity: int = 100_000, capacity_bytes: int = 1 << 28, patience_s: float = 1.0) -> None:
+    def __init__(self, *, capacity: int = 100_000, capacity_bytes: int = 1 << 28) -> None:
         self.accepted = 0
         """Number of items taken in so far."""
         # Not SimpleQueue.get(timeout=...): woken just after its time is up, it waits for ever (CPython 3.11).
@@ -43,34 +40,18 @@ class Mailbox(Generic[ItemT]):
         self._lock = threading.Lock()
         self._count = self._bytes = 0
         self._capacity, self._capacity_bytes = capacity, capacity_bytes
-        self._patience_s = patience_s
-        self._overrun = False
 
     def __len__(self) -> int:
         return self._count
 
-    def offer(self, item: ItemT, size: int, *, patient: bool = False) -> bool:
+    def offer(self, item: ItemT, size: int) -> bool:
         """Put an item in; return False when there is no room for it.
 
         Args:
             item: What to queue.
             size: Its payload bytes.
-            patient: Wait a little for room.
         """
         size += _OVERHEAD_BYTES
-        if self._add(item, size):
-            return True
-        if not patient or self._overrun:
-            return False
-        deadline = time.monotonic() + self._patience_s
-        while time.monotonic() < deadline:
-            time.sleep(_POLL_S)
-            if self._add(item, size):
-                return True
-        self._overrun = True
-        return False
-
-    def _add(self, item: ItemT, size: int) -> bool:
         with self._lock:
             if self._count >= self._capacity or (self._count and self._bytes + size > self._capacity_bytes):
                 return False
@@ -78,35 +59,60 @@ class Mailbox(Generic[ItemT]):
             self._bytes += size
             self.accepted += 1
             self._items.append((item, size))
-            self._ring()
-            return True
+        self._ring()
+        return True
 
     def take(self, timeout: float | None = None) -> ItemT | None:
         """Remove and return the oldest item; None after `timeout` seconds or when `wake` was called."""
+        found = self.take_many(1, timeout)
+        return found[0] if found else None
+
+    def take_many(self, most: int, timeout: float | None = None, *, linger_s: float = 0.0) -> list[ItemT]:
+        """Remove and return the oldest items; none after `timeout` seconds or when `wake` was called.
+
+        Args:
+            most: So many, or fewer if they are large.
+            timeout: Seconds to wait for the first one.
+            linger_s: Seconds to wait for more after that wait: whoever puts items in one by one would else wake up the
+                one who takes them with each, and the two would hand the interpreter over all the time.
+        """
+        items = self._items
+        if not items:
+            if not self._wait(timeout):
+                return []
+            if linger_s:
+                time.sleep(linger_s)
+        found: list[ItemT] = []
+        size = 0
+        while items and len(found) < most and size < _HANDFUL_BYTES:
+            entry = items.popleft()
+            if entry is None:
+                break
+            found.append(entry[0])
+            size += entry[1]
+        with self._lock:
+            self._count -= len(found)
+            self._bytes -= size
+        return found
+
+    def wake(self) -> None:
+        """Let one `take` return None, or `take_many` what comes before."""
+        self._items.append(None)
+        self._ring()
+
+    def _wait(self, timeout: float | None) -> bool:
         deadline = None if timeout is None else time.monotonic() + timeout
         while not self._items:
             remaining = -1.0 if deadline is None else deadline - time.monotonic()
             if deadline is not None and remaining <= 0.0:
-                return None
+                return False
             self._bell.acquire(timeout=remaining)
-        entry = self._items.popleft()
-        if entry is None:
-            return None
-        with self._lock:
-            self._count -= 1
-            self._bytes -= entry[1]
-            if self._overrun and 2 * self._count <= self._capacity and 2 * self._bytes <= self._capacity_bytes:
-                self._overrun = False
-        return entry[0]
-
-    def wake(self) -> None:
-        """Let one `take` return None."""
-        self._items.append(None)
-        self._ring()
+        return True
 
     def _ring(self) -> None:
-        with contextlib.suppress(RuntimeError):  # it rings already
-            self._bell.release()
+        if self._bell.locked():  # else it rings already
+            with contextlib.suppress(RuntimeError):  # now it does
+                self._bell.release()
 
 
 class Dispatcher:

@@ -108,6 +108,9 @@ class Network:
                 )
                 stack.callback(segment.close)
                 self.segments[name] = segment
+                if direct is not None:
+                    # Zenoh 1.10.2 panics in a router that is closed while it takes in that another one has left.
+                    stack.callback(direct.sever, list(self.segments.values()))
             if self.direct is not None:
                 self.direct.complete(list(self.segments.values()))
             if several:
@@ -124,6 +127,21 @@ class Network:
                 stack.callback(self.junction.close)
             self._stack, self._open = stack.pop_all(), True
         return self
+
+    def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
+        """Open the segments and begin to join them: whoever opens the bus waits for what is left of it.
+
+        Args:
+            cut: Canonical key expressions that will be intercepted.
+            services: Canonical key expressions of services that will be.
+
+        Raises:
+            ConfigError: Zenoh refuses a configuration.
+            EnvironmentFaultError: An endpoint is in use.
+        """
+        self.open(cut, services)
+        if self.junction is not None:
+            self.junction.begin(cut, services)
 
     def close(self) -> None:
         """Separate the segments and disconnect everybody; safe to call twice."""

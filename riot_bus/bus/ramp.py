@@ -70,8 +70,11 @@ class Track:
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         """Take a message to the other segments; waits if too many are under way, or receivers are slow."""
         ramp = self._ramp
-        known = self.generation == ramp.generation and not ramp.waiting.unfinished_tasks
-        if not (known and self.straight(payload, attachment)):
+        if (
+            self.generation != ramp.generation
+            or ramp.waiting.unfinished_tasks
+            or not self.straight(payload, attachment)
+        ):
             ramp.waiting.put((self, payload, attachment))
 
     def straight(self, payload: bytes, attachment: bytes | None) -> bool:
@@ -97,7 +100,8 @@ class Track:
             self._ramp.failed(self.key, error)
         took = time.monotonic() - began
         for outlet in self.outlets:
-            outlet.took(took)
+            if took > outlet.longest_s:
+                outlet.took(took)
         return True
 
     def close(self) -> None:

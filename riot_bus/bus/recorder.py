@@ -26,6 +26,8 @@ __all__ = ["Recorder", "Writer"]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.25
+_LINGER_S = 0.005
+_HANDFUL = 256
 _PATIENCE_S = 5.0
 
 
@@ -215,11 +217,11 @@ class Recorder:
         ticked = time.monotonic()
         while True:
             self._hurry()
-            item = self._mailbox.take(0 if self._closing else _TICK_S)
-            if item is not None:
+            items = self._mailbox.take_many(_HANDFUL, 0 if self._closing else _TICK_S, linger_s=_LINGER_S)
+            for item in items:
                 self._take(item)
                 self._done += 1
-            elif self._closing:
+            if self._closing and not items:
                 return
             now = time.monotonic()
             if now - ticked >= _TICK_S:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.advanced.standin import StoreFilter
 from riot_bus.bus.advanced.terminator import Terminator
-from riot_bus.bus.client import Subscription, subscribe
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
 from riot_bus.bus.crossing import Crossing
@@ -23,6 +22,7 @@ from riot_bus.bus.ramp import Ramp
 from riot_bus.bus.runtime import canonical, includes, intersects, release, wait_until
 from riot_bus.bus.services.services import Services
 from riot_bus.bus.tally import Losses, Tally, TopicCounts, count
+from riot_bus.bus.tap import Tap
 from riot_bus.bus.watch import TransportWatch
 from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.message import Message, Qos
@@ -31,16 +31,18 @@ from riot_bus.pipeline.stage import stages_of
 from riot_bus.types.registry import TypeRegistry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     import zenoh
 
     from riot_bus.bus.audience import Inner
+    from riot_bus.bus.client import Subscription
     from riot_bus.bus.junction import Junction
     from riot_bus.bus.recorder import Recorder
     from riot_bus.bus.segments import Segment
     from riot_bus.bus.settings import SegmentSettings
     from riot_bus.pipeline.stage import Stage
+    from riot_bus.types.announcement import BridgedLink
 
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
@@ -106,7 +108,7 @@ class Bus:
         self._lanes: dict[str, list[Lane]] = {}
         self._retired: list[Lane] = []
         self._ramps: list[Ramp] = []
-        self._observers: list[Subscription] = []
+        self._taps: list[Tap] = []
         self._claims = Claims(canonical(intercept))
         self._selected = canonical(services)
         self._record = Claims(canonical(record))
@@ -129,6 +131,7 @@ class Bus:
         self._slow = Tally()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
+        self._bridged: Callable[[], Collection[BridgedLink]] = tuple
         self._stack = ExitStack()
 
     # -- life ---------------------------------------------------------------------------------------------------------
@@ -185,8 +188,8 @@ class Bus:
     def _stop(self) -> None:
         for ramp in self._ramps:
             ramp.close()
-        release(*self._observers)
-        self._observers.clear()
+        release(*self._taps)
+        self._taps.clear()
         if self._services is not None:
             self._services.close()
         for expression in list(self._lanes):
@@ -210,6 +213,11 @@ class Bus:
     def intercepted(self) -> list[str]:
         """The key expressions that are intercepted."""
         return list(self._claims.expressions)
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """Links of a bridge in this process."""
+        return self._bridged()
 
     @property
     def services(self) -> list[str]:
@@ -326,9 +334,8 @@ class Bus:
             way.forget()
 
     def _observe(self) -> None:
-        # Those of a former junction are gone already, which does no harm.
-        release(*self._observers)
-        self._observers = []
+        release(*self._taps)  # those of a former junction have ended already, which does no harm
+        self._taps = []
         if self._recorder is None:
             return
         if self._junction is not None and self._junction.session is not None:
@@ -338,8 +345,8 @@ class Bus:
             segment = next(iter(self._segments))
             session = self._segments[segment].session
         converter = Converter(segment, self._sequence)
-        self._observers = [
-            subscribe(session, expression, take=self._observation(expression), convert=converter)
+        self._taps = [
+            Tap(session, expression, take=self._observation(expression), convert=converter)
             for expression in self._record.expressions
         ]
 
@@ -414,6 +421,14 @@ class Bus:
         )
         self._ramps.append(ramp)
         return ramp
+
+    def show(self, links: Callable[[], Collection[BridgedLink]]) -> None:
+        """Show links of a bridge in this process in graphs.
+
+        Args:
+            links: Returns them as they are now; called on any thread.
+        """
+        self._bridged = links
 
     def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
         """Let ramps of other segments call a bridge in this process that listens to a segment, without a detour.
@@ -525,7 +540,7 @@ class Bus:
             lanes = list(itertools.chain(*self._lanes.values()))
             received = sum(lane.received for lane in lanes)
             arrived, before = received - before, received
-            done = not arrived and all(way.idle() for way in self._present_ways())
+            done = not arrived and all(way.idle() for way in (*self._present_ways(), *self._taps))
             done = done and not self._crossing.held() and self._dispatcher.idle()
             done = done and (self._advanced is None or self._advanced.idle())
             done = done and (self._services is None or self._services.idle())

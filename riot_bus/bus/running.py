@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
-from riot_bus.bus.heap import steady_heap, trim_heap
+from riot_bus.bus.heap import calm_collector, steady_heap, trim_heap
 from riot_bus.bus.network import Network
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
@@ -76,19 +76,23 @@ def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterato
     settings = settings_of(options.system, options.flags)
     if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
         settings = replace(settings, intercept=(*options.carried, *settings.intercept))
-    steady_heap()
     with closing(Network(settings.segments)) as network:
-        if not intercepts(settings, options):  # else it has to be known first what is cut
-            network.open()
-            if network.junction is not None:
-                network.junction.begin()
+        known = not intercepts(settings, options)  # else all that says what is cut has to be read first
+        if known:
+            network.begin()
+        steady_heap()
+        registry, interceptors, plan = registry_of(options), interceptors_of(settings, options), plan_of(options)
+        if not known:
+            from riot_bus.bus.interception import expressions_of
+
+            network.begin(*expressions_of(settings, interceptors=interceptors, plan=plan, registry=registry))
         from riot_bus.bus.service import RouterService  # while Zenoh draws its routes, which takes as long
 
         service = RouterService(
             settings,
-            interceptors=interceptors_of(settings, options),
-            plan=plan_of(options),
-            registry=registry_of(options),
+            interceptors=interceptors,
+            plan=plan,
+            registry=registry,
             seed=options.seed,
             alarm=_alarm(warn) if options.bypass_watch else None,
             network=network,
@@ -103,6 +107,7 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
         with service:
             say(_ready(service, as_json=as_json))
             service.watch()
+            calm_collector()
             trim = Trimmer()
             while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
                 trim()

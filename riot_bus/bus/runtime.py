@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import socket
 import time
 import warnings
 from contextlib import suppress
@@ -35,7 +34,7 @@ __all__ = [
 ]
 
 _VARIABLE = "ZENOH_RUNTIME"
-_RECEIVERS = 16
+_RECEIVERS = 128
 _RECEIVERS_PER_SEGMENT = 4
 _ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
@@ -44,8 +43,9 @@ _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 def prepare_runtime(segments: int = 1) -> None:
     """Give Zenoh's runtime enough receive threads; call before the first session of the process.
 
-    All sessions of a process share one pool. A receive task that pushes into a full queue blocks its thread, so with
-    too few of them the routers of one process starve each other, and Zenoh closes links.
+    All sessions of a process share one pool. A receive task that pushes into a full queue blocks its thread: as many
+    threads may be blocked as components publish faster than somebody receives. If none is left for the link that they
+    push to, the routers of one process wait for each other, and Zenoh closes links. Threads that wait cost nothing.
 
     Args:
         segments: Number of segments that will be opened.
@@ -84,6 +84,8 @@ def _running() -> bool:
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
     """Return a TCP endpoint that is free now; prefer listening on port 0, which cannot be taken in between."""
+    import socket
+
     with socket.socket() as probe:
         probe.bind((host, 0))
         return f"tcp/{host}:{probe.getsockname()[1]}"

@@ -13,12 +13,11 @@ from riot_bus import __version__
 from riot_bus.bus import status
 from riot_bus.bus.exposure import exposure_warnings
 from riot_bus.bus.gate import end_interceptors
-from riot_bus.bus.interception import Interception
+from riot_bus.bus.interception import Interception, wanted_keys
 from riot_bus.bus.operations import Operations
 from riot_bus.bus.recording import Recordings
 from riot_bus.bus.router import Bus
 from riot_bus.bus.scouting import THIS_HOST
-from riot_bus.bus.services.selection import service_keys
 from riot_bus.bus.watches import Watches
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.types.registry import TypeRegistry
@@ -84,7 +83,7 @@ class RouterService(Operations):
         self._began = time.monotonic()
         self._watches: Watches | None = None
         self._stack = ExitStack()
-        keys = [*settings.intercept, *service_keys(settings.services, self._registry)]
+        keys = wanted_keys(settings, self._registry)
         interception = Interception(
             self._open_bus, keys=keys, interceptors=interceptors, plan=plan, registry=self._registry
         )

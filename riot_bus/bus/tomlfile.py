@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import ConfigError, did_you_mean
@@ -36,6 +35,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     Raises:
         ConfigError: It cannot be read, or is not TOML.
     """
+    import tomllib
+
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:

@@ -60,6 +60,7 @@ def messages_to_file(
     *,
     fields: bool,
     force: bool,
+    salvage: bool,
 ) -> Loss:
     """Write a log's messages in a format of other tools, and say so; return what of the log could not be read."""
     from riot_bus.errors import ConfigError
@@ -76,7 +77,7 @@ def messages_to_file(
     if not endings:
         hint = "pip install 'riot-bus[mavlink]' for .tlog"
         raise ConfigError(f"messages cannot be written to a file {out.suffix!r}", where=str(out), hint=hint)
-    done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force)
+    done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force, salvage=salvage)
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"file": str(out), "messages": done.messages, "skipped": done.skipped}))
     else:

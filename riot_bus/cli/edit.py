@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.options import Format, OutputFormat, Salvage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,10 +80,7 @@ def edit(
     originals: Annotated[
         bool, typer.Option("--originals/--no-originals", help="Keep what messages were before interceptors.")
     ] = True,
-    salvage: Annotated[
-        bool,
-        typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them."),
-    ] = False,
+    salvage: Salvage = False,
     sort: Annotated[bool, typer.Option("--sort", help="Write by time, even if the input is in another order.")] = False,
     compression: Annotated[
         str | None, typer.Option(metavar="zstd|lz4|none", help="Of the output. [default: as the input]")
@@ -163,13 +160,14 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
     import json
 
     from riot_bus.errors import DataLossError
+    from riot_bus.log.text import size_text
 
     if form is OutputFormat.JSON:
         typer.echo(json.dumps(result.document(), indent=1))
     else:
         _table(result)
         for file in result.files:
-            typer.echo(f"{file.path}: {file.messages} messages, {file.size} bytes")
+            typer.echo(f"{file.path}: {file.messages} messages, {size_text(file.size)}")
         if dry:
             typer.echo("nothing is written")
     for warning in result.warnings:
@@ -179,7 +177,7 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
         parts = ", ".join(f"{topic} {count}" for topic, count in list(result.unwritable.items())[:5])
         problems.append(f"times that do not fit into a log: {parts}")
     if problems:
-        raise DataLossError("; ".join(problems))
+        raise DataLossError("; ".join(problems), hint=result.hint)
 
 
 def _table(result: EditResult) -> None:

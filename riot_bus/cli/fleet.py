@@ -59,7 +59,7 @@ def index(
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Logs that are read at once.")] = 4,
     prune: Annotated[bool, typer.Option("--prune", help="Forget logs that are gone.")] = False,
     scan: Annotated[
-        bool, typer.Option("--scan", help="Read all of each new log, not its summary alone: finds all damage.")
+        bool, typer.Option("--scan", help="Read all of each log, not its summary alone: finds all damage.")
     ] = False,
     form: Format = OutputFormat.TEXT,
 ) -> None:

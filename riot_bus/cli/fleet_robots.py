@@ -105,6 +105,8 @@ def play(
     wait: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="For subscribers, at most so long.")] = 2.0,
     lockstep: Annotated[list[str] | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
     ack: Annotated[str | None, typer.Option(metavar="KEYEXPR", help="As for riot play.")] = None,
+    quiet: Annotated[float, typer.Option(metavar="SECONDS", help="As for riot play.")] = 0.05,
+    settle_timeout: Annotated[float, typer.Option(metavar="SECONDS", help="As for riot play.")] = 5.0,
     seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
     domain: Annotated[int | None, typer.Option(help="ROS domain to publish in.")] = None,
     latched: Annotated[list[str] | None, typer.Option(metavar="TOPIC[=DEPTH]", help="As for riot play.")] = None,
@@ -141,6 +143,8 @@ def play(
         "wait": wait,
         "lockstep": lockstep or [],
         "ack": ack,
+        "quiet": quiet,
+        "settle_timeout": settle_timeout,
         "seed": seed,
         "domain": domain,
         "latched": latched or [],
@@ -170,6 +174,10 @@ def record(
     compression: Annotated[str, typer.Option(metavar="zstd|lz4|none", help="Of chunks.")] = "zstd",
     throttle: Annotated[list[str] | None, typer.Option(metavar="TOPIC=HZ", help="At most so many per second.")] = None,
     start_paused: Annotated[bool, typer.Option("--start-paused", "-p", help="Begin paused.")] = False,
+    latched: Annotated[
+        bool, typer.Option("--latched/--no-latched", help="Fetch what publishers keep for late joiners.")
+    ] = True,
+    type_: Annotated[list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="As for riot record.")] = None,
     seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of the run, for the log.")] = 0,
     on_lost_controller: OnLost = None,
     grace: Grace = 10.0,
@@ -197,6 +205,8 @@ def record(
         "duration": parse_seconds(duration, "--duration") if duration else 0.0,
         "paused": start_paused,
         "throttle": throttle or [],
+        "latched": latched,
+        "types": type_ or [],
         "seed": seed,
     }
     policy = _policy(on_lost_controller, Lost.CONTINUE, grace=grace, detach=detach)

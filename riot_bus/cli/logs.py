@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from riot_bus.cli.archives import messages_to_file
-from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.options import Format, OutputFormat, Salvage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +27,6 @@ _Types = Annotated[
 _Definitions = Annotated[
     list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
 ]
-_SIZES = ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
 
 
 def register(app: typer.Typer) -> None:
@@ -38,7 +37,7 @@ def register(app: typer.Typer) -> None:
 
 
 def info(
-    log: Annotated[Path, typer.Argument(help="An MCAP file.")],
+    log: Annotated[Path, typer.Argument(help="An MCAP file, or a folder with one.")],
     *,
     scan: Annotated[
         bool | None,
@@ -65,6 +64,7 @@ def info(
     from riot_bus.log.info import log_info
     from riot_bus.log.reader import LogReader
 
+    log = _file_of(log)
     with _progress("reading") as progress:
         found = log_info(log, scan=scan, progress=progress)
     loss, ranges = found.loss, None
@@ -104,7 +104,7 @@ def types(
         names = registry.type_names()
         typer.echo(json.dumps(names, indent=1) if form is OutputFormat.JSON else "\n".join(names))
     elif _is_file(what):
-        _log_types(Path(what), topics, type_, msg, form)
+        _log_types(_file_of(Path(what)), topics, type_, msg, form)
     else:
         listing = describe_named(what, registry)
         if form is OutputFormat.JSON:
@@ -115,7 +115,7 @@ def types(
 
 
 def export(
-    log: Annotated[Path, typer.Argument(help="An MCAP file.")],
+    log: Annotated[Path, typer.Argument(help="An MCAP file, or a folder with one.")],
     *,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="A file .csv or .parquet; or .tlog, of all messages.")
@@ -132,6 +132,7 @@ def export(
     ] = None,
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    salvage: Salvage = False,
     type_: _Types = None,
     msg: _Definitions = None,
     form: Format = OutputFormat.TEXT,
@@ -147,16 +148,18 @@ def export(
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
 
-    with LogReader(log) as reader:
+    log = _file_of(log)
+    with LogReader(log, salvage=salvage) as reader:
         registry = _registry(reader, type_, msg)
         begin = (span_of(reader) or (0, 0))[0] if start is not None or end is not None else 0
     first = None if start is None else parse_time(start, begin, where="--start")
     last = None if end is None else parse_time(end, begin, where="--end")
     if field is None or topics is not None:
-        loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=field is not None, force=force)
+        fields = field is not None
+        loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=fields, force=force, salvage=salvage)
         _end(loss, None, log)
         return
-    done = export_table(log, field, out, start=first, end=last, force=force, registry=registry)
+    done = export_table(log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage)
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"file": str(out), "rows": done.rows, "values": done.values}))
     else:
@@ -186,7 +189,19 @@ def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
     lost = found.account.total() if found is not None and found.account is not None else 0
     parts = [str(loss) if loss else "", f"{lost} messages were lost when it was recorded" if lost else ""]
     if any(parts):
-        raise DataLossError("; ".join(filter(None, parts)), where=str(log))
+        raise DataLossError("; ".join(filter(None, parts)), where=str(log), hint=loss.hint)
+
+
+def _file_of(log: Path) -> Path:
+    """Return the file of a log; a folder will do, if it holds one alone."""
+    from riot_bus.errors import ConfigError
+    from riot_bus.log.rosbag2 import files_of
+
+    files = files_of(log)
+    if len(files) > 1:
+        hint = f"name one, such as {files[0]}, or join them first: riot edit {log} joined.mcap"
+        raise ConfigError(f"this folder holds {len(files)} logs", where=str(log), hint=hint)
+    return files[0]
 
 
 def _is_file(text: str) -> bool:
@@ -239,6 +254,8 @@ def _print_info(found: LogInfo) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from riot_bus.log.text import size_text
+
     missing = any(topic.missing for topic in found.topics)
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("topic", overflow="fold")
@@ -253,8 +270,12 @@ def _print_info(found: LogInfo) -> None:
     begun = f", from {_date(found.start)}" if found.start is not None else ""
     profile = f", profile {_printable(found.profile)}" if found.profile else ""
     typer.echo(f"{found.seconds:.3f} s, {found.count} messages{begun}")
-    typer.echo(f"{_size(found.size)} in {found.chunks} chunks{profile}, by {_printable(found.library) or 'unknown'}")
+    typer.echo(
+        f"{size_text(found.size)} in {found.chunks} chunks{profile}, by {_printable(found.library) or 'unknown'}"
+    )
     for name, value in found.metadata.items():
+        if name == "options" and "command" in found.metadata:
+            continue  # the command line says it shorter; --format json has both
         typer.echo(f"  {_printable(name)}: {_printable(value)}")
     for reason, topics in found.account.lost.items() if found.account is not None else ():
         for name, count in topics.items():
@@ -349,13 +370,6 @@ def _number(value: float | None) -> str:
     if value is None:
         return ""
     return str(value).lower() if isinstance(value, bool) else f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
-def _size(count: int) -> str:
-    for unit, name in _SIZES:
-        if count >= unit:
-            return f"{count / unit:.1f} {name}"
-    return f"{count} bytes"
 
 
 def _date(nanoseconds: int) -> str:

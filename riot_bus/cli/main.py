@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from riot_bus import __version__
+from riot_bus.cli.quick import quick_start, warn
 from riot_bus.errors import RiotError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    import typer
 
 __all__ = ["COMMANDS", "make_app", "run"]
 
@@ -50,6 +48,10 @@ COMMANDS = {
 
 def make_app(command: str | None = None) -> typer.Typer:
     """Return the command line; with the name of a command without most of the others, which takes half the time."""
+    import typer
+
+    from riot_bus.cli.root import options
+
     app = typer.Typer(
         name="riot",
         help="Robustness Inside-Out Testing: find a fault deep inside one unit, explain it, and drive the outside "
@@ -59,38 +61,24 @@ def make_app(command: str | None = None) -> typer.Typer:
         rich_markup_mode=None,
         add_completion=True,
     )
-    app.callback()(_options)
+    app.callback()(options)
     modules = [name for name, commands in COMMANDS.items() if command in commands] or list(COMMANDS)
     for name in modules:
         import_module(f"riot_bus.cli.{name}").register(app)
     return app
 
 
-def _version(value: bool) -> None:  # noqa: FBT001 - called by typer
-    if value:
-        typer.echo(f"riot_bus {__version__}")
-        raise typer.Exit
-
-
-def _options(
-    *,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
-    ] = False,
-) -> None:
-    """Robustness Inside-Out Testing on a message bus."""
-
-
 def run() -> None:
     """Entry point of the console scripts."""
-    arguments: Sequence[str] = sys.argv[1:]
+    arguments = sys.argv[1:]
     try:
-        make_app(arguments[0] if arguments else None)(standalone_mode=True)
+        if not quick_start(arguments):
+            make_app(arguments[0] if arguments else None)(standalone_mode=True)
     except RiotError as error:
-        typer.echo(f"riot: {error}", err=True)
+        warn(f"riot: {error}")
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        typer.echo("riot: interrupted; run the same command again to go on", err=True)
+        warn("riot: interrupted; run the same command again to go on")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         sys.stderr.close()

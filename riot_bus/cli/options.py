@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Finding", "Format", "Jobs", "Out", "OutputFormat", "Seed", "System", "UnitName"]
+__all__ = ["Finding", "Format", "Jobs", "Out", "OutputFormat", "Salvage", "Seed", "System", "UnitName"]
 
 
 class OutputFormat(StrEnum):
@@ -26,4 +26,7 @@ Jobs = Annotated[
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]
 Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")]
+Salvage = Annotated[
+    bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")
+]
 Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds one.")]

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
-from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.options import Format, OutputFormat, Salvage
 
 __all__ = ["register"]
 
@@ -99,6 +99,7 @@ def play(
         list[str] | None,
         typer.Option(metavar="TOPIC[=DEPTH]", help="Keep the last messages for late joiners, whatever was recorded."),
     ] = None,
+    salvage: Salvage = False,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
     ] = None,
@@ -142,6 +143,7 @@ def play(
         settle_timeout=settle_timeout,
         inject=inject,
         interceptors=interceptor or (),
+        salvage=salvage,
         types=type_ or (),
         definitions=msg or (),
         seed=seed,

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat
+from riot_bus.cli.quick import start_router
 
 __all__ = ["register"]
 
@@ -120,32 +121,25 @@ def router(
     """
     if context.invoked_subcommand is not None:
         return
-    from riot_bus.bus.assemble import RouterOptions
-    from riot_bus.bus.flags import RouterFlags
-    from riot_bus.bus.running import run_router
-
-    flags = RouterFlags(
-        segments=segment or (),
-        connect=connect or (),
-        cfg=cfg or (),
-        name=name,
-        intercept=intercept or (),
-        services=intercept_services or (),
-        record=record,
-        budget=budget,
-        control=control or (),
-    )
-    options = RouterOptions(
+    start_router(
         system=system,
-        flags=flags,
-        interceptors=interceptor or (),
+        segment=segment,
+        connect=connect,
+        cfg=cfg,
+        name=name,
+        intercept=intercept,
+        intercept_services=intercept_services,
+        interceptor=interceptor,
         inject=inject,
-        types=type_ or (),
-        definitions=msg or (),
+        record=record,
+        type_=type_,
+        msg=msg,
         seed=seed,
+        budget=budget,
+        control=control,
         bypass_watch=bypass_watch,
+        as_json=form is OutputFormat.JSON,
     )
-    run_router(options, say=typer.echo, warn=lambda line: typer.echo(line, err=True), as_json=form is OutputFormat.JSON)
 
 
 def env(

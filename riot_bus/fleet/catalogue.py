@@ -21,11 +21,14 @@ if TYPE_CHECKING:
 __all__ = ["Catalogue", "default_catalogue"]
 
 _APPLICATION = 0x52494F54  # "RIOT"
-_VERSION = 1
+_VERSION = 2
 _BUSY_S = 30.0
 _LONGEST = 4096
 _MOST_METADATA = 1000
-_COLUMNS = "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone"
+_COLUMNS = (
+    "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone, "
+    "scanned"
+)
 _SCHEMA = """
 CREATE TABLE logs(
     number INTEGER PRIMARY KEY,
@@ -42,7 +45,8 @@ CREATE TABLE logs(
     messages INTEGER NOT NULL,
     lost INTEGER NOT NULL,
     gone INTEGER NOT NULL DEFAULT 0,
-    indexed REAL NOT NULL
+    indexed REAL NOT NULL,
+    scanned INTEGER NOT NULL DEFAULT 0
 );
 CREATE TABLE topics(
     log INTEGER NOT NULL REFERENCES logs(number) ON DELETE CASCADE,
@@ -130,6 +134,7 @@ class Catalogue:
             "messages": min(entry.messages, LATEST),
             "lost": min(entry.lost, LATEST),
             "indexed": time.time(),
+            "scanned": entry.scanned,
         }
         names = ", ".join(row)
         news = ", ".join(f"{name} = excluded.{name}" for name in row if name != "place")
@@ -248,7 +253,13 @@ class Catalogue:
             self._db.execute("PRAGMA synchronous = NORMAL")
             self._db.execute("PRAGMA foreign_keys = ON")
             (application,) = self._db.execute("PRAGMA application_id").fetchone()
-            (version,) = self._db.execute("PRAGMA user_version").fetchone()
+            version = self._version()
+            if application == _APPLICATION and version == 1:
+                with self._transaction() as db:
+                    if self._version() == 1:  # else another process was faster
+                        db.execute("ALTER TABLE logs ADD COLUMN scanned INTEGER NOT NULL DEFAULT 0")
+                        db.execute(f"PRAGMA user_version = {_VERSION}")
+                version = self._version()
         except sqlite3.OperationalError as error:
             raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
         except sqlite3.DatabaseError as error:
@@ -258,6 +269,9 @@ class Catalogue:
         if version != _VERSION:
             hint = "delete it and run riot fleet index again"
             raise ConfigError(f"version {version} of the catalogue, not {_VERSION}", where=str(self.path), hint=hint)
+
+    def _version(self) -> int:
+        return int(self._db.execute("PRAGMA user_version").fetchone()[0])
 
     def _tables(self) -> int:
         return int(self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
@@ -324,7 +338,7 @@ def _entry(
 ) -> LogEntry:
     values = dict(zip(_COLUMNS.split(", "), row, strict=True))
     values["start"], values["end"] = values.pop("began"), values.pop("ended")
-    values |= {"readable": bool(values["readable"]), "gone": bool(values["gone"])}
+    values |= {name: bool(values[name]) for name in ("readable", "gone", "scanned")}
     return LogEntry(**values, topics=topics, metadata=metadata or {})
 
 

@@ -48,6 +48,7 @@ class LogEntry:
         metadata: Of the run; likewise.
         number: In the catalogue; 0 outside of it.
         gone: Whether it was not there any more when its folder was looked at last.
+        scanned: Whether all of it was read, not its summary alone.
     """
 
     place: str
@@ -66,6 +67,7 @@ class LogEntry:
     metadata: Mapping[str, str] = field(default_factory=dict)
     number: int = 0
     gone: bool = False
+    scanned: bool = False
 
     @property
     def seconds(self) -> float:

@@ -67,7 +67,8 @@ def index(
         robot: Whose the logs are that do not say so; by default as the folder below the root is called.
         jobs: Logs that are read at once.
         prune: Forget logs that are gone, instead of marking them.
-        scan: Read all of each new log, so that damage is found that its summary does not know of.
+        scan: Read all of each log of which the summary alone was read so far, so that damage is found that this does
+            not know of.
         progress: Called with the number of logs so far and the present one.
         stop: Asked before each log; what is known by then stays known.
 
@@ -104,7 +105,8 @@ class _Indexing:
                 self.progress(self.report.logs, log.place)
                 look.saw(log.place)
                 known = self.catalogue.known(log.place)
-                if known is None or (known.size, known.stamp) != (log.size, log.stamp):
+                fresh = known is not None and (known.size, known.stamp) == (log.size, log.stamp)
+                if known is None or not fresh or (self.scan and not known.scanned):
                     self.waiting.append(pool.submit(describe, store, log, self.robot, scan=self.scan))
                     self._take(self.jobs + _AHEAD, failures)
                 else:
@@ -177,6 +179,7 @@ def describe(store: Store, log: Found, robot: str | None = None, *, scan: bool =
             named_by=named,
             readable=False,
             problem=error.message,
+            scanned=True,
         )
     told = info.metadata.get(_ROBOT, "")
     lost = 0 if info.account is None else info.account.total()
@@ -199,6 +202,7 @@ def describe(store: Store, log: Found, robot: str | None = None, *, scan: bool =
             for each in info.topics
         ),
         metadata=dict(info.metadata),
+        scanned=info.scanned,
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.log.text import size_text
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -14,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["answer_lines", "entry_json", "index_line", "list_lines", "show_lines"]
 
 _LONGEST = 60
-_UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
 
 
 def index_line(report: IndexReport) -> str:
@@ -41,7 +42,7 @@ def list_lines(entries: Sequence[LogEntry]) -> list[str]:
                 _moment(each.start),
                 f"{each.seconds:.1f} s",
                 str(each.messages),
-                _size(each.size),
+                size_text(each.size),
                 state,
                 _plain(each.place),
             )
@@ -62,14 +63,15 @@ def show_lines(entry: LogEntry) -> list[str]:
     """Return all that is known of a log."""
     lines = [
         f"log {entry.number}: {_plain(entry.place)}",
-        f"robot {entry.robot} (as the {entry.named_by} says), {_size(entry.size)}, profile {entry.profile or '-'}",
+        f"robot {entry.robot} (as the {entry.named_by} says), {size_text(entry.size)}, profile {entry.profile or '-'}",
         f"{_moment(entry.start)} to {_moment(entry.end)} UTC, {entry.seconds:.3f} s, {entry.messages} messages",
     ]
     if entry.gone:
         lines.append("gone: it was not there when its folder was indexed last")
     if entry.problem or entry.lost:
         lines.append(f"damaged: {entry.problem or f'{entry.lost} messages are missing'}")
-    lines += [f"{name}: {_short(value, 200)}" for name, value in sorted(entry.metadata.items())]
+    told = [item for item in sorted(entry.metadata.items()) if item[0] != "options" or "command" not in entry.metadata]
+    lines += [f"{name}: {_short(value, 200)}" for name, value in told]
     width = max((len(_short(each.topic)) for each in entry.topics), default=0)
     for each in entry.topics:
         touched = f", {each.originals} originals" if each.originals else ""
@@ -117,11 +119,3 @@ def _moment(time: int | None) -> str:
         return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
     except (OverflowError, ValueError, OSError):
         return f"{time} ns"
-
-
-def _size(size: float) -> str:
-    for unit in _UNITS[:-1]:
-        if size < 1024:
-            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= 1024
-    return f"{size:.1f} {_UNITS[-1]}"

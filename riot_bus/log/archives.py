@@ -56,6 +56,7 @@ def export_archive(
     start: int | None = None,
     end: int | None = None,
     force: bool = False,
+    salvage: bool = False,
 ) -> ArchiveDone:
     """Write a log's delivered messages in the format that the ending of a file names; the file appears when complete.
 
@@ -67,6 +68,7 @@ def export_archive(
         start: Earliest time, nanoseconds.
         end: Latest time (exclusive), nanoseconds.
         force: Whether an existing file is replaced.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
 
     Raises:
         ConfigError: The file exists, no adapter knows its format, or no message is of that kind.
@@ -77,7 +79,7 @@ def export_archive(
     registry = TypeRegistry(adapters)
     wanted = None if topics is None else [registry.key_expression(topic) for topic in topics]
     written = skipped = 0
-    with LogReader(log) as reader, _finished(out, force=force, source=Path(log)) as temporary:
+    with LogReader(log, salvage=salvage) as reader, _finished(out, force=force, source=Path(log)) as temporary:
         try:
             with open(temporary, "wb") as file:
                 for message in reader.messages(topics=wanted, start=start, end=end):

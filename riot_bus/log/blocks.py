@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Block", "Records", "Span", "packed_size", "read_block", "records_of"]
+__all__ = ["Block", "Records", "Span", "packed_size", "read_block", "records_of", "unzstd"]
 
 HEAD = struct.Struct("<BQ")
 CHUNK = struct.Struct("<QQQII")
@@ -201,7 +201,7 @@ def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> byt
         if zstandard.frame_content_size(packed) > size and not cut:
             raise ValueError("zstd frame size")
         if cut:
-            return b"".join(_pieces(packed, size))
+            return b"".join(unzstd(packed, size, step=1 << 17))
         return zstandard.decompress(packed, max_output_size=size) if size else b""
     if compression == "lz4":
         unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
@@ -209,12 +209,12 @@ def _decompress(packed: bytes, compression: str, size: int, *, cut: bool) -> byt
     raise ValueError(f"unknown compression {compression!r}")
 
 
-def _pieces(packed: bytes, size: int) -> Iterator[bytes]:
-    """Yield what is left of zstd data that was cut off."""
+def unzstd(packed: bytes, size: int, *, step: int) -> Iterator[bytes]:
+    """Yield what is left of damaged zstd data, at most so many bytes, and so many at once, up to a damaged step."""
     reader = zstandard.ZstdDecompressor().stream_reader(packed)
     while size > 0:
         try:
-            piece = reader.read(min(size, 1 << 17))
+            piece = reader.read(min(size, step))
         except zstandard.ZstdError:
             return
         if not piece:

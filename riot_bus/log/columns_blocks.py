@@ -48,6 +48,7 @@ class LoadedBlock:
         places: Where each message's record begins, shape (n,).
         heads: What stands before the payload of each, shape (n,).
         times: Nanoseconds, shape (n,); those beyond the year 2262 are -1.
+        numbers: Place of each message in the block as it was written, shape (n,); None: 0, 1, 2 ...
     """
 
     block: Block
@@ -55,6 +56,7 @@ class LoadedBlock:
     places: NDArray[np.int64]
     heads: NDArray[Any]
     times: NDArray[np.int64]
+    numbers: NDArray[np.int64] | None = None
 
     @property
     def channels(self) -> NDArray[np.uint16]:
@@ -70,6 +72,10 @@ class LoadedBlock:
         else:
             chosen &= self.times >= 0
         return np.flatnonzero(chosen)
+
+    def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the place of some messages in the file; grows with the file."""
+        return (self.block.number << 32) + (rows if self.numbers is None else self.numbers[rows])
 
     def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the publish time of some messages as the file has it."""
@@ -88,7 +94,9 @@ class LoadedBlock:
 def load_ahead(
     reader: LogReader, blocks: Sequence[Block], *, memory: int, threads: int, largest: int | None = None
 ) -> Iterator[LoadedBlock]:
-    """Yield blocks in this order, some of them loaded ahead; damaged ones are counted and left out.
+    """Yield blocks in this order, some of them loaded ahead; damaged ones are counted.
+
+    Those are left out, but for what is salvaged of them if the reader was told so.
 
     Args:
         reader: The log, open as long as this is used; counts what is lost.
@@ -103,9 +111,12 @@ def load_ahead(
     if threads < 1 or len(blocks) < 2:
         for block in blocks:
             try:
-                yield _take(reader, *_load(reader.file, block, limit), known)
+                loaded = _load(reader.file, block, limit)
             except ValueError as error:
-                reader.count_damage(block, str(error))
+                yield from _rest(reader, block, error, limit, known)
+            else:
+                yield _take(reader, *loaded, known)
+                del loaded
         return
     waiting: deque[tuple[Block, int, Future[tuple[LoadedBlock, Records]]]] = deque()
     held, following = 0, 0
@@ -124,7 +135,7 @@ def load_ahead(
                 try:
                     loaded = future.result()
                 except ValueError as error:
-                    reader.count_damage(block, str(error))
+                    yield from _rest(reader, block, error, limit, known)
                 else:
                     yield _take(reader, *loaded, known)
                     del loaded
@@ -138,9 +149,22 @@ def load_ahead(
 def _load(file: int, block: Block, limit: int) -> tuple[LoadedBlock, Records]:
     data = read_block(file, block, limit=limit)
     records = records_of(data, cut=block.cut)
-    places = records.messages
-    heads = _heads(data, places)
-    return LoadedBlock(block, data, places, heads, _as_times(heads["time"])), records
+    return _arrays(block, data, records), records
+
+
+def _rest(
+    reader: LogReader, block: Block, error: ValueError, limit: int, known: NDArray[np.bool_]
+) -> Iterator[LoadedBlock]:
+    """Take note that a block is damaged, and yield what is salvaged of it."""
+    reader.count_damage(block, str(error))
+    rest = reader.rest_of(block, limit=limit)
+    if rest is not None:
+        yield _take(reader, _arrays(block, rest.data, rest.records, rest.places), rest.records, known)
+
+
+def _arrays(block: Block, data: bytes, records: Records, numbers: NDArray[np.int64] | None = None) -> LoadedBlock:
+    heads = _heads(data, records.messages)
+    return LoadedBlock(block, data, records.messages, heads, _as_times(heads["time"]), numbers)
 
 
 def _take(reader: LogReader, block: LoadedBlock, records: Records, known: NDArray[np.bool_]) -> LoadedBlock:

@@ -18,7 +18,7 @@ from riot_bus.types.listing import TypeListing, describe
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -28,7 +28,16 @@ if TYPE_CHECKING:
     from riot_bus.types.bulk import Gathered
     from riot_bus.types.model import MessageType
 
-__all__ = ["Feed", "Wish", "chosen_rows", "is_chosen", "log_registry", "plan_columns", "topic_types"]
+__all__ = [
+    "Feed",
+    "Wish",
+    "chosen_rows",
+    "delivered_sources",
+    "is_chosen",
+    "log_registry",
+    "plan_columns",
+    "topic_types",
+]
 
 _SAMPLES = 16
 _MOST_SAMPLED = 100_000
@@ -104,7 +113,7 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
     wishes = [_wish(text) for text in dict.fromkeys(selectors)]
     if not wishes:
         raise ConfigError("no field is wanted", hint="name at least one, such as '/odom:pose.pose.position.x'")
-    delivered = {number: source for number, source in reader.sources().items() if source.role == "delivered"}
+    delivered = delivered_sources(reader, registry)
     feeds: dict[int, Feed] = {}
     for place, wish in enumerate(wishes):
         problem: PayloadError | ConfigError | None = None
@@ -125,11 +134,33 @@ def plan_columns(reader: LogReader, selectors: Sequence[str], registry: TypeRegi
             continue
         if problem is not None:
             raise problem
-        topics = {source.topic for source in delivered.values()}
-        raise ConfigError(
-            f"no topic {wish.topic!r} in the log", where=reader.path, hint=did_you_mean(wish.topic, topics)
-        )
+        raise _no_topic(reader, wish.topic, delivered)
     return wishes, list(feeds.values())
+
+
+def delivered_sources(
+    reader: LogReader, registry: TypeRegistry, topics: Sequence[str] | None = None
+) -> dict[int, ChannelSource]:
+    """Return the channels of delivered messages by number.
+
+    Args:
+        reader: The log.
+        registry: Of `log_registry`.
+        topics: Topic names or key expressions; None for all.
+
+    Raises:
+        ConfigError: The log has no such topic.
+    """
+    found = {number: source for number, source in reader.sources().items() if source.role == "delivered"}
+    for topic in topics or ():
+        if not any(is_chosen(source, [topic], registry) for source in found.values()):
+            raise _no_topic(reader, topic, found)
+    return {number: source for number, source in found.items() if is_chosen(source, topics, registry)}
+
+
+def _no_topic(reader: LogReader, topic: str, sources: Mapping[int, ChannelSource]) -> ConfigError:
+    topics = {source.topic for source in sources.values()}
+    return ConfigError(f"no topic {topic!r} in the log", where=reader.path, hint=did_you_mean(topic, topics))
 
 
 def is_chosen(source: ChannelSource, topics: Sequence[str] | None, registry: TypeRegistry) -> bool:
@@ -146,12 +177,11 @@ def topic_types(
         reader: The log.
         registry: Of `log_registry`.
         topics: Topic names or key expressions; None for all.
+
+    Raises:
+        ConfigError: The log has no such topic.
     """
-    sources = [
-        source
-        for source in reader.sources().values()
-        if source.role == "delivered" and is_chosen(source, topics, registry)
-    ]
+    sources = delivered_sources(reader, registry, topics).values()
     kinds = {
         source.key: registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
         for source in sources

@@ -10,7 +10,7 @@ import numpy as np
 
 from riot_bus.errors import PayloadError
 from riot_bus.log.columns_blocks import load_ahead
-from riot_bus.log.columns_plan import Feed, is_chosen, log_registry
+from riot_bus.log.columns_plan import Feed, delivered_sources, log_registry
 from riot_bus.log.layout import MAX_BLOCK
 from riot_bus.types.bulk import as_array, gather
 from riot_bus.types.fields import MOST_FIELDS, Described, FieldType, of_numbers
@@ -134,13 +134,12 @@ def field_ranges(
         topics: Topic names or key expressions; None for all.
         registry: Knows types that the log does not tell.
         progress: Called now and then with the bytes that are read, and those of the file.
+
+    Raises:
+        ConfigError: The log has no such topic.
     """
     registry = log_registry(reader) if registry is None else registry
-    sources = {
-        number: source
-        for number, source in reader.sources().items()
-        if source.role == "delivered" and is_chosen(source, topics, registry)
-    }
+    sources = delivered_sources(reader, registry, topics)
     feeds = {number: Feed(number, source) for number, source in sources.items()}
     found: dict[str, TopicFields] = {}
     surveys: dict[tuple[str, int], _Survey] = {}

@@ -89,6 +89,7 @@ def export_table(
     force: bool = False,
     registry: TypeRegistry | None = None,
     memory: int = _MEMORY,
+    salvage: bool = False,
 ) -> Exported:
     """Write fields of a log's delivered messages as a table.
 
@@ -104,6 +105,7 @@ def export_table(
         force: Whether an existing file is replaced.
         registry: Knows types that the log does not tell.
         memory: As `riot_bus.log.iter_columns` takes it.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
 
     Raises:
         ConfigError: The file exists or is of another kind, or a selector does not fit the log.
@@ -116,7 +118,7 @@ def export_table(
         raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
     if out.exists() and os.path.samefile(log, out):
         raise ConfigError("this is the log itself", where=str(out), hint="choose another name")
-    with LogReader(log) as reader:
+    with LogReader(log, salvage=salvage) as reader:
         registry = log_registry(reader) if registry is None else registry
         kinds = _kinds(reader, selectors, registry)
         parts = column_parts(reader, selectors, start=start, end=end, memory=memory, registry=registry)

@@ -11,6 +11,7 @@ import json
 import math
 import re
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgpack  # type: ignore[import-untyped]
@@ -68,7 +69,7 @@ class Constants:
 
     def to_metadata(self) -> dict[str, str]:
         """Return channel metadata."""
-        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: json.dumps(_qos_list(self.qos))}
+        return {ENCODING: self.encoding, SEGMENT: self.segment, QOS: _qos_text(self.qos)}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Constants:
@@ -270,6 +271,11 @@ def _from_json(value: Any) -> Scalar | None:
             return base64.b64decode(value["text"]).decode("utf-8", "surrogatepass")
         return float(value["float"])
     return value  # type: ignore[no-any-return]
+
+
+@cache
+def _qos_text(qos: Qos) -> str:
+    return json.dumps(_qos_list(qos))
 
 
 def _qos_list(qos: Qos) -> list[Any]:

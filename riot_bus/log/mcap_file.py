@@ -40,11 +40,14 @@ __all__ = ["McapFile", "record_bytes"]
 _MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 _CHUNK = struct.Struct("<BQQQQII")
 _FOOTER = struct.Struct("<BQQQ")
+_RECORD, _CHANNEL, _LENGTH = struct.Struct("<BQ"), struct.Struct("<HH"), struct.Struct("<I")
 _MOST_PARTS = 1000  # of one call to pwritev
 
 
 def record_bytes(record: McapRecord) -> bytes:
     """Return a record as it stands in a file."""
+    if isinstance(record, Channel):
+        return _channel_bytes(record)
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
@@ -250,6 +253,26 @@ class McapFile:
         for channel, count in chunk.counts.items():
             known.channel_message_counts[channel] = known.channel_message_counts.get(channel, 0) + count
             known.message_count += count
+
+
+def _channel_bytes(channel: Channel) -> bytes:
+    """Return a channel's record: what `mcap` writes, in a quarter of the time, since somebody may invent keys."""
+    metadata = b"".join([_text(each) for pair in channel.metadata.items() for each in pair])
+    body = b"".join(
+        (
+            _CHANNEL.pack(channel.id, channel.schema_id),
+            _text(channel.topic),
+            _text(channel.message_encoding),
+            _LENGTH.pack(len(metadata)),
+            metadata,
+        )
+    )
+    return _RECORD.pack(Opcode.CHANNEL, len(body)) + body
+
+
+def _text(text: str) -> bytes:
+    data = text.encode()
+    return _LENGTH.pack(len(data)) + data
 
 
 def _without(parts: list[bytes], written: int) -> list[bytes]:

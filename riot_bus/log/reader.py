@@ -13,7 +13,7 @@ from riot_bus.errors import ConfigError
 from riot_bus.log import layout
 from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.salvage import salvage
+from riot_bus.log.salvage import Salvage, salvage
 from riot_bus.log.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
 from riot_bus.message import Message
 from riot_bus.selector import key_matches
@@ -67,13 +67,20 @@ class Loss:
     def __bool__(self) -> bool:
         return self != Loss()
 
+    @property
+    def hint(self) -> str | None:
+        """What to do about damaged chunks; None if there is nothing to be done, or it was done."""
+        if self.salvaged or not (self.salvageable or self.chunks):
+            return None
+        return "riot edit, play and export take what an index confirms of damaged chunks with --salvage"
+
     def __str__(self) -> str:
         parts = [
             "the file was not closed" if self.unfinished else "",
             f"{self.bytes} bytes that are no whole record" if self.bytes else "",
             f"{self.chunks} damaged chunks" if self.chunks else "",
             f"{self.salvaged} messages of them salvaged, unverified" if self.salvaged else "",
-            f"{self.salvageable} messages of them could be salvaged (riot edit --salvage)" if self.salvageable else "",
+            f"{self.salvageable} messages of them could be salvaged" if self.salvageable else "",
             f"{self.messages} messages of unknown channels" if self.messages else "",
             f"{self.details} damaged attachments, notes or definitions" if self.details else "",
             f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
@@ -131,8 +138,7 @@ class LogReader:
 
     Args:
         path: The file.
-        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.salvage`); for
-            `messages` and `originals` alone.
+        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.salvage`).
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.
@@ -332,6 +338,18 @@ class LogReader:
         if count:
             self._late[block.number] = count
 
+    def rest_of(self, block: Block, *, limit: int = layout.MAX_BLOCK) -> Salvage | None:
+        """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
+
+        Args:
+            block: Which.
+            limit: Most bytes, before and after decompression.
+        """
+        found = salvage(self._file, block, limit=limit) if self._salvage else None
+        if found is not None:
+            self._salvaged[block.number] = len(found.places)
+        return found
+
     def salvageable(self) -> int:
         """Return how many messages of the chunks that were found to be damaged an index confirms."""
         blocks = [block for block in self._scan.blocks if block.number in self._damaged]
@@ -385,11 +403,10 @@ class LogReader:
 
     def _salvage_block(self, block: Block) -> list[Entry]:
         """Return what an index confirms of a damaged block, and take in its schemas and channels."""
-        found = salvage(self._file, block) if self._salvage else None
+        found = self.rest_of(block)
         if found is None:
             return []
         self._loaded_bytes = len(found.data)
-        self._salvaged[block.number] = len(found.places)
         extras = self.extras_of(block, (len(found.places) + found.missing) * _LEAST_BYTES)
         return load_block(found.data, block, self._scan, found.extras(extras))
 

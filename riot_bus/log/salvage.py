@@ -12,10 +12,9 @@ import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.opcode import Opcode
 
-from riot_bus.log.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records
+from riot_bus.log.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
 from riot_bus.log.layout import MAX_BLOCK
 
 if TYPE_CHECKING:
@@ -183,20 +182,7 @@ def _remains(body: bytes, limit: int) -> bytes:
         return packed[:size]
     if name not in (b"zstd", b"lz4"):
         raise ValueError("unknown compression")
-    return b"".join(_unzstd(packed, size) if name == b"zstd" else _unlz4(packed, size))
-
-
-def _unzstd(packed: bytes, size: int) -> Iterator[bytes]:
-    reader = zstandard.ZstdDecompressor().stream_reader(packed)
-    while size > 0:
-        try:
-            piece = reader.read(min(size, _STEP))
-        except zstandard.ZstdError:
-            return
-        if not piece:
-            return
-        size -= len(piece)
-        yield piece
+    return b"".join(unzstd(packed, size, step=_STEP) if name == b"zstd" else _unlz4(packed, size))
 
 
 def _unlz4(packed: bytes, size: int) -> Iterator[bytes]:

@@ -112,6 +112,7 @@ def columns(
     memory: int = MEMORY,
     registry: TypeRegistry | None = None,
     threads: int | None = None,
+    salvage: bool = False,
 ) -> Columns:
     """Read fields of a log's delivered messages into arrays.
 
@@ -126,6 +127,7 @@ def columns(
             larger is counted as damaged.
         registry: Knows types that the log does not tell.
         threads: Threads for decompression, 0: none; by default one per processor, four at most.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
 
     Returns:
         A `Column` for each selector.
@@ -135,7 +137,7 @@ def columns(
             than `memory`.
         PayloadError: A type has no such field.
     """
-    with LogReader(path) as reader:
+    with LogReader(path, salvage=salvage) as reader:
         work = _Work(reader, selectors, registry)
         held = 0
         pending: list[list[_Rows]] = [[] for _ in work.wishes]
@@ -165,6 +167,7 @@ def iter_columns(
     memory: int = _STREAM_MEMORY,
     registry: TypeRegistry | None = None,
     threads: int | None = None,
+    salvage: bool = False,
 ) -> Iterator[Columns]:
     """Yield what `columns` returns piece by piece, by time; for logs of any size.
 
@@ -172,7 +175,7 @@ def iter_columns(
     in time that sorting them would need more than `memory`, messages come later than their time and are counted in
     `loss.unsorted`.
     """
-    with LogReader(path) as reader:
+    with LogReader(path, salvage=salvage) as reader:
         yield from column_parts(
             reader, selectors, start=start, end=end, memory=memory, registry=registry, threads=threads
         )
@@ -193,12 +196,12 @@ def column_parts(
     waiting: list[list[_Rows]] = [[] for _ in work.wishes]
     held, bound = 0, 0
     for block in work.blocks(start, end, memory, 2, threads):
-        late: NDArray[np.bool_] = np.zeros(len(block.times), np.bool_)
+        late = [np.zeros(0, np.int64)]
         for place, rows in work.rows(block):
             held += rows.weight
             waiting[place].append(rows)
-            late[(rows.order - (block.block.number << 32))[rows.times < bound]] = True
-        reader.count_unsorted(block.block, int(np.count_nonzero(late)))
+            late.append(rows.order[rows.times < bound])
+        reader.count_unsorted(block.block, len(np.unique(np.concatenate(late))))
         following = work.following_start(block.block)
         limit = None if following is None or 2 * held > memory else following
         part, waiting = _split(work, waiting, limit)
@@ -261,7 +264,7 @@ class _Work:
         return Columns({wish.text: self.column(wish, rows) for wish, rows in pairs}, self._reader.loss)
 
     def _of_feed(self, block: LoadedBlock, feed: Feed, rows: NDArray[np.int64]) -> Iterator[tuple[int, _Rows]]:
-        times, order, published = block.times[rows], rows + (block.block.number << 32), block.published(rows)
+        times, order, published = block.times[rows], block.order(rows), block.published(rows)
         payloads = block.payloads(rows)
         kind = feed.settle(payloads, self._registry)
         for place in feed.wishes:

@@ -86,6 +86,9 @@ def open_system(path: Path) -> Context:
 
 def invariants_of(path: Path) -> list[Invariant]:
     """Return the `[[monitors]]` of a system file, for those who watch without a trial; raises as `load_system`."""
+    if not path.exists():
+        hint = "write [[monitors]] into a file such as examples/rover/riot.toml"
+        raise ConfigError("there is no such system file", where=str(path), hint=hint)
     return list(map(_invariant, load_system(path).monitors))
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["Announcement", "Announcing", "Role"]
+__all__ = ["Announcement", "Announcing", "BridgedLink", "Role"]
 
 Role = Literal["publishes", "subscribes", "serves", "calls"]
 
@@ -38,6 +38,25 @@ class Announcement:
     source: str
     action: str = ""
     action_type: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BridgedLink:
+    """A link of a bridge in the router's own process: to the bus, it is what is at its other end.
+
+    Attributes:
+        segment: Where it is.
+        name: Its name.
+        addresses: Where its other ends are.
+        publishes: Keys of what came over it, and by which of the systems behind it.
+        subscribes: Key expression of what can go out over it; empty if nothing can.
+    """
+
+    segment: str
+    name: str
+    addresses: tuple[str, ...] = ()
+    publishes: Mapping[str, str] = field(default_factory=dict)
+    subscribes: str = ""
 
 
 @runtime_checkable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import ConfigError, PayloadError, did_you_mean
@@ -59,7 +60,9 @@ def describe_named(name: str, registry: TypeRegistry) -> TypeListing:
         found = registry.type_named(candidate)
         if found is not None:
             return describe(found)
-    hint = f"did you mean {' or '.join(map(repr, short[:3]))}?" if short else did_you_mean(name, known)
+    alike = set(get_close_matches(_last(name), map(_last, known)))
+    near = short or [each for each in known if _last(each) in alike]
+    hint = f"did you mean {' or '.join(map(repr, near[:3]))}?" if near else did_you_mean(name, known)
     raise ConfigError(f"unknown message type {name!r}", hint=hint)
 
 

@@ -66,6 +66,13 @@ class TypeRegistry:
         definitions: Sequence[Path] = (),
     ) -> None:
         self._adapters = tuple(adapters)
+        # Looked up once: to ask whether something has the methods of a protocol takes many times a dictionary lookup.
+        self._announcing = [each for each in self._adapters if isinstance(each, Announcing)]
+        self._keyed = [each for each in self._adapters if isinstance(each, Keyed)]
+        self._learning = [each for each in self._adapters if isinstance(each, Learning)]
+        self._offering = [each for each in self._adapters if isinstance(each, Offering)]
+        self._serving = [each for each in self._adapters if isinstance(each, Serving)]
+        self._stamping = [each for each in self._adapters if isinstance(each, Stamping)]
         self._codecs = Codecs()
         self._names: dict[str, TopicName] = {}
         self._matches: dict[tuple[str, str], bool] = {}
@@ -167,11 +174,11 @@ class TypeRegistry:
 
     def announcements(self) -> list[str]:
         """Return the key expressions of the liveliness tokens that adapters understand."""
-        return list(dict.fromkeys(text for each in self._announcing() for text in each.announcements))
+        return list(dict.fromkeys(text for each in self._announcing for text in each.announcements))
 
     def announcement(self, token: str) -> Announcement | None:
         """Return what a liveliness token says, None if no adapter knows; an adapter may learn a key's type from it."""
-        for adapter in self._announcing():
+        for adapter in self._announcing:
             found = adapter.announcement(token)
             if found is not None:
                 self._names.pop(found.key, None)
@@ -183,7 +190,7 @@ class TypeRegistry:
         """Return whether the type of a key is not defined here, but those who use the key can be asked for it."""
         if self._declared_for(key, self._name(key)) is not None:
             return False
-        return any(each.missing(key) for each in self._adapters if isinstance(each, Learning))
+        return any(each.missing(key) for each in self._learning)
 
     def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> bool:
         """Ask those who use a key for its type; takes long.
@@ -197,36 +204,26 @@ class TypeRegistry:
         Returns:
             Whether somebody has told; then `type_of` knows, for all keys that name the same type.
         """
-        told = any(
-            each.learn(key, tokens, heard, ask) is not None
-            for each in self._adapters
-            if isinstance(each, Learning) and each.missing(key)
-        )
+        told = any(each.learn(key, tokens, heard, ask) is not None for each in self._learning if each.missing(key))
         if told:
             self._forget()
         return told
 
-    def _announcing(self) -> list[Announcing]:
-        return [each for each in self._adapters if isinstance(each, Announcing)]
-
     def servings(self) -> list[Serving]:
         """Return the adapters that know services."""
-        return [each for each in self._adapters if isinstance(each, Serving)]
+        return list(self._serving)
 
     def offerings(self) -> list[Offering]:
         """Return the adapters that say how topics are published."""
-        return [each for each in self._adapters if isinstance(each, Offering)]
+        return list(self._offering)
 
     def stampings(self) -> list[Stamping]:
         """Return the adapters that read what messages and publishers say of themselves."""
-        return [each for each in self._adapters if isinstance(each, Stamping)]
+        return list(self._stamping)
 
     def stamping(self, key: str) -> Stamping | None:
         """Return the one that does so for a key, None if there is none."""
-        for adapter in self._adapters:
-            if isinstance(adapter, Stamping) and adapter.topic(key) is not None:
-                return adapter
-        return None
+        return next((adapter for adapter in self._stamping if adapter.topic(key) is not None), None)
 
     def type_named(self, name: str) -> MessageType | None:
         """Return the type of this name, None if no codec, no adapter and no log has it.
@@ -266,7 +263,7 @@ class TypeRegistry:
     def _part(self, key: str, part: str) -> TopicName:
         """Return how people call a part of a service's calls, and its type."""
         name = self._name(key)
-        types = [each.call_type(name.type_name, part) for each in self.servings() if name.type_name is not None]
+        types = [each.call_type(name.type_name, part) for each in self._serving if name.type_name is not None]
         return TopicName(f"{name.name}/{part}", next((each for each in types if each is not None), None))
 
     def _settle(self, key: str) -> MessageType | None:
@@ -294,7 +291,7 @@ class TypeRegistry:
     def _by_key(self, key: str, name: TopicName) -> MessageType | None:
         if name.type_name is None:
             return None
-        keyed = (adapter.type_of_key(key) for adapter in self._adapters if isinstance(adapter, Keyed))
+        keyed = (adapter.type_of_key(key) for adapter in self._keyed)
         return next((found for found in keyed if found is not None), None) or self.type_named(name.type_name)
 
     def _by_encoding(self, encoding: str) -> MessageType | None:

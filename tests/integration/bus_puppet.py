@@ -201,6 +201,24 @@ def _main(endpoint: str, mode: str, more: str) -> None:
                 padding = os.urandom if order.get("noise") else bytes  # noise cannot be compressed
                 for index in range(order["count"]):
                     publisher.put(index.to_bytes(8, "little") + padding(order.get("padding", 56)))
+            case "crowd":  # many components, each of which floods
+                crowd = [zenoh.open(config) for _ in range(order["sessions"])]
+                keep.extend(crowd)
+                order.setdefault("congestion", "BLOCK")
+                publishers = [
+                    each.declare_publisher(f"{key}/{order['first'] + place}", **qos(order))
+                    for place, each in enumerate(crowd)
+                ]
+
+                def flood(publisher: zenoh.Publisher) -> None:
+                    for index in range(order["count"]):
+                        publisher.put(index.to_bytes(8, "little") + bytes(order.get("padding", 1000)))
+
+                threads = [threading.Thread(target=flood, args=(each,)) for each in publishers]
+                for each in threads:
+                    each.start()
+                for each in threads:
+                    each.join()
             case "flood_keys":
                 for index in range(order["first"], order["first"] + order["count"]):
                     session.put(f"{key}/{index}", b"x", **qos(order))

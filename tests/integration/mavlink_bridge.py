@@ -82,6 +82,7 @@ class UdpEnd:
 
     def __init__(self, target: tuple[str, int] | None = None) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 21)  # for what comes before it is read
         self._socket.bind(("127.0.0.1", 0))
         self._target = target
         self._framer = Framer(load_dialect().crc_extra)

@@ -113,7 +113,7 @@ def test_a_lost_controller_stops_the_robot_and_frees_it(bus: str, hub: str, logs
         with playing(hub, "log.mcap", "--grace=1", "--rate=0.5") as controller:
             listener.wait(5)
             controller.process.kill()
-            robot.expect("play stopped the controller was lost for 1 s")
+            robot.expect("play stopped: the controller was lost for 1 s")
         status = fleet(hub, "status", "r7")
         assert not status["busy"]
         assert (status["operation"]["state"], status["operation"]["published"] < COUNT) == ("stopped", True)
@@ -147,7 +147,7 @@ def test_a_controller_gives_up_within_a_bound_and_says_so(bus: str, hub: str, lo
     ):
         listener.wait(3)
         cable.cut()
-        robot.expect("play stopped the controller was lost")
+        robot.expect("play stopped: the controller was lost")
         assert controller.end() == 4
         assert "r7 was not heard for 3 s" in "".join(controller.err)
 
@@ -162,7 +162,7 @@ def test_a_link_that_hangs_is_noticed_and_hangs_nobody(bus: str, hub: str, logs:
         ):
             listener.wait(3)
             cable.freeze()
-            robot.expect("play stopped the controller was lost for 2 s")
+            robot.expect("play stopped: the controller was lost for 2 s")
             assert controller.end() == 4
             assert "r7 was not heard for " in "".join(controller.err)
             cable.cut()
@@ -196,7 +196,7 @@ def test_an_interrupted_controller_without_a_link_leaves_within_a_bound(bus: str
         controller.process.send_signal(signal.SIGINT)
         assert controller.end() == 4
         assert "was not heard" in "".join(controller.err)
-        robot.expect("play stopped the controller was lost")
+        robot.expect("play stopped: the controller was lost")
 
 
 def test_a_robot_is_steered_and_does_one_thing_at_a_time(bus: str, hub: str, logs: Path) -> None:

@@ -102,7 +102,7 @@ def test_a_controller_on_another_host_that_is_cut_off_is_lost_to_the_robot(
     ):  # fmt: skip
         listener.wait(2)
         elsewhere.pull()
-        robot.expect("play stopped the controller was lost for 2 s")
+        robot.expect("play stopped: the controller was lost for 2 s")
         assert controller.end() == 4, controller.err
         assert "r7 was not heard for " in "".join(controller.err)
         assert len(listener.messages) < COUNT

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import queue
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -219,3 +221,29 @@ def test_a_program_behind_it_gives_the_exit_code(tmp_path: Path) -> None:
     link = "--link=unit/x=tcpin:127.0.0.1:0"
     code, out, _ = riot("bridge", "mavlink", *listen, link, "--", sys.executable, "-c", program, "{port}", cwd=tmp_path)
     assert code == 7, out
+
+
+def test_links_show_in_the_graph(stack: ExitStack) -> None:
+    bench = Bench(stack)
+    bench.meet()
+    graph: dict[str, list[dict[str, Any]]] = {}
+
+    def complete() -> bool:
+        code, out, err = riot("graph", "-e", bench.bridge.endpoint("unit"), "--format=json")
+        assert code == 0, err
+        graph.update(json.loads(out))
+        return len([each for each in graph["edges"] if "traffic" in each["evidence"]]) == 2
+
+    assert wait_until(complete, WAIT_S)
+    assert [(each["segment"], each["name"], each["mode"], each["nodes"]) for each in graph["components"]] == [
+        ("system", "fc", "link", ["1/1"]),
+        ("unit", "gcs", "link", ["255/190"]),
+    ]
+    heard, told = "mavlink_raw/fc/1/1/HEARTBEAT", "mavlink_raw/gcs/255/190/HEARTBEAT"
+    assert {(each["topic"], each["role"], each["zid"], each["node"]) for each in graph["edges"]} == {
+        (heard, "publishes", "system/fc", "1/1"),
+        (heard, "subscribes", "unit/gcs", ""),
+        (told, "publishes", "unit/gcs", "255/190"),
+        (told, "subscribes", "system/fc", ""),
+    }
+    assert graph["unknown"] == []

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -8,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from riot_bus.bus.direct import _hang_up
+from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
+from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
 from tests.integration.bus_puppet import Puppet
@@ -101,3 +104,15 @@ def test_what_passes_by_a_link_is_recorded_once(tmp_path: Path) -> None:
 def test_a_user_who_decides_who_may_connect_has_no_links() -> None:
     with Bus({"a": (), "b": ()}, config={"access_control": {"enabled": False}}) as bus:
         assert bus.segment("a").zid not in bus.segment("b").peers()
+
+
+def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd: pytest.CaptureFixture[str]) -> None:
+    """Zenoh 1.10.2 panics in a router that is closed while it takes in that another one has left."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        segments = {"a": (), "b": (), "c": (f"tcp/127.0.0.1:{taken.getsockname()[1]}",)}
+        for _ in range(20):
+            with pytest.raises(EnvironmentFaultError, match="is in use"):
+                Network(segments).open()
+    assert capfd.readouterr().err == ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from typing import Any
+
 import pytest
 
 from riot_bus.bus.remote import ask
@@ -44,6 +47,36 @@ def test_a_publisher_that_is_killed_in_a_burst_harms_nobody() -> None:
         assert crosses(other, sink, "cut/end", "end"), bus.losses
         assert bus.drain(10)
         assert wait_until(lambda: bus.departures == 1, 10)
+        assert not bus.losses
+        assert_balanced(bus)
+
+
+@pytest.mark.parametrize("key", ["cut", "free"])
+def test_a_crowd_of_publishers_that_wait_for_one_subscriber_harms_nobody(key: str) -> None:
+    """Each may hold up one of the router's threads; if no other is left, its segments wait for each other."""
+    groups, sessions, count = 4, 10, 1500
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"]) as bus,
+        Puppet(bus.endpoint("unit")) as sink,
+        ExitStack() as stack,
+    ):
+        sink.do("subscribe_by_key", key=f"{key}/**")
+        subscribed(bus, "unit", f"{key}/0")
+        crowd = [stack.enter_context(Puppet(bus.endpoint("system"))) for _ in range(groups)]
+        for number, each in enumerate(crowd):
+            each.start("crowd", key=key, first=number * sessions, sessions=sessions, count=count)
+        for each in crowd:
+            each.answer()
+        found: dict[str, dict[str, Any]] = {}
+
+        def complete() -> bool:
+            found.update(sink.do("by_key"))
+            return sum(each["count"] for each in found.values()) >= groups * sessions * count
+
+        assert wait_until(complete, 60, interval=0.2), bus.losses
+        for number in range(groups * sessions):
+            report = found[f"{key}/{number}"]
+            assert (report["count"], report["different"], report["ordered"]) == (count, count, True)
         assert not bus.losses
         assert_balanced(bus)
 

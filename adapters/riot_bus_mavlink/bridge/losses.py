@@ -24,6 +24,14 @@ class SourceCount:
     lost: int = 0
     last: int = -1
 
+    def see(self, sequence: int) -> int:
+        """Take in the number of a frame; return how many frames are missing before it."""
+        missing = (sequence - self.last - 1) & 255 if self.received else 0
+        self.received += 1
+        self.lost += missing
+        self.last = sequence
+        return missing
+
 
 class Losses:
     """Counts by source, on one link."""
@@ -33,17 +41,16 @@ class Losses:
 
     def see(self, system: int, component: int, sequence: int) -> int:
         """Take in the number of a frame; return how many frames are missing before it."""
+        count = self.of(system, component)
+        return 0 if count is None else count.see(sequence)
+
+    def of(self, system: int, component: int) -> SourceCount | None:
+        """Return what counts the frames of a source; None if there are too many."""
         source = system << 8 | component
         count = self._sources.get(source)
-        if count is None:
-            if len(self._sources) >= _MOST_SOURCES:
-                return 0
+        if count is None and len(self._sources) < _MOST_SOURCES:
             count = self._sources[source] = SourceCount()
-        missing = (sequence - count.last - 1) & 255 if count.received else 0
-        count.received += 1
-        count.lost += missing
-        count.last = sequence
-        return missing
+        return count
 
     def counts(self) -> dict[tuple[int, int], SourceCount]:
         """Return what is known, by system and component."""

@@ -5,6 +5,7 @@ The rules are those of https://mavlink.io/en/guide/routing.html and of mavlink-r
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -97,10 +98,13 @@ class _Knowledge:
         self.sources: set[int] = set()
         self.systems: set[int] = set()
 
-    def learn(self, source: int) -> None:
-        if source not in self.sources:
-            self.sources.add(source)
-            self.systems.add(source >> 8)
+    def learn(self, source: int) -> bool:
+        """Return whether it was not known."""
+        if source in self.sources:
+            return False
+        self.sources.add(source)
+        self.systems.add(source >> 8)
+        return True
 
     def merge(self, other: _Knowledge) -> None:
         self.sources |= other.sources
@@ -119,6 +123,9 @@ class Routes(Generic[PeerT]):
         targets: Returns the offsets of target system and component of a message type.
         duplicates: Recognises what has come over another link already; None to take everything.
         sniffer: A system that gets everything, on whatever link it is; -1 for none.
+
+    Attributes:
+        generation: Changes when frames may go to others than before.
     """
 
     def __init__(
@@ -129,6 +136,8 @@ class Routes(Generic[PeerT]):
         sniffer: int = -1,
     ) -> None:
         self._targets, self._duplicates, self._sniffer = targets, duplicates, sniffer
+        self._generations = itertools.count()
+        self.generation = next(self._generations)
         self._peers: tuple[PeerT, ...] = ()
         self._offsets: dict[int, tuple[int | None, int | None]] = {}
 
@@ -144,10 +153,21 @@ class Routes(Generic[PeerT]):
             if mates:
                 peer.join(mates[0])
         self._peers = (*self._peers, peer)
+        self.forget()
 
     def remove(self, peer: PeerT) -> None:
         """Forget a peer."""
         self._peers = tuple(each for each in self._peers if each is not peer)
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing that was found holds any more."""
+        self.generation = next(self._generations)
+
+    def settled(self, message_id: int) -> bool:
+        """Return whether all frames of this type and of one source go the same way, until the generation changes."""
+        offsets = self._offsets.get(message_id) or self._targets(message_id)
+        return self._duplicates is None and offsets[0] is None and all(each._emits is None for each in self._peers)
 
     def knows(self, system: int, component: int) -> bool:
         """Return whether a source was seen on any link."""
@@ -173,7 +193,8 @@ class Routes(Generic[PeerT]):
             counts["filtered_in"] += 1
             return None
         source = system << 8 | component
-        origin._knowledge.learn(source)
+        if origin._knowledge.learn(source):
+            self.forget()
         if self._duplicates is not None and self._duplicates.seen(frame.raw, now):
             counts["duplicate"] += 1
             return None

@@ -8,12 +8,13 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError
+from riot_bus_mavlink.bridge.flows import KIND, MOST_FLOWS, Flow
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
-from riot_bus_mavlink.frame import LONGEST, parse_frame
+from riot_bus_mavlink.frame import LONGEST, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
     from riot_bus_mavlink.bridge.routing import Routes
@@ -69,8 +70,10 @@ class Side:
         self.counts: Counter[str] = Counter()
         self.streams = streams
         self._keys, self._name_of, self._mark, self._linked = keys, name_of, mark, linked
+        self._extra = streams.crc_extra
         self._renewer = None if signer is None else Renewer(signer)
         self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
+        self._known: dict[bytes, tuple[int, list[End]]] = {}
         self._inlet: Closeable | None = None
         self._lock, self._declaring = threading.Lock(), threading.Lock()
 
@@ -78,6 +81,13 @@ class Side:
     def is_open(self) -> bool:
         """Whether the bus is listened to."""
         return self._inlet is not None
+
+    def spoken(self) -> list[tuple[str, int, int, str]]:
+        """Return what came to the bus so far: link, system, component and key."""
+        return [
+            (link, system, component, self._keys.key(link, system, component, self._name_of(message_id)))
+            for link, system, component, message_id in list(self._outlets)
+        ]
 
     def open(self) -> None:
         """Listen to the bus; to be called once."""
@@ -120,27 +130,70 @@ class Side:
             What was not dropped.
         """
         now = time.monotonic()
-        receive, losses, mark = self.routes.receive, end.losses, self._mark
-        kept = []
+        flows, routes, kept = end.flows, self.routes, []
         for frame in frames:
-            losses.see(frame.system, frame.component, frame.sequence)
-            others = receive(frame, end, now)
+            raw = frame.raw
+            if frame.version == 2:
+                flow = flows.get(raw[KIND])
+                if flow is not None and flow.generation == routes.generation:
+                    self._carry(flow, end, raw)
+                    kept.append(frame)
+                    continue
+            end.losses.see(frame.system, frame.component, frame.sequence)
+            generation = routes.generation
+            others = routes.receive(frame, end, now)
             if others is None:
                 continue
-            raw = frame.raw
             for other in others:
                 other.send(raw)
             place = (end.link, frame.system, frame.component, frame.message_id)
             kept.append(frame)
+            self.counts["to_bus"] += 1
             try:
-                (self._outlets.get(place) or self._outlet(place)).put(raw, mark)
+                outlet = self._outlets.get(place) or self._outlet(place)
+                outlet.put(raw, self._mark)
             except Exception:  # the segment is gone; links of this one go on
                 self.counts["lost_to_bus"] += 1
-        self.counts["to_bus"] += len(kept)
+            else:
+                self._remember(frame, end, generation, others, outlet)
         return kept
+
+    def take_single(self, end: End, data: bytes) -> bool:
+        """Carry bytes that came over a link, if they are one frame as others before it; return whether they are."""
+        flow = end.flows.get(data[KIND])
+        if flow is None or flow.generation != self.routes.generation or not end.framer.single(data, flow.extra):
+            return False
+        self._carry(flow, end, data)
+        return True
+
+    def _carry(self, flow: Flow, end: End, raw: bytes) -> None:
+        flow.count.see(raw[4])
+        end.counts["in"] += 1
+        self.counts["to_bus"] += 1
+        for other in flow.others:
+            other.send(raw)
+        try:
+            flow.put(raw, self._mark)
+        except Exception:  # the segment is gone; links of this one go on
+            self.counts["lost_to_bus"] += 1
+
+    def _remember(self, frame: Frame, end: End, generation: int, others: Sequence[End], outlet: Outlet) -> None:
+        """Take note of where frames like this one go."""
+        extra = self._extra(frame.message_id)
+        count = end.losses.of(frame.system, frame.component)
+        if frame.version == 2 and extra is not None and count is not None and self.routes.settled(frame.message_id):
+            if len(end.flows) >= MOST_FLOWS:
+                end.flows.clear()
+            end.flows[frame.raw[KIND]] = Flow(generation, extra, count, others, outlet.put)
 
     def hear(self, payload: bytes, attachment: bytes | None) -> None:
         """Carry what came from the bus; one thread at a time."""
+        known = self._known.get(payload[KIND])
+        if known is not None and known[0] == self.routes.generation and attachment == self._mark and is_plain(payload):
+            self.counts["from_bus"] += 1
+            for end in known[1]:
+                end.send(payload)
+            return
         mark = Mark.OWN if attachment == self._mark else origin_of(attachment, self._mark)
         try:
             frame = parse_frame(payload)
@@ -149,7 +202,12 @@ class Side:
             return
         if mark is Mark.NONE and self._linked(frame.system, frame.component):
             payload = self._renumbered(frame)
+        generation = self.routes.generation
         ends = self.routes.deliver(frame, looped=mark is Mark.OWN)
+        if ends and mark is Mark.OWN and is_plain(payload) and self.routes.settled(frame.message_id):
+            if len(self._known) >= MOST_FLOWS:
+                self._known.clear()
+            self._known[payload[KIND]] = generation, ends
         counts = self.counts
         counts["from_bus"] += 1
         counts["unrouted"] += not ends
@@ -196,6 +254,7 @@ class Side:
             if outlet is None:
                 if len(self._outlets) >= _MOST_OUTLETS:
                     self._outlets.pop(next(iter(self._outlets))).close()
+                    self.routes.forget()
                 link, system, component, message_id = place
                 key = self._keys.key(link, system, component, self._name_of(message_id))
                 outlet = self._outlets[place] = self.port.publisher(key, reliable=True, encoding=ENCODING)

@@ -27,10 +27,13 @@ class OwnStreams:
     Args:
         crc_extra: Returns a message's extra byte of the checksum, None if the message is unknown.
         signer: Signs signed frames anew; None if the key is not known.
+
+    Attributes:
+        crc_extra: Returns a message's extra byte of the checksum.
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None], signer: Signer | None = None) -> None:
-        self._extra, self._signer = crc_extra, signer
+        self.crc_extra, self._signer = crc_extra, signer
         self._next: dict[int, int] = {}
 
     def next(self, system: int, component: int) -> int:
@@ -48,7 +51,7 @@ class OwnStreams:
         Those of unknown messages stay as they are, since no checksum can be made for them; so do signed ones without
         the key, or with a signature that is not of this key.
         """
-        extra = self._extra(frame.message_id)
+        extra = self.crc_extra(frame.message_id)
         if extra is None or (frame.signed and (self._signer is None or not self._signer.fits(frame))):
             return frame.raw
         first = frame.version == 1

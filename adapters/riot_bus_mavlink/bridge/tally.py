@@ -44,6 +44,10 @@ class LinkTally:
         """Keep what a link says of itself, since it is about to be closed."""
         self._ended = _state_of(link)
 
+    def addresses(self) -> tuple[str, ...]:
+        """Return where the present ends are."""
+        return tuple(end.address for end in self._ends)
+
     def status(self, link: Link) -> dict[str, Any]:
         """Return what is known, as JSON values.
 

@@ -3,20 +3,36 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Protocol
+from threading import get_ident
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from riot_bus_mavlink.bridge.losses import Losses
 from riot_bus_mavlink.bridge.routing import Peer
 from riot_bus_mavlink.bridge.url import Direction, LinkKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from riot_bus_mavlink.bridge.flows import Flow
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.frame import Framer
     from riot_bus_mavlink.links.loop import Loop
 
-__all__ = ["End", "Host", "Link"]
+__all__ = ["Batching", "End", "Host", "Link"]
+
+_MOST_WAITING = 64
+
+
+class Batching(NamedTuple):
+    """Writes several frames at once.
+
+    Attributes:
+        loop: On its thread, frames wait until the handler that sends them has returned.
+        write: Sends frames in their order; returns how many went out, or will.
+    """
+
+    loop: Loop
+    write: Callable[[Sequence[bytes]], int]
 
 
 class End(Peer):
@@ -27,16 +43,37 @@ class End(Peer):
         address: Where it is, for status.
         framer: Finds frames in what it sends.
         write: Sends bytes; returns whether they went out, or will.
+        batching: Sends what comes at once at once; None to send each frame by itself.
 
     Attributes:
+        flows: What is known of frames that come from there, by the bytes of their headers that say what they are.
         segment: Name of the segment that the link belongs to.
         out: Frames that were given to it.
         lost: Frames that it had no room for.
     """
 
-    __slots__ = ("_lock", "_write", "address", "framer", "losses", "lost", "out", "segment")
+    __slots__ = (
+        "_batching",
+        "_lock",
+        "_waiting",
+        "_write",
+        "address",
+        "flows",
+        "framer",
+        "losses",
+        "lost",
+        "out",
+        "segment",
+    )
 
-    def __init__(self, spec: LinkSpec, address: str, framer: Framer, write: Callable[[bytes], bool]) -> None:
+    def __init__(
+        self,
+        spec: LinkSpec,
+        address: str,
+        framer: Framer,
+        write: Callable[[bytes], bool],
+        batching: Batching | None = None,
+    ) -> None:
         super().__init__(
             spec.name,
             group=spec.group,
@@ -50,16 +87,42 @@ class End(Peer):
         self.address, self.framer = address, framer
         self.losses = Losses()
         self.out = self.lost = 0
-        self._write = write
+        self.flows: dict[bytes, Flow] = {}
+        self._write, self._batching = write, batching
+        self._waiting: list[bytes] = []  # only ever this list, so that threads need no lock to put something there
         self._lock = threading.Lock()
 
     def send(self, raw: bytes) -> None:
-        """Send a frame, or count it as lost; on any thread, without waiting."""
+        """Send a frame, or count it as lost; on any thread, without waiting for room."""
+        batching = self._batching
+        if batching is not None and batching.loop.ident == get_ident():
+            waiting = self._waiting
+            if not waiting:
+                batching.loop.at_end(self.flush)
+            waiting.append(raw)
+            if len(waiting) >= _MOST_WAITING:
+                self.flush()
+            return
         with self._lock:
+            if self._waiting:  # they were first
+                self._send_waiting()
             if self._write(raw):
                 self.out += 1
             else:
                 self.lost += 1
+
+    def flush(self) -> None:
+        """Send what waits for the end of a handler; on any thread."""
+        with self._lock:
+            self._send_waiting()
+
+    def _send_waiting(self) -> None:
+        frames = self._waiting[:]
+        del self._waiting[: len(frames)]
+        if frames and self._batching is not None:
+            done = self._batching.write(frames)
+            self.out += done
+            self.lost += len(frames) - done
 
 
 class Host(Protocol):
@@ -68,7 +131,9 @@ class Host(Protocol):
     loop: Loop
     crc_extra: Callable[[int], int | None]
 
-    def join(self, spec: LinkSpec, address: str, write: Callable[[bytes], bool]) -> End:
+    def join(
+        self, spec: LinkSpec, address: str, write: Callable[[bytes], bool], batching: Batching | None = None
+    ) -> End:
         """Take in a new end of a link, from now on it gets frames."""
 
     def leave(self, end: End) -> None:

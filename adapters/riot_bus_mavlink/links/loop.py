@@ -44,10 +44,15 @@ class Timer:
 class Loop:
     """Calls back when there is something to read, room to write, or a time has come.
 
-    All methods may be called on any thread; handlers are called on one thread, and what they raise is logged.
+    All methods but `at_end` may be called on any thread; handlers are called on one thread, and what they raise is
+    logged.
+
+    Attributes:
+        ident: Of the thread; None before it runs.
     """
 
     def __init__(self) -> None:
+        self.ident: int | None = None
         self._epoll = select.epoll()
         self._wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._epoll.register(self._wake, READ)
@@ -55,6 +60,7 @@ class Loop:
         self._timers: list[tuple[float, int, Timer]] = []
         self._numbers = itertools.count()
         self._lock = threading.Lock()
+        self._last: list[Callable[[], None]] = []
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="mavlink-links", daemon=True)
 
@@ -98,7 +104,12 @@ class Loop:
         os.eventfd_write(self._wake, 1)
         return timer
 
+    def at_end(self, do: Callable[[], None]) -> None:
+        """Do something as soon as the handler that calls this has returned."""
+        self._last.append(do)
+
     def _run(self) -> None:
+        self.ident = threading.get_ident()
         while not self._ended:
             for descriptor, events in self._epoll.poll(self._patience()):
                 if descriptor == self._wake:
@@ -110,11 +121,20 @@ class Loop:
                         handler(events | READ if events & _BROKEN else events)
                     except Exception:
                         _LOG.exception("a link")
+                    self._finish()
             while (timer := self._due()) is not None:
                 try:
                     timer.fire()
                 except Exception:
                     _LOG.exception("a link")
+                self._finish()
+
+    def _finish(self) -> None:
+        while self._last:
+            try:
+                self._last.pop()()
+            except Exception:
+                _LOG.exception("a link")
 
     def _patience(self) -> float:
         with self._lock:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus_mavlink.links.end import Batching
 from riot_bus_mavlink.links.loop import READ, WRITE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End, Host
@@ -55,11 +56,12 @@ class Stream:
         self._open = True
         self._number = transport.fileno()
         with self._lock:  # nothing is written before it is watched
-            self.end: End = host.join(spec, address, self._write)
+            self.end: End = host.join(spec, address, self._write, Batching(host.loop, self._write_all))
             host.loop.watch(self._number, self._handle)
 
     def close(self) -> None:
         """Close it."""
+        self.end.flush()
         with self._lock:
             if not self._open:
                 return
@@ -88,6 +90,12 @@ class Stream:
                 self._waiting += data[done:]
                 self._host.loop.change(self._number, READ | WRITE)
             return True
+
+    def _write_all(self, frames: Sequence[bytes]) -> int:
+        """Take so many whole frames."""
+        if len(self._waiting) + sum(map(len, frames)) <= _MOST_WAITING:
+            return len(frames) if self._write(b"".join(frames)) else 0
+        return sum(map(self._write, frames))
 
     def _handle(self, events: int) -> None:
         if events & WRITE:

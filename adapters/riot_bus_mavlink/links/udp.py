@@ -6,13 +6,18 @@ import errno
 import ipaddress
 import os
 import socket
+import struct
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import EnvironmentFaultError
+from riot_bus_mavlink.links.end import Batching
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End, Host
     from riot_bus_mavlink.links.loop import Timer
@@ -28,6 +33,10 @@ _RETRY_S = 1.0
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)
 _DROPS = 12  # column of /proc/net/udp
+_UDP_SEGMENT = 103  # linux/udp.h: the system cuts what is sent into packets of a size, of which the last may be shorter
+_MOST_SEGMENTS = 64
+_SIZE = struct.Struct("=H")
+_CANNOT_CUT = {errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.ENOPROTOOPT, errno.EOPNOTSUPP}
 
 
 class _UdpLink:
@@ -35,6 +44,7 @@ class _UdpLink:
         self.spec = spec
         self._host = host
         self._socket: socket.socket | None = None
+        self._cuts = True
 
     def dropped(self) -> int:
         return 0 if self._socket is None else _drops(self._socket)
@@ -62,6 +72,30 @@ class _UdpLink:
             return made.sendto(data, address) == len(data)
         except OSError:  # no room, no way, or nobody there
             return False
+
+    def _send_all(self, frames: Sequence[bytes], address: tuple[Any, ...]) -> int:
+        """Send frames, each as a packet; return how many went out."""
+        done = at = 0
+        while at < len(frames):
+            stop = _alike(frames, at) if self._cuts else at + 1
+            if stop - at > 1 and self._send_cut(frames[at:stop], address):
+                done += stop - at
+            else:
+                done += sum(self._send(each, address) for each in frames[at:stop])
+            at = stop
+        return done
+
+    def _send_cut(self, frames: Sequence[bytes], address: tuple[Any, ...]) -> bool:
+        """Send frames of one length with one call; return whether they went out."""
+        made = self._socket
+        if made is None:
+            return False
+        try:
+            made.sendmsg(frames, [(socket.IPPROTO_UDP, _UDP_SEGMENT, _SIZE.pack(len(frames[0])))], 0, address)
+        except OSError as error:
+            self._cuts = error.errno not in _CANNOT_CUT
+            return False
+        return True
 
     def close(self) -> None:
         if self._socket is not None:
@@ -133,7 +167,8 @@ class UdpServer(_UdpLink):
     def _join(self, address: Any) -> End:
         if len(self._ends) >= _MOST_PEERS:
             self._drop(min(self._heard, key=self._heard.__getitem__))
-        end = self._host.join(self.spec, text_of(address), lambda data: self._send(data, address))
+        batching = Batching(self._host.loop, lambda frames: self._send_all(frames, address))
+        end = self._host.join(self.spec, text_of(address), lambda data: self._send(data, address), batching)
         self._ends[address] = end
         return end
 
@@ -202,7 +237,8 @@ class UdpClient(_UdpLink):
             self._again(error)
             return
         self._many = _of_many(self._target[0])
-        self._end = self._host.join(self.spec, text_of(self._target), self._put)
+        batching = None if self._many else Batching(self._host.loop, partial(self._send_all, address=self._target))
+        self._end = self._host.join(self.spec, text_of(self._target), self._put, batching)
         self._host.loop.watch(made.fileno(), self._read)
 
     def _again(self, error: OSError) -> None:
@@ -222,13 +258,15 @@ class UdpClient(_UdpLink):
             if made is None or end is None:
                 return
             try:
-                data, address = made.recvfrom(_LARGEST)
+                if self._many:
+                    data, address = made.recvfrom(_LARGEST)
+                    self._answering = (address, time.monotonic())
+                else:
+                    data = made.recv(_LARGEST)
             except BlockingIOError:
                 return
             except OSError:
                 continue
-            if self._many:
-                self._answering = (address, time.monotonic())
             self._host.take(end, data)
 
 
@@ -241,6 +279,15 @@ def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
 def reason(error: OSError) -> str:
     """Return what the system says, as text."""
     return error.strerror or str(error)
+
+
+def _alike(frames: Sequence[bytes], at: int) -> int:
+    """Return where those that can be sent with one call end, from a place on."""
+    size, most = len(frames[at]), min(len(frames), at + _MOST_SEGMENTS)
+    stop = at + 1
+    while stop < most and len(frames[stop]) == size:
+        stop += 1
+    return stop + 1 if stop < most and len(frames[stop]) < size else stop
 
 
 def _of_many(host: Any) -> bool:

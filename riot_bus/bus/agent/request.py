@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -151,18 +152,21 @@ class RecordRequest(Lead):
         """Return what the recorder is told.
 
         Raises:
-            ConfigError: An option is wrong, or the file would be outside of the folder of logs.
+            ConfigError: An option is wrong, or the file exists or would be outside of the folder of logs.
         """
         from riot_bus.bus.capture.options import CaptureOptions
         from riot_bus.bus.logfiles import safe_path
 
         own = {*Lead.model_fields, "output"}
+        output = None if self.output is None else safe_path(agent.folder, self.output)
+        if output is not None and os.path.lexists(output):
+            raise ConfigError(f"{self.output!r} exists already", where="output", hint="choose another name")
         options = CaptureOptions(
             endpoint=agent.endpoint,
             config=agent.config,
             name=agent.robot,
             robot=agent.robot,
-            output=None if self.output is None else safe_path(agent.folder, self.output),
+            output=output,
             folder=agent.folder.resolve(),
             notes={"for": self.who},
             **{name: getattr(self, name) for name in type(self).model_fields if name not in own},

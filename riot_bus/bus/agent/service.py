@@ -243,7 +243,7 @@ class AgentService:
             if state == last and (not operation.active or now - told < _PROGRESS_S):
                 continue
             if state != last and not operation.active:
-                self._say(f"{operation.kind} {state.partition(' ')[2]}")
+                self._say(f"{operation.kind} {_outcome(status['operation'])}")
             last, told = state, now
             try:
                 self._link.publish(json.dumps(status, sort_keys=True).encode())
@@ -282,3 +282,9 @@ class AgentService:
             self._say(f"could not {action} the {operation.kind}: {error}")
             if operation.active:
                 operation.stop(lost)
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    problem = row["problem"] or {}
+    why = row["reason"] or ": ".join(filter(None, (problem.get("where"), problem.get("message"))))
+    return f"{row['state']}: {why}" if why else str(row["state"])

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from riot_bus.bus.bridge.inner import InnerPort
-from riot_bus.bus.bridge.running import run_bridge
+from riot_bus.bus.bridge.running import Bridge, run_bridge
 from riot_bus.bus.running import Trimmer, router_of, say_end
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterator, Mapping
 
     from riot_bus.bus.assemble import RouterOptions
     from riot_bus.bus.bridge.program import Program
-    from riot_bus.bus.bridge.running import Bridge
     from riot_bus.bus.service import RouterService
+    from riot_bus.types.announcement import BridgedLink
 
-__all__ = ["run_own_router"]
+__all__ = ["LinkedBridge", "run_own_router"]
 
-BridgeT = TypeVar("BridgeT", bound="Bridge")
+
+class LinkedBridge(Bridge, Protocol):
+    """A bridge that says what its links are."""
+
+    def links(self) -> Collection[BridgedLink]:
+        """Return the links as they are now; called on any thread."""
+
+
+BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
 
 
 def run_own_router(
@@ -50,6 +58,7 @@ def run_own_router(
     with router_of(options, warn=warn) as service:
         with service:
             bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)
             status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))

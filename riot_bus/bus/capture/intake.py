@@ -14,8 +14,8 @@ from collections import Counter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.batches import Batches
 from riot_bus.bus.convert import Converter, is_delete
-from riot_bus.bus.runtime import release
 from riot_bus.bus.tally import Tally
 from riot_bus.message import Message
 
@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["Intake", "KeyRules"]
 
 _LOG = logging.getLogger(__name__)
-_CHANNEL = 256
 _SLICE = 512
-_SLICE_BYTES = 1 << 24
 _CACHED_KEYS = 1 << 16
 _MOST_SENDERS = 64
 _MOST_FETCHED = 10_000
@@ -121,8 +119,6 @@ class Intake:
         paused: Callable[[], bool],
         sequence: Iterator[int],
     ) -> None:
-        import zenoh
-
         self.expression = expression
         self.flows = Tally()
         """Messages so far by key."""
@@ -134,10 +130,7 @@ class Intake:
         self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
         self._known: dict[str, KeyRules | None] = {}
         self._senders: dict[str, set[str]] = {}
-        self._closed = False
-        self._zenoh_error = zenoh.ZError
-        self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
-        self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
+        self._batches = Batches(session, expression)
         self._thread = threading.Thread(target=self._run, name="riot-intake", daemon=True)
         self._thread.start()
 
@@ -147,9 +140,7 @@ class Intake:
 
     def close(self) -> None:
         """Receive no more, and record what has come in; safe to call twice."""
-        if not self._closed:
-            self._closed = True
-            release(self._subscriber)
+        self._batches.close()
         if self._thread is not threading.current_thread():
             self._thread.join()
 
@@ -169,21 +160,7 @@ class Intake:
                 self._slice(new[start : start + _SLICE], fetched=True)
 
     def _run(self) -> None:
-        fetch, size = self._channel.try_recv, 1
-        while True:
-            try:
-                samples = [self._channel.recv()]
-            except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
-                return
-            try:
-                for _ in range(min(_SLICE, _SLICE_BYTES // size)):
-                    sample = fetch()
-                    if sample is None:
-                        break
-                    samples.append(sample)
-            except self._zenoh_error:
-                pass
-            size = len(samples[-1].payload) + 1
+        while samples := self._batches.receive():
             try:
                 self._slice(samples)
             except Exception:  # whatever it is, the next messages are recorded

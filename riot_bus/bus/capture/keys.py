@@ -10,9 +10,14 @@ from riot_bus.errors import ConfigError
 if TYPE_CHECKING:
     from riot_bus.bus.capture.service import CaptureService
 
-__all__ = ["HELP", "press"]
+__all__ = ["keys_help", "press"]
 
-HELP = "space: pause, s: another file, d: write the ring, q: end"
+_HELP = "space: pause, {cut}, q: end"
+
+
+def keys_help(*, ring: bool) -> str:
+    """Return what the keys do, in a line."""
+    return _HELP.format(cut="d: write the ring" if ring else "s: another file")
 
 
 def press(service: CaptureService, key: str) -> None:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.bus.capture.intake import Intake
+    from riot_bus.types.announcement import BridgedLink
 
 __all__ = ["Network"]
 
@@ -44,6 +45,11 @@ class Network:
     @property
     def intercepted(self) -> Collection[str]:
         """Nothing."""
+        return ()
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """None."""
         return ()
 
     @property

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -190,9 +191,10 @@ class RingTape:
         return found
 
     def _forget_oldest(self) -> None:
-        for each in self._files[: max(0, len(self._files) - self._most)] if self._most else ():
+        for place, each in enumerate(self._files[: max(0, len(self._files) - self._most)] if self._most else ()):
             with suppress(OSError):
                 os.unlink(each.path)
+                self._files[place] = replace(each, deleted=True)
             self._bag = [file for file in self._bag if file.name != Path(each.path).name]
 
     def _unwritten(self, recorded: Mapping[str, int], path: Path, error: OSError) -> None:

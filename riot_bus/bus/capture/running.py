@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
 import sys
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.bus.capture.keys import HELP, press
+from riot_bus.bus.capture.keys import keys_help, press
 from riot_bus.bus.capture.service import CaptureService
 from riot_bus.bus.capture.text import progress_line, result_lines
+from riot_bus.bus.heap import roomy_heap
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.bus.status_text import plain
 from riot_bus.bus.terminal import Foreground
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["run_capture"]
 
 _INTERRUPTED = 130
-_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD = -3, -1  # of malloc.h
-_LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28
 
 
 def run_capture(
@@ -63,26 +60,21 @@ def run_capture(
     def tell(line: str) -> None:
         foreground.tell(plain(line) if "\n" not in line else line)
 
-    _keep_memory()
+    roomy_heap()
     service = CaptureService(options, warn=tell)
     with ended_by_signals(service.stop, again=_leave, others={signal.SIGUSR1: service.cut}):
         try:
             with service:
                 say(_ready(service, as_json=as_json))
                 foreground.attend(
-                    service.wait, keys=HELP, press=partial(press, service), line=lambda: progress_line(service.status())
+                    service.wait,
+                    keys=keys_help(ring=options.ring_seconds > 0),
+                    press=partial(press, service),
+                    line=lambda: progress_line(service.status()),
                 )
         finally:
             service.close()
     _end(service.result(), say, as_json=as_json)
-
-
-def _keep_memory() -> None:
-    """Let the C library keep the memory of large payloads; to get it anew each time costs as much as to compress it."""
-    with suppress(OSError, AttributeError):  # another C library than glibc
-        library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
-        library.mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
 
 
 def _ready(service: CaptureService, *, as_json: bool) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Selection"]
 
 _MOST_WARNINGS = 20
+_MOST_NAMED = 100
 
 
 class Selection:
@@ -48,6 +49,9 @@ class Selection:
         self._registry, self._trigger, self._warn = registry, trigger, warn
         self._throttles = {topic: round(1e9 / hertz) for topic, hertz in parse_throttles(options.throttle).items()}
         self._strange: set[str] = set()
+        self._foreign: set[str] = set()
+        named = [each for each in options.keys if each != "**"]
+        self._unheard = dict.fromkeys(named if len(named) <= _MOST_NAMED else ())
 
     def learnt(self, key: str) -> None:
         """Say that the type of a key has become known, if the contrary was said."""
@@ -58,11 +62,23 @@ class Selection:
                 f"the type of {topic} has been told by its nodes and is recorded with its definition from now on"
             )
 
+    def silent(self) -> list[str]:
+        """Return the names and key expressions on which nothing has come; none of more than a hundred."""
+        return list(self._unheard)
+
     def rules(self, key: str) -> KeyRules | None:
-        """Return what holds for a key, None if it is not recorded."""
+        """Return what holds for a key on which something has come, None if it is not recorded."""
         registry = self._registry
+        for each in tuple(self._unheard):
+            if registry.matches(each, key):
+                self._unheard.pop(each, None)
+        if any(registry.matches(each, key) for each in self._exclude):
+            return None
         adapter = registry.stamping(key)
-        if any(registry.matches(each, key) for each in self._exclude) or (self._bag and adapter is None):
+        if self._bag and adapter is None:
+            if key not in self._foreign and len(self._foreign) < _MOST_WARNINGS:
+                self._foreign.add(key)
+                self._warn(f"{key} is no topic of ROS 2 and is not recorded, since a bag cannot hold it")
             return None
         topic = registry.topic(key)
         strange = adapter is not None and topic not in self._strange and len(self._strange) < _MOST_WARNINGS

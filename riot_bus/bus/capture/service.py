@@ -63,12 +63,14 @@ class CaptureResult:
         account: Messages by topic: recorded, lost by reason, left out by reason.
         seconds: Time that it took.
         problems: What went wrong, in a line each.
+        silent: What was asked for by name and never came.
     """
 
     files: Sequence[FileResult] = ()
     account: Account = field(default_factory=Account)
     seconds: float = 0.0
     problems: Sequence[str] = ()
+    silent: Sequence[str] = ()
 
     def __bool__(self) -> bool:
         return not self.account and not self.problems
@@ -82,6 +84,7 @@ class CaptureResult:
             "left_out": {reason: dict(topics) for reason, topics in self.account.left_out.items()},
             "seconds": round(self.seconds, 3),
             "problems": list(self.problems),
+            "silent": list(self.silent),
         }
 
 
@@ -260,7 +263,7 @@ class CaptureService:
             problems.append(tape.problem)
         if self._gaps.untold:
             problems.append("there are too many publishers to look for gaps in the numbers of all")
-        return CaptureResult(tape.files(), tape.account(), self._seconds(), problems)
+        return CaptureResult(tape.files(), tape.account(), self._seconds(), problems, self._selection.silent())
 
     def _seconds(self) -> float:
         return (self._ended or time.monotonic()) - self._began if self._began else 0.0

@@ -8,7 +8,7 @@ import os
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,16 +38,18 @@ _NO_USE = (errno.ENOSPC, errno.EDQUOT)  # another file on a full disk would be e
 
 @dataclass(frozen=True, slots=True)
 class FileResult:
-    """A file of a recording: its path, its size in bytes, and what is in it."""
+    """A file of a recording: its path, its size in bytes, what is in it, and whether `max_files` has removed it."""
 
     path: str
     size: int
     account: Account
+    deleted: bool = False
 
     def row(self) -> dict[str, Any]:
         """Return it as JSON values."""
         recorded = sum(self.account.recorded.values())
-        return {"path": self.path, "bytes": self.size, "messages": recorded, "lost": self.account.total()}
+        row = {"path": self.path, "bytes": self.size, "messages": recorded, "lost": self.account.total()}
+        return {**row, "deleted": True} if self.deleted else row
 
 
 class _Reel:
@@ -264,6 +266,7 @@ class Tape:
                 return  # it is still being finished, and then looked at again
             try:
                 os.unlink(each.path)
+                each.result = replace(each.result, deleted=True)
             except OSError as error:
                 self._warn(f"{each.path} cannot be deleted: {error.strerror}")
 

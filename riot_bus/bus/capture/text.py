@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.status_text import plain
+from riot_bus.log.text import size_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -12,19 +13,10 @@ if TYPE_CHECKING:
     from riot_bus.bus.capture.service import CaptureResult
     from riot_bus.log.account import Account
 
-__all__ = ["account_lines", "answer_lines", "progress_line", "result_lines", "size_text"]
+__all__ = ["account_lines", "answer_lines", "progress_line", "result_lines"]
 
 _SIGNS = {"recording": "●", "paused": "⏸", "ended": "■"}
 _SHOWN = 50
-
-
-def size_text(size: float) -> str:
-    """Return bytes as people write them."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= 1000
-    return f"{size:.1f} TB"
 
 
 def progress_line(status: Mapping[str, Any]) -> str:
@@ -68,9 +60,16 @@ def result_lines(result: CaptureResult) -> list[str]:
     recorded = sum(account.recorded.values())
     lines = [f"recorded {recorded} messages of {len(account.recorded)} topics in {result.seconds:.1f} s"]
     for each in result.files:
+        if each.deleted:
+            continue
         row = each.row()
         lost = f", {row['lost']} lost" if row["lost"] else ""
         lines.append(f"  {each.path}: {row['messages']} messages, {size_text(each.size)}{lost}")
+    gone = [each for each in result.files if each.deleted]
+    if gone:
+        messages = sum(sum(each.account.recorded.values()) for each in gone)
+        lines.append(f"  {len(gone)} older files with {messages} messages are deleted (--max-files)")
+    lines += [f"nothing came on {each}" for each in result.silent]
     return [plain(line) for line in [*lines, *account_lines(account)]]
 
 

@@ -12,11 +12,12 @@ from riot_bus.types.announcement import Announcement
 
 if TYPE_CHECKING:
     from riot_bus.bus.graph.observations import Observations
-    from riot_bus.types.announcement import Role
+    from riot_bus.types.announcement import BridgedLink, Role
 
 __all__ = ["build"]
 
 _ONLY = "only component"
+_BRIDGE = "bridge"
 _UNTOLD = Announcement("", None, "", "", "", "", "")
 _DECLARED_ROLES: dict[str, Role] = {
     "publisher": "publishes",
@@ -46,6 +47,7 @@ class _Builder:
     def graph(self) -> Graph:
         self.announced()
         self.expand()
+        self.bridged()
         self.traffic()
         self.receivers()
         self.silent()
@@ -91,6 +93,18 @@ class _Builder:
             for key in plain:
                 if key_matches(edge.topic, key) and not self.known(key, edge.role, edge.segment, edge.zid):
                     self.add(replace(edge, topic=key))
+
+    def bridged(self) -> None:
+        """Give each link what came over it, and what goes out over it: what came over others, or from components."""
+        keys = {key for key, _ in self.seen.flows} | {key for each in self.seen.bridged for key in each.publishes}
+        keys |= {edge.topic for edge in self.edges.values() if edge.role == "publishes"}
+        for each in self.seen.bridged:
+            who = _id_of(each)
+            for key, node in each.publishes.items():
+                self.add(Edge(key, "publishes", each.segment, who, node, (_BRIDGE,)))
+            for key in keys - each.publishes.keys() if each.subscribes else ():
+                if key_matches(each.subscribes, key):
+                    self.add(Edge(key, "subscribes", each.segment, who, evidence=(_BRIDGE,)))
 
     def traffic(self) -> None:
         for (key, segment), count in sorted(self.seen.flows.items()):
@@ -149,6 +163,9 @@ class _Builder:
             owner = next((self.seen.owners[each] for each in addresses if each in self.seen.owners), None)
             one = Component(segment, zid, mode, self.seen.names.get(zid, ""), tuple(sorted(nodes[zid])), addresses)
             result.append(replace(one, pid=owner.pid, command=owner.command) if owner else one)
+        for each in self.seen.bridged:
+            spoken = tuple(sorted(set(each.publishes.values())))
+            result.append(Component(each.segment, _id_of(each), "link", each.name, spoken, each.addresses))
         for zid in sorted({token.zid for token in self.seen.tokens} - self.segments_of.keys()):
             result.append(Component("", zid, "", self.seen.names.get(zid, ""), tuple(sorted(nodes[zid]))))
             self.unknown.append(Unknown(zid, "", "announces itself, but is connected to no segment: what is between?"))
@@ -171,6 +188,10 @@ class _Builder:
             intercepted = intercepted and "*" not in key
             result.append(Topic(key, name, token.type_name, intercepted, token.action, token.action_type))
         return result
+
+
+def _id_of(link: BridgedLink) -> str:
+    return f"{link.segment}/{link.name}"
 
 
 def _nobody(members: list[str]) -> str:

@@ -18,14 +18,14 @@ CALL_ROLES: tuple[Role, ...] = ("serves", "calls")
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A session that is connected to a segment.
+    """A session that is connected to a segment, or a link of a bridge in the router's own process.
 
     Attributes:
         segment: Where; empty if it is behind another router or peer.
-        zid: Id of its Zenoh session.
-        mode: `client`, `peer` or `router`; empty if unknown.
-        name: `metadata.name` of its configuration, which shows only if its admin space is enabled.
-        nodes: Its ROS nodes.
+        zid: Id of its Zenoh session; of a link its segment and name.
+        mode: `client`, `peer`, `router` or `link`; empty if unknown.
+        name: `metadata.name` of its configuration, which shows only if its admin space is enabled; of a link its name.
+        nodes: Its ROS nodes; of a link the systems that were heard there.
         addresses: Its ends of the links to the segment.
         pid: The process, if it runs on this host and we may see it.
         command: The process's command.
@@ -76,10 +76,10 @@ class Edge:
         role: What the component does.
         segment: Where; empty if not known.
         zid: The component; empty if not known.
-        node: Its ROS node, if one says so.
+        node: Its ROS node, if one says so, or the system behind the link.
         evidence: How we know, sorted: `ros2 token`, `bridge token`, `advanced token`, `traffic`, `timestamp` (the
-            sender stamped its messages), `matching` (somebody would receive), `declaration`, and
-            `only component` (of that segment: a conclusion).
+            sender stamped its messages), `matching` (somebody would receive), `declaration`, `bridge` (it says so
+            itself), and `only component` (of that segment: a conclusion).
         messages: Messages so far, if they could be told apart; not compared.
         rate: Messages per second lately; not compared.
     """

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.declarations import Declared
     from riot_bus.bus.graph.processes import Process
-    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.announcement import Announcement, BridgedLink
 
 __all__ = ["Observations"]
 
@@ -39,6 +39,7 @@ class Observations:
         senders: Ids that stamped these messages, by the same.
         matching: Segments and keys with somebody who would receive.
         declared: A snapshot of declarations, if somebody asked for one.
+        bridged: Links of a bridge in the router's own process.
         intercepted: Whether what is published on a key goes through the pipeline, so that matching is told by segment.
         calls_intercepted: Whether requests and replies of a service do.
         name: What people call a key.
@@ -57,6 +58,7 @@ class Observations:
     senders: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
     matching: Collection[tuple[str, str]] = ()
     declared: Collection[Declared] = ()
+    bridged: Collection[BridgedLink] = ()
     intercepted: Callable[[str], bool] = _nothing
     calls_intercepted: Callable[[str], bool] = _nothing
     name: Callable[[str], str] = _itself

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.bus.graph.declarations import Declared
     from riot_bus.bus.graph.processes import Process
+    from riot_bus.types.announcement import BridgedLink
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["Observer", "WatchedBus"]
@@ -51,6 +52,10 @@ class WatchedBus(Protocol):
     @property
     def intercepted(self) -> Collection[str]:
         """The key expressions that are intercepted."""
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """Links of a bridge in this process."""
 
     @property
     def services(self) -> Collection[str]:
@@ -144,6 +149,7 @@ class Observer:
             senders=self._senders(),
             matching={(segment, key) for segment, each in self._sources.items() for key in each.matching()},
             declared=self.declared,
+            bridged=self._bus.bridged,
             intercepted=_any_of(self._bus.intercepted),
             calls_intercepted=_any_of(self._bus.services),
             name=self._name,

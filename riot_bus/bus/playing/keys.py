@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "press"]
 
-HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, forth, 0: from the beginning, q: end"
+HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
 
 _FASTER = 1.1
 _SEEK_S = 10.0

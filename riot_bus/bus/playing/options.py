@@ -47,6 +47,7 @@ class PlayOptions:
         settle_timeout: Seconds after which the next message comes anyway.
         inject: An injection plan.
         interceptors: As of `riot router --interceptor`.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
         types: `TOPIC=TYPE`.
         definitions: Files that define message types.
         seed: Of everything that is random.
@@ -79,6 +80,7 @@ class PlayOptions:
     settle_timeout: float = 5.0
     inject: Path | None = None
     interceptors: Sequence[str] = ()
+    salvage: bool = False
     types: Sequence[str] = ()
     definitions: Sequence[Path] = ()
     seed: int = 0

@@ -54,7 +54,8 @@ class Programme:
         self._stack = ExitStack()
         with ExitStack() as stack:
             self._recordings = [
-                [stack.enter_context(LogReader(file)) for file in files_of(log)] for log in options.logs
+                [stack.enter_context(LogReader(file, salvage=options.salvage)) for file in files_of(log)]
+                for log in options.logs
             ]
             self.readers = [reader for recording in self._recordings for reader in recording]
             adapters = load_adapters()
@@ -84,6 +85,11 @@ class Programme:
     def losses(self) -> dict[str, str]:
         """Return what could not be read so far, by log."""
         return {reader.path: str(reader.loss) for reader in self.readers if reader.loss}
+
+    @property
+    def hint(self) -> str | None:
+        """What to do about damaged logs, None if nothing."""
+        return next((reader.loss.hint for reader in self.readers if reader.loss.hint), None)
 
     def _learn_types(self) -> None:
         for key, topic in self.cast.topics.items():

@@ -110,7 +110,7 @@ def _end(
             topics = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(5))
             parts.append(f"{result.lost.total()} messages were not published: {topics}")
         parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:5]]
-        raise DataLossError(plain("; ".join(parts)))
+        raise DataLossError(plain("; ".join(parts)), hint=service.programme.hint)
 
 
 @contextmanager

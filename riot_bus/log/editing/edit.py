@@ -107,6 +107,7 @@ class _Editor:
             {str(log.path): str(log.loss) for log in self._inputs if log.loss},
             dict(self._product.unwritable),
             warnings,
+            next((log.loss.hint for log in self._inputs if log.loss.hint), None),
         )
 
     @cached_property
@@ -311,6 +312,9 @@ class _Editor:
     def _warnings(self) -> list[str]:
         found = [warning for step in self._roster.steps for warning in step.warnings()]
         found += self._product.warnings(self._roster)
+        counts = self._roster.counts()
+        if any(each.read for each in counts) and not any(each.kept for each in counts):
+            found.append("no message is kept")
         if self._piping is not None:
             for name, errors in self._pipeline.errors.items():
                 text = f"interceptor {name} raised {errors.count} times; the messages went on without it. First:"

@@ -53,6 +53,7 @@ class EditResult:
         losses: By input, what could not be read.
         unwritable: Messages, by topic, whose time would not fit into a log.
         warnings: What is odd.
+        hint: What to do about damage, if something can be done.
     """
 
     topics: Sequence[TopicCounts]
@@ -60,6 +61,7 @@ class EditResult:
     losses: Mapping[str, str] = field(default_factory=dict)
     unwritable: Mapping[str, int] = field(default_factory=dict)
     warnings: Sequence[str] = ()
+    hint: str | None = None
 
     def total(self) -> TopicCounts:
         """Return the sums over all topics."""

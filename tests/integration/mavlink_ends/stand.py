@@ -16,7 +16,7 @@ from tests.mavlink_env import mavlink_environment
 
 HERE = Path(__file__).parent
 PATIENCE = 90
-BETWEEN = ("nothing", "native", "intercepted")
+BETWEEN = ("nothing", "native", "intercepted", "own router", "own router, intercepted")
 
 
 class Stand:
@@ -41,16 +41,21 @@ class Stand:
         self.bridge: subprocess.Popen[str] | None = None
         try:
             if between != "nothing":
-                self._between(port, intercepted=between == "intercepted")
+                self._between(port, alone=between.startswith("own"), intercepted=between.endswith("intercepted"))
         except BaseException:
             self._stack.close()
             raise
         self.air = self.air.replace("udpin", "udpout")
 
-    def _between(self, port: int, *, intercepted: bool) -> None:
+    def _between(self, port: int, *, alone: bool, intercepted: bool) -> None:
         options = ["--intercept=mavlink_raw/**"] if intercepted else []
-        router = self._stack.enter_context(RouterProcess(*options))
-        segments = [f"--segment={name}={endpoint}" for name, endpoint in router.endpoints.items()]
+        if alone:
+            looking = [f"--interceptor=record path={self.folder / 'seen.mcap'}"] if intercepted else []
+            listen = ["--listen=system=tcp/127.0.0.1:0", "--listen=unit=tcp/127.0.0.1:0"]
+            segments = [*options, *looking, *listen]
+        else:
+            router = self._stack.enter_context(RouterProcess(*options))
+            segments = [f"--segment={name}={endpoint}" for name, endpoint in router.endpoints.items()]
         links = ["--link=system/air=udpin:127.0.0.1:0", f"--link=unit/ground=udpout:127.0.0.1:{port}"]
         self.bridge = subprocess.Popen(
             [*RIOT, "bridge", "mavlink", *segments, *links, "--format=json"],
@@ -62,9 +67,10 @@ class Stand:
         self._stack.callback(_kill, self.bridge)
         assert self.bridge.stdout is not None
         ready = self.bridge.stdout.readline()
-        match = re.search(r"127\.0\.0\.1:(\d+)", ready)
-        assert match is not None, ready
-        self.air = f"udpout:127.0.0.1:{match[1]}"
+        try:
+            self.air = f"udpout:{json.loads(ready)['links']['air']['where']}"
+        except ValueError:
+            raise AssertionError(ready) from None
 
     def start(self, *command: str) -> subprocess.Popen[str]:
         """Start an end with this interpreter."""
@@ -98,7 +104,7 @@ class Stand:
         self.bridge.send_signal(signal.SIGTERM)
         out, err = self.bridge.communicate(timeout=PATIENCE)
         assert self.bridge.returncode == 0, out + err
-        found: dict[str, Any] = json.loads(out)
+        found: dict[str, Any] = json.loads(out.splitlines()[0])  # its own router's counts follow
         return found
 
     def __enter__(self) -> Self:

@@ -68,8 +68,8 @@ def test_runtime_gets_enough_threads_and_respects_the_user(monkeypatch: pytest.M
 
     monkeypatch.setattr(runtime, "_running", lambda: False)
     monkeypatch.delenv("ZENOH_RUNTIME", raising=False)
-    prepare_runtime(6)
-    assert "rx: (worker_threads: 24)" in runtime.os.environ["ZENOH_RUNTIME"]
+    prepare_runtime(40)
+    assert "rx: (worker_threads: 160)" in runtime.os.environ["ZENOH_RUNTIME"]
     monkeypatch.setenv("ZENOH_RUNTIME", "(rx: (worker_threads: 8))")
     prepare_runtime(2)
     assert runtime.os.environ["ZENOH_RUNTIME"] == "(rx: (worker_threads: 8))"

@@ -12,7 +12,7 @@ from riot_bus.bus.graph.observe import Observer
 from riot_bus.bus.graph.processes import Process, endpoint_of
 from riot_bus.bus.graph.sources import AdminView
 from riot_bus.bus.graph.tokens import ADVANCED, expressions, parse_token
-from riot_bus.types.announcement import Announcement, Role
+from riot_bus.types.announcement import Announcement, BridgedLink, Role
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 A, B, C = "aa", "bb", "cc"
@@ -168,7 +168,7 @@ class Flowing:
     """A bus without segments, of which flows are told."""
 
     sessions: dict[str, Any] = {}  # noqa: RUF012
-    ids = ids_ever = intercepted = services = ()
+    ids = ids_ever = intercepted = services = bridged = ()
 
     def __init__(self, flows: dict[tuple[str, str], int]) -> None:
         self._flows = flows
@@ -190,3 +190,37 @@ def test_of_too_many_keys_the_busiest_are_shown_and_they_stay() -> None:
     assert build(observer.observe()).topics == graph.topics
     flows.clear()
     assert "too many" not in texts(build(observer.observe()))
+
+
+def test_links_of_a_bridge_in_the_router_are_components() -> None:
+    fc = BridgedLink("out", "fc", ("udp/1",), {"m/fc/1/1/A": "1/1", "m/fc/1/2/A": "1/2"}, "m/*/*/*/*")
+    gcs = BridgedLink("in", "gcs", (), {}, "m/*/*/*/*")
+    log = BridgedLink("out", "log", ("a.tlog",), {"m/log/2/1/A": "2/1"})
+    graph = build(
+        Observations(
+            TWO,
+            bridged=(fc, gcs, log),
+            flows={("m/fc/1/1/A", "out"): 7, ("other", "in"): 1},
+            rates={("m/fc/1/1/A", "out"): 2.0},
+            matching=[("in", "m/fc/1/1/A")],
+            intercepted=lambda key: True,
+        )
+    )
+    assert [(each.segment, each.label, each.mode, each.nodes, each.addresses) for each in graph.components] == [
+        ("in", "gcs", "link", (), ()),
+        ("out", "fc", "link", ("1/1", "1/2"), ("udp/1",)),
+        ("out", "log", "link", ("2/1",), ("a.tlog",)),
+    ]
+    found = {(each.topic, each.role, each.zid, each.node, each.messages, each.rate) for each in graph.edges}
+    assert found - {("other", "publishes", "", "", 1, 0.0)} == {
+        ("m/fc/1/1/A", "publishes", "out/fc", "1/1", 7, 2.0),
+        ("m/fc/1/2/A", "publishes", "out/fc", "1/2", 0, 0.0),
+        ("m/log/2/1/A", "publishes", "out/log", "2/1", 0, 0.0),
+        ("m/fc/1/1/A", "subscribes", "in/gcs", "", 0, 0.0),
+        ("m/fc/1/2/A", "subscribes", "in/gcs", "", 0, 0.0),
+        ("m/log/2/1/A", "subscribes", "in/gcs", "", 0, 0.0),
+        ("m/log/2/1/A", "subscribes", "out/fc", "", 0, 0.0),
+    }
+    evidence = {each.evidence for each in graph.edges if each.topic == "m/fc/1/1/A"}
+    assert evidence == {("bridge", "traffic"), ("bridge",)}
+    assert [each.about for each in graph.unknown] == ["other"]

@@ -59,3 +59,11 @@ def test_a_burst_leaves_nothing_behind() -> None:
 
 def test_what_users_wish_of_the_heap_is_kept() -> None:
     assert burst(MALLOC_MMAP_THRESHOLD_="33554432", MALLOC_TRIM_THRESHOLD_="1073741824") > 100_000_000
+
+
+def test_the_collector_leaves_alone_what_is_there() -> None:
+    script = "import gc\nfrom riot_bus.bus.heap import calm_collector\nkept = [[] for _ in range(1000)]\n"
+    script += "calm_collector()\nprint(len(gc.get_objects()), gc.get_freeze_count() > 1000, gc.isenabled())"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    seen, frozen, enabled = done.stdout.split()
+    assert (int(seen) < 1000, frozen, enabled) == (True, "True", "True")

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 from riot_bus.bus.mailbox import Dispatcher, Mailbox
 from riot_bus.message import Message
@@ -22,25 +21,47 @@ def test_bytes_are_bounded_but_one_large_item_always_fits() -> None:
     assert box.offer("small", 1)
 
 
-def test_patience_is_spent_once_until_the_box_has_drained() -> None:
-    box: Mailbox[int] = Mailbox(capacity=2, patience_s=0.05)
-    assert box.offer(0, 0)
-    assert box.offer(1, 0)
-    assert not box.offer(2, 0, patient=True)
-    began = time.monotonic()
-    assert not any(box.offer(3, 0, patient=True) for _ in range(100))
-    assert time.monotonic() - began < 1
-    assert box.take() == 0
-    assert box.offer(4, 0, patient=True)
+def test_many_are_taken_at_once_in_order_but_not_more_than_a_handful_of_bytes() -> None:
+    box: Mailbox[int] = Mailbox()
+    for number in range(10):
+        assert box.offer(number, 0)
+    assert box.take_many(4, 0) == [0, 1, 2, 3]
+    box.wake()
+    assert box.offer(10, 0)
+    assert [box.take_many(100, 0) for _ in range(3)] == [[4, 5, 6, 7, 8, 9], [10], []]
+    for number in range(8):
+        assert box.offer(number, 1 << 20)
+    assert box.take_many(100, 0) == [0, 1, 2, 3]
+    assert len(box) == 4
 
 
-def test_patient_offer_gets_room_that_comes() -> None:
-    box: Mailbox[int] = Mailbox(capacity=1, patience_s=10)
-    assert box.offer(0, 0)
-    taker = threading.Timer(0.01, box.take)
-    taker.start()
-    assert box.offer(1, 0, patient=True)
-    taker.join()
+def test_who_lingers_takes_what_comes_meanwhile() -> None:
+    box: Mailbox[int] = Mailbox()
+    taken: list[list[int]] = []
+    first = threading.Thread(target=lambda: taken.append(box.take_many(100, 10, linger_s=0.5)))
+    first.start()
+    for number in range(5):
+        assert box.offer(number, 0)
+    first.join()
+    assert taken == [[0, 1, 2, 3, 4]]
+
+
+def test_nothing_is_forgotten_between_many_who_put_and_one_who_takes() -> None:
+    box: Mailbox[tuple[int, int]] = Mailbox()
+    putters = [
+        threading.Thread(target=lambda name=name: [box.offer((name, number), 0) for number in range(5000)])  # type: ignore[misc]
+        for name in range(4)
+    ]
+    for each in putters:
+        each.start()
+    found: list[tuple[int, int]] = []
+    while len(found) < 20_000:
+        some = box.take_many(256, 10, linger_s=0.001)
+        assert some, len(found)
+        found += some
+    for name in range(4):
+        assert [number for who, number in found if who == name] == list(range(5000))
+    assert (len(box), box.take(0)) == (0, None)
 
 
 def test_wake_ends_a_wait() -> None:

@@ -46,6 +46,54 @@ def test_info(log):
     assert "summary" not in out
 
 
+def test_a_folder_with_one_log_will_do(log, tmp_path):
+    out = tmp_path / "table.csv"
+    commands = [["info"], ["types"], ["export", "--field", "/string:data", "-o", out]]
+    for command, *more in commands:
+        assert riot(command, tmp_path, *more)[0].replace(str(tmp_path), "") == riot(
+            command, log, *more, *(["--force"] if more else [])
+        )[0].replace(str(tmp_path), "")
+    (tmp_path / "b.mcap").write_bytes(log.read_bytes())
+    for command, *more in commands:
+        _, error = riot(command, tmp_path, *more, error=ConfigError)
+        assert "this folder holds 2 logs" in error
+        assert f"name one, such as {log}, or join them first" in error
+
+
+@pytest.mark.parametrize("words", [["info", "--fields"], ["types"]])
+def test_a_topic_that_the_log_has_not_is_an_error(log, words):
+    command, *more = words
+    _, error = riot(command, log, *more, "--topics", "/strin", error=ConfigError)
+    assert "no topic '/strin' in the log" in error
+    assert "did you mean '/string'" in error
+    assert "/string" in riot(command, log, *more, "--topics", "/string")[0]
+
+
+def test_a_type_that_is_not_spelt_right_is_found_by_its_short_name():
+    _, error = riot("types", "Odometri", error=ConfigError)
+    assert "did you mean 'nav_msgs/msg/Odometry'" in error
+
+
+def test_a_damaged_log_is_exported_as_far_as_wanted(tmp_path):
+    path, out = tmp_path / "a.mcap", tmp_path / "a.csv"
+    with LogWriter(path, compression="none") as writer:
+        for number in range(30):
+            writer.write(Message(number + 1, "k", b'{"x": %2d}' % number, encoding="application/json"))
+    data = bytearray(path.read_bytes())
+    data[data.index(b'{"x": 17}') - 22] ^= 0xFF
+    path.write_bytes(data)
+    _, error = riot("info", path, error=DataLossError)
+    assert "29 messages of them could be salvaged" in error
+    assert "hint: riot edit, play and export" in error
+    _, error = riot("export", path, "--field", "k:x", "-o", out, error=DataLossError)
+    assert "--salvage" in error
+    assert len(out.read_text().splitlines()) == 1
+    _, error = riot("export", path, "--field", "k:x", "-o", out, "--force", "--salvage", error=DataLossError)
+    assert "29 messages of them salvaged, unverified" in error
+    assert "hint" not in error
+    assert len(out.read_text().splitlines()) == 30
+
+
 def test_info_from_the_summary(log):
     out, _ = riot("info", log, "--no-scan")
     assert "from the summary alone; --scan" in out

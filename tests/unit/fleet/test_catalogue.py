@@ -119,6 +119,19 @@ def test_what_is_no_catalogue_is_left_alone(tmp_path: Path) -> None:
         Catalogue(tmp_path)
 
 
+def test_a_catalogue_of_the_first_version_goes_on(tmp_path: Path) -> None:
+    with Catalogue(tmp_path / "c.sqlite") as catalogue:
+        catalogue.put(entry("/a.mcap", scanned=True))
+    with sqlite3.connect(tmp_path / "c.sqlite") as db:
+        db.execute("ALTER TABLE logs DROP COLUMN scanned")
+        db.execute("PRAGMA user_version = 1")
+    db.close()
+    for scanned in (False, True):  # what had been read by then, nobody knows
+        with Catalogue(tmp_path / "c.sqlite") as catalogue:
+            assert catalogue.show("/a.mcap").scanned is scanned
+            catalogue.put(entry("/a.mcap", scanned=True))
+
+
 def test_another_version_is_refused(tmp_path: Path) -> None:
     Catalogue(tmp_path / "c.sqlite").close()
     with sqlite3.connect(tmp_path / "c.sqlite") as db:

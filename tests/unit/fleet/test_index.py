@@ -92,8 +92,11 @@ def test_damage_that_the_summary_does_not_know_of_is_found_on_demand(tmp_path: P
     with Catalogue(None) as catalogue:
         index(catalogue, [str(tmp_path)])
         assert catalogue.show("a.mcap").problem == ""
+        assert index(catalogue, [str(tmp_path)], scan=True).fresh == 1  # though it has not changed
+        assert "damaged chunk" in catalogue.show("a.mcap").problem
+        assert index(catalogue, [str(tmp_path)], scan=True).fresh == 0
     with Catalogue(None) as catalogue:
-        index(catalogue, [str(tmp_path)], scan=True)
+        assert index(catalogue, [str(tmp_path)], scan=True).fresh == 1
         assert "damaged chunk" in catalogue.show("a.mcap").problem
 
 

@@ -3,14 +3,17 @@ import struct
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from riot_bus.log import columns, iter_columns
 from riot_bus.log.editing.edit import edit
 from riot_bus.log.editing.options import EditOptions
+from riot_bus.log.export import export_table
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
@@ -79,7 +82,7 @@ def test_info_says_what_could_be_salvaged_and_edit_does_it(tmp_path):
     info = log_info(path)
     assert info.loss.chunks == 1
     assert info.loss.salvageable > 5
-    assert "could be salvaged (riot edit --salvage)" in str(info.loss)
+    assert "could be salvaged" in str(info.loss)
     kept = edit(EditOptions(inputs=[path], output=out))
     assert kept.total().kept == info.count
     saved = edit(EditOptions(inputs=[path], output=out, force=True, salvage=True))
@@ -89,6 +92,32 @@ def test_info_says_what_could_be_salvaged_and_edit_does_it(tmp_path):
     assert not loss
     assert found == read(path, salvage=True)[0]
     assert [each for each in log if each not in found] == [found_at(log, whole, begin)]
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_columns_and_tables_take_what_an_index_confirms_if_they_are_told_so(tmp_path, threads):
+    path, out = tmp_path / "a.mcap", tmp_path / "a.csv"
+    log = [Message(10**18 + n, "a", b'{"x": %3d}' % n, encoding="application/json", sequence=n) for n in range(90)]
+    whole = write(path, log, chunk_bytes=1000)
+    at = whole.index(log[40].payload)
+    path.write_bytes(whole[: at - 22] + b"\xff" + whole[at - 21 :])
+    found = columns(path, ["a:x"], threads=threads)
+    column = found["a:x"]
+    assert found.loss.chunks == 1
+    assert "--salvage" in str(found.loss.hint)
+    assert len(column) < 90
+    saved = columns(path, ["a:x"], threads=threads, salvage=True)
+    column = saved["a:x"]
+    assert column.values.tolist() == [n for n in range(90) if n != 40]
+    assert (np.diff(column.order) > 0).all()
+    before, after = (int(column.order[column.values == n][0]) for n in (39, 41))
+    assert after - before == 2  # places are those in the file as it was written
+    assert (saved.loss.chunks, saved.loss.hint) == (1, None)
+    assert 0 < saved.loss.salvaged < 90
+    parts = [part["a:x"].values for part in iter_columns(path, ["a:x"], threads=threads, salvage=True)]
+    assert np.concatenate(parts).tolist() == column.values.tolist()
+    assert export_table(path, ["a:x"], out).rows < 89
+    assert export_table(path, ["a:x"], out, force=True, salvage=True).rows == 89
 
 
 def found_at(log: list[Message], whole: bytes, begin: int) -> Message:

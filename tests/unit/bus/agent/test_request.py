@@ -82,6 +82,15 @@ def test_options_that_the_player_refuses_are_refused_at_once(more: dict[str, Any
         parsed(**more).options(AGENT, [Path("/logs/a.mcap")], None)
 
 
+def test_no_file_is_overwritten_from_afar(tmp_path: Path) -> None:
+    agent = AgentOptions(robot="r7", folder=tmp_path, endpoint="tcp/127.0.0.1:7447")
+    request = parse_request(RecordRequest, json.dumps({**RECORD, "output": "a.mcap"}).encode())
+    assert request.options(agent).output == tmp_path.resolve() / "a.mcap"
+    (tmp_path / "a.mcap").touch()
+    with pytest.raises(ConfigError, match=r"'a\.mcap' exists already\n  hint: choose another name$"):
+        request.options(agent)
+
+
 def test_keys_of_administration_are_none_of_anybodys_business() -> None:
     for key in ("@/x", "a/@x/b", "@riot/r7/agent/progress"):
         with pytest.raises(ConfigError, match="not published from afar"):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from riot_bus.bus.capture.books import Book, summed
+from riot_bus.bus.capture.keys import keys_help
 from riot_bus.bus.capture.service import CaptureResult
 from riot_bus.bus.capture.tape import FileResult
 from riot_bus.bus.capture.text import account_lines, answer_lines, progress_line, result_lines
@@ -44,6 +45,23 @@ def test_a_summary_names_files_and_what_is_missing_by_topic() -> None:
         ["/b", "1", "0", "3"],
     ]
     assert account_lines(Account({"/a": 1})) == []
+
+
+def test_a_summary_says_which_files_are_gone_and_what_never_came() -> None:
+    account = Account({"/a": 9})
+    files = [FileResult(f"{n}.mcap", 1000, account, deleted=n < 2) for n in range(3)]
+    assert result_lines(CaptureResult(files, account, 2.0, silent=["/b", "x\x1b/**"]))[1:] == [
+        "  2.mcap: 9 messages, 1.0 kB",
+        "  2 older files with 18 messages are deleted (--max-files)",
+        "nothing came on /b",
+        "nothing came on x\ufffd/**",
+    ]
+    assert [each.row().get("deleted", False) for each in files] == [True, True, False]
+
+
+def test_keys_are_those_that_do_something() -> None:
+    assert "ring" in keys_help(ring=True)
+    assert "another file" in keys_help(ring=False)
 
 
 def test_books_balance() -> None:

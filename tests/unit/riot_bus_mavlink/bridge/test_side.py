@@ -110,6 +110,58 @@ def test_what_comes_over_a_link_goes_to_the_others_and_to_the_bus() -> None:
     assert sorted(bench.port.closed) == sorted(key for key, _, _ in bench.port.puts)
 
 
+def test_what_is_known_of_frames_changes_with_the_links() -> None:
+    bench = Bench("a", "b")
+    side, end = bench.side, bench.ends["a"]
+    raws = [frame_of(sequence=sequence).raw for sequence in range(6)]
+    assert not side.take_single(end, raws[0])
+    for raw in raws[:3]:  # the first one makes the source known, the second one where such frames go
+        side.take(end, end.framer.feed(raw))
+    assert side.take_single(end, raws[3])
+    assert not side.take_single(end, raws[4][:-1] + b"?")
+    assert not side.take_single(end, raws[4] + raws[5])
+    late = bench.ends["c"] = bench._end("c")
+    bench.got["c"] = []
+    side.routes.add(late)
+    assert not side.take_single(end, raws[4])
+    side.take(end, end.framer.feed(raws[4]))
+    assert side.take_single(end, raws[5])
+    assert bench.got == {"a": [], "b": raws, "c": raws[4:]}
+    assert [payload for _, payload, _ in bench.port.puts] == raws
+    assert end.counts == {"in": 6}
+    assert side.counts == {"to_bus": 6}
+    assert (end.losses.counts()[1, 1].received, end.losses.counts()[1, 1].lost) == (6, 0)
+    assert (end.framer.counts.frames, end.framer.counts.bytes) == (6, sum(map(len, raws)))
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 5), st.integers(1, 3)), max_size=40))
+def test_it_makes_no_difference_what_is_known(steps: list[tuple[int, int, int]]) -> None:
+    """Frames of some sources over some links, some for a target: as if each was the first of its kind."""
+    one, other = Bench("a", "b", "c"), Bench("a", "b", "c")
+    for number, (link, kind, system) in enumerate(steps):
+        target = (kind, 1) if kind > 2 else None
+        name = "COMMAND_LONG" if target else ("HEARTBEAT", "ATTITUDE", "SYSTEM_TIME")[kind]
+        raw = frame_of(name, source=(system, 1), target=target, sequence=number, version=1 if kind == 1 else 2).raw
+        for bench in (one, other):
+            end = bench.ends["abc"[link]]
+            if bench is other:
+                end.flows.clear()
+                bench.side._known.clear()
+            if not bench.side.take_single(end, raw):
+                bench.side.take(end, end.framer.feed(raw))
+            bench.side.hear(raw, MARK)
+    assert one.got == other.got
+    assert one.port.puts == other.port.puts
+    assert one.side.counts == other.side.counts
+    for name in "abc":
+        mine, its = one.ends[name], other.ends[name]
+        assert (mine.counts, mine.losses.counts(), mine.framer.counts) == (
+            its.counts,
+            its.losses.counts(),
+            its.framer.counts,
+        )
+
+
 def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
     bench = Bench("a", "b")
     bench.side.take(bench.ends["b"], [frame_of(source=(9, 9))])
