@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import stat
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.bus.config import access_control
 from riot_bus.bus.runtime import wait_until
+from riot_bus.bus.sockets import hang_up, narrow
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.bus.config import SessionConfig
@@ -42,9 +41,7 @@ class DirectLinks:
         self._cut = list(cut), list(services)
         self._names = list(names)
         self._paths = {name: folder / f"direct-{number}" for number, name in enumerate(names)}
-        self._ids = {
-            name: f"{int.from_bytes(os.urandom(16)) | 1 << 124:x}" for name in names
-        }  # no leading zeros in Zenoh's ids
+        self._ids = {name: _new_id() for name in names}
 
     @property
     def ids(self) -> set[str]:
@@ -77,7 +74,9 @@ class DirectLinks:
         ids = self.ids
         linked = wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
         self._unlink()
-        if not linked:
+        if linked:
+            narrow({str(path) for path in self._paths.values()})
+        else:
             self.sever(segments)
 
     def sever(self, segments: Sequence[Segment]) -> None:
@@ -89,7 +88,7 @@ class DirectLinks:
             segment.flush(self._ids[other] for other in self._names if other != segment.name)
         self.severed = True
         self._unlink()
-        _hang_up({str(path) for path in self._paths.values()})
+        hang_up({str(path) for path in self._paths.values()})
         linked = set(self._ids.values())
         wait_until(lambda: not any(linked & segment.peers() for segment in segments), _WITHIN_S)
 
@@ -113,16 +112,3 @@ def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
 
 def _new_id() -> str:
     return f"{int.from_bytes(os.urandom(16)) | 1 << 124:x}"  # no leading zeros in Zenoh's ids
-
-
-def _hang_up(paths: Container[str]) -> None:
-    """Shut down the connections that this process has accepted on Unix sockets; Zenoh has no call for it."""
-    import socket
-
-    for name in os.listdir("/dev/fd"):
-        with suppress(OSError):  # others close theirs meanwhile
-            number = int(name)
-            if stat.S_ISSOCK(os.fstat(number).st_mode):
-                with socket.socket(fileno=os.dup(number)) as end:
-                    if end.getsockname() in paths and not end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-                        end.shutdown(socket.SHUT_RDWR)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 from riot_bus.bus.runtime import open_session, release, wait_until
+from riot_bus.bus.sockets import narrow
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class Junction:
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
         self._begun: tuple[list[str], list[str]] | None = None
-        self._listens = any(not segment.open_to_all for segment in segments)
+        self._listens = any(not segment.door for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
         self._timeout = timeout
@@ -103,9 +104,9 @@ class Junction:
             if former[0] is not None:
                 self._flush(former[1])  # what lanes have just undeclared
             session, begun = begun or self._begin(cut, services, taken), None
-            if wait_until(self._linked, deadline - time.monotonic()) and self._routes(
-                {"": session}, patience * _ROUTES_S
-            ):
+            linked = wait_until(self._linked, deadline - time.monotonic())
+            narrow({each.partition("/")[2] for each in (self._path, *(segment.door for segment in self._segments))})
+            if linked and self._routes({"": session}, patience * _ROUTES_S):
                 self._leave(*former)
                 former = None, ""
                 if self._direct is not None and not self._direct.cuts(cut, services):
@@ -136,7 +137,7 @@ class Junction:
         self._path = next(path for path in self._inner if path != taken) if self._listens else ""
         rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
-            connect=[segment.endpoints[0] for segment in self._segments if segment.open_to_all],
+            connect=[segment.door for segment in self._segments if segment.door],
             listen=[self._path] if self._listens else [],
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **rules, _WEIGHTS: self._weights()},

@@ -97,12 +97,13 @@ class Network:
                 self.direct = DirectLinks(list(self.settings), folder, cut=cut, services=services)
             for name, each in self.settings.items():
                 direct = self.direct
+                door = [f"unixsock-stream/{folder}/door-{len(self.segments)}"] if several and name not in closed else []
                 segment = Segment(
                     name,
                     each.listen,
                     connect=[*each.connect, *(direct.connect(name) if direct is not None else ())],
                     inner=inner if name in closed else (),
-                    hidden=direct.listen(name) if direct is not None else (),
+                    hidden=[*door, *(direct.listen(name) if direct is not None else ())],
                     config=configs[name] | (direct.config(name) if direct is not None else {}),
                     wait_before_close_s=self.wait_before_close_s,
                 )

@@ -27,7 +27,7 @@ class Segment:
         listen: Endpoints to listen on; none means a free port of this machine.
         connect: Routers and peers outside that it joins.
         inner: Where junctions will listen, if the segment lets nobody in without asking who it is.
-        hidden: Further endpoints to listen on, for other segments.
+        hidden: Further endpoints to listen on, for other segments and, if there is no `inner`, first for junctions.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
@@ -59,8 +59,8 @@ class Segment:
         found = [each for each in listening(self.session) if each not in hidden]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
         """Where components can connect."""
-        self.open_to_all = not inner
-        """Whether the junction may connect to the first endpoint; if not, the segment connects to the junction."""
+        self.door = hidden[0] if hidden and not inner else ""
+        """Where the junction may connect; if it is empty, the segment connects to the junction."""
 
     def peers(self) -> set[str]:
         """Return the ids of the sessions that are connected."""

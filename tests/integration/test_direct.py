@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.direct import _hang_up
 from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
+from riot_bus.bus.sockets import hang_up
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
@@ -71,7 +71,7 @@ def test_when_a_link_breaks_that_is_reported_and_the_junction_takes_over() -> No
         direct = bus._network.direct
         assert direct is not None
         sockets = [each.split("/", 1)[1] for name in SEGMENTS for each in direct.listen(name)]
-        _hang_up(set(sockets))
+        hang_up(set(sockets))
         assert wait_until(lambda: bool(bus.losses.links), 5)
         assert {link.reason for link in bus.losses.links} == {"inner"}
         assert wait_until(lambda: linked(bus) == set(), 10)

@@ -131,7 +131,10 @@ def lived(python: Path, endpoints: dict[str, str], folder: Path) -> Seen:
             found = [each for _, each in raw(bystander, greetings + len(sent)) if each.version == 2][-len(sent) :]
             attachments[topic] = [(e.sequence - found[0].sequence, e.version, e.gid == found[0].gid) for e in found]
         unit.do("serve", "/add")
-        assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=20) == 2, 60)
+        # Zenoh drops, without an answer, what is asked before the way to the server is known, also at plain routers.
+        assert wait_until(lambda: system.do("call", "/add", a=0, b=2, timeout=1) == 2, 60)
+        early = system.errors()
+        assert all(line.endswith("Service call timed out after 1 seconds") for line in early.splitlines()), early
         sums = [system.do("call", "/add", a=number, b=-(2**62)) for number in range(3)]
         latched = stack.enter_context(Puppet(endpoints["system"]))
         latched.do("publish_advanced", key=build_data_key(MAP), payloads=[text(f"map {number}") for number in range(3)])
@@ -149,7 +152,9 @@ def lived(python: Path, endpoints: dict[str, str], folder: Path) -> Seen:
         wait_until(told_once, 60)
         asked = sorted({each["data"] for each in unit.do("received", "/map")})
         listed = [{name: each.do(what).get(name) for name in names} for each, what, names in listings(system, unit)]
-        return Seen(topics, attachments, sums, joined, asked, listed, system.errors() + unit.errors())
+        return Seen(
+            topics, attachments, sums, joined, asked, listed, system.errors().removeprefix(early) + unit.errors()
+        )
 
 
 def listings(*of: RosNode) -> Iterator[tuple[RosNode, str, list[str]]]:

@@ -24,17 +24,17 @@ def test_a_table_of_logs() -> None:
     )
     late = LogEntry(place="/f.mcap", size=1, stamp="", robot="r1", start=2**63 - 1, end=2**63 - 1, lost=1, gone=True)
     assert list_lines([LOG, empty, late]) == [
-        "    robot  begin (UTC)          length  messages     size             log",
-        " 3  r7\ufffd    2023-11-14 22:13:20  90.0 s        12  3.0 MiB             /logs/\ufffd[31mred.mcap",
-        "12  r1     -                     0.0 s         0      0 B  not a log  /e.mcap",
-        " 0  r1     2262-04-11 23:47:16   0.0 s         0      1 B  gone       /f.mcap",
+        "    robot  begin (UTC)          length  messages    size             log",
+        " 3  r7\ufffd    2023-11-14 22:13:20  90.0 s        12  3.1 MB             /logs/\ufffd[31mred.mcap",
+        "12  r1     -                     0.0 s         0     0 B  not a log  /e.mcap",
+        " 0  r1     2262-04-11 23:47:16   0.0 s         0     1 B  gone       /f.mcap",
     ]
 
 
 def test_one_log() -> None:
     assert show_lines(LOG) == [
         "log 3: /logs/\ufffd[31mred.mcap",
-        "robot r7\ufffd (as the folder says), 3.0 MiB, profile -",
+        "robot r7\ufffd (as the folder says), 3.1 MB, profile -",
         "2023-11-14 22:13:20 to 2023-11-14 22:14:50 UTC, 90.000 s, 12 messages",
         "note: a\ufffdb",
         "seed: 4",
