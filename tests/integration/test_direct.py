@@ -12,7 +12,7 @@ from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.sockets import hang_up
+from riot_bus.bus.sockets import _ends, hang_up
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
@@ -116,3 +116,20 @@ def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd
             with pytest.raises(EnvironmentFaultError, match="is in use"):
                 Network(segments).open()
     assert capfd.readouterr().err == ""
+
+
+def test_a_reader_between_segments_finds_its_socket_empty_before_tokio_sets_it_aside() -> None:
+    with Bus(SEGMENTS, intercept=["cut/**"]) as bus:
+        network = bus._network
+        assert network.direct is not None
+        direct = {each.partition("/")[2] for name in SEGMENTS for each in network.direct.listen(name)}
+        doors = {bus.segment(name).door.partition("/")[2] for name in SEGMENTS}
+
+        def buffers(paths: set[str]) -> list[int]:
+            return [each.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) for each in _ends(paths)]
+
+        for paths, ends in ((direct, 6), (doors, 6)):  # three links between three segments, and three to the junction
+            assert buffers(paths) == [32 << 10] * ends
+        bus.set_intercept(["other/**"])
+        assert buffers(direct) == []
+        assert buffers(doors) == [32 << 10] * 6
