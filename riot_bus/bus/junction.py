@@ -105,7 +105,7 @@ class Junction:
                 self._flush(former[1])  # what lanes have just undeclared
             session, begun = begun or self._begin(cut, services, taken), None
             linked = wait_until(self._linked, deadline - time.monotonic())
-            narrow({each.partition("/")[2] for each in (self._path, *(segment.door for segment in self._segments))})
+            narrow(self._sockets())
             if linked and self._routes({"": session}, patience * _ROUTES_S):
                 self._leave(*former)
                 former = None, ""
@@ -200,6 +200,11 @@ class Junction:
         """
         for segment in self._segments:
             segment.flush([zid])
+
+    def _sockets(self) -> set[str]:
+        """Return the paths of the sockets over which segments and junction are linked."""
+        doors = {segment.door for segment in self._segments} | {self._path}
+        return {each.partition("/")[2] for each in doors if each}
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)
