@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["Network"]
 
 _SHARED_MEMORY = "transport/shared_memory/enabled"
+_PROTOCOLS = "transport/link/protocols"
+_OWN_PROTOCOL = "unixsock-stream"
 _INNER = 3
 
 
@@ -88,16 +90,16 @@ class Network:
             return self
         prepare_runtime(len(self.settings))
         with ExitStack() as stack:
-            configs = {name: {**self._config, **each.config} for name, each in self.settings.items()}
+            configs = {name: _admitting_own({**self._config, **each.config}) for name, each in self.settings.items()}
             closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]
             several = len(self.settings) > 1
             folder = _folder(stack) if several else Path()
-            inner = [f"unixsock-stream/{folder}/{number}" for number in range(_INNER)] if several and closed else []
+            inner = [f"{_OWN_PROTOCOL}/{folder}/{number}" for number in range(_INNER)] if several and closed else []
             if several and are_possible(configs):
                 self.direct = DirectLinks(list(self.settings), folder, cut=cut, services=services)
             for name, each in self.settings.items():
                 direct = self.direct
-                door = [f"unixsock-stream/{folder}/door-{len(self.segments)}"] if several and name not in closed else []
+                door = [f"{_OWN_PROTOCOL}/{folder}/door-{len(self.segments)}"] if several and name not in closed else []
                 segment = Segment(
                     name,
                     each.listen,
@@ -158,6 +160,14 @@ class Network:
     def sessions(self) -> dict[str, zenoh.Session]:
         """The segments' own sessions."""
         return {name: segment.session for name, segment in self.segments.items()}
+
+
+def _admitting_own(config: dict[str, Any]) -> dict[str, Any]:
+    """Let a segment that speaks certain protocols only be linked to the others; it listens nowhere else for that."""
+    protocols = config.get(_PROTOCOLS)
+    if not isinstance(protocols, list) or not protocols or _OWN_PROTOCOL in protocols:
+        return config
+    return {**config, _PROTOCOLS: [*protocols, _OWN_PROTOCOL]}
 
 
 def _folder(stack: ExitStack) -> Path:

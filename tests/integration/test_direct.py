@@ -133,3 +133,10 @@ def test_a_reader_between_segments_finds_its_socket_empty_before_tokio_sets_it_a
         bus.set_intercept(["other/**"])
         assert buffers(direct) == []
         assert buffers(doors) == [32 << 10] * 6
+
+
+def test_segments_that_speak_certain_protocols_only_are_joined() -> None:
+    with Bus(SEGMENTS, config={"transport/link/protocols": ["tcp"]}) as bus, components(bus) as (source, *sinks):
+        source.do("put_texts", key="free/x", payloads=["1"], congestion="BLOCK")
+        for sink in sinks:
+            assert bytes.fromhex(sink.do("wait", count=1)[0]["payload"]) == b"1"
