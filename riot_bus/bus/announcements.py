@@ -6,6 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.learner import Learner
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release, wait_until
 
 if TYPE_CHECKING:
@@ -50,13 +51,11 @@ class Announcements:
             wait: Return once present tokens are known, and their owners have been asked for unknown types; with those
                 who say nothing, this takes two seconds.
         """
-        import zenoh
-
         liveliness = session.liveliness()
         self._learner.sessions.append(session)
         # On the thread that reads the link, for then the end of an answer comes after all that was heard before it:
         # zenoh 1.10.2 may leave out of the answer what the session has heard of.
-        heard: Any = zenoh.handlers.Callback(self._take, indirect=False)
+        heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
         for adapter in self._registry.stampings():
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
             for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():  # what goes now is heard

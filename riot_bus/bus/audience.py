@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.convert import publisher_settings
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -51,13 +52,12 @@ class Audience:
         changed: Callable[[], None] | None = None,
         everybody: bool = False,
     ) -> None:
-        import zenoh
-
+        zenoh = library_of(session)
         self._publisher: Any = session.declare_publisher(
             key,
             encoding=zenoh.Encoding(encoding) if encoding else None,
             allowed_destination=zenoh.Locality.ANY if everybody else zenoh.Locality.REMOTE,
-            **publisher_settings(qos),
+            **publisher_settings(qos, zenoh),
         )
         self._put = self._publisher.put
         self._changed, self._everybody = changed, everybody

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -30,8 +31,7 @@ class Batches:
     """
 
     def __init__(self, session: zenoh.Session, expression: str) -> None:
-        import zenoh
-
+        zenoh = library_of(session)
         self._error = zenoh.ZError
         self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.commands import COMMANDS, LARGEST_PAYLOAD, Command, answer, refusal
 from riot_bus.bus.config import OWN_CHUNK
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.errors import ConfigError, EnvironmentFaultError, RiotError
 
@@ -59,11 +60,11 @@ class Control:
         self._thread = threading.Thread(target=self._run, name="riot-control", daemon=True)
 
     def __enter__(self) -> Self:
-        import zenoh
-
         expression = f"{OWN_CHUNK}/{self._name}/{self._under}"
         for session in self._sessions.values():
-            queryable = session.declare_queryable(expression, self._take, allowed_origin=zenoh.Locality.REMOTE)
+            queryable = session.declare_queryable(
+                expression, self._take, allowed_origin=library_of(session).Locality.REMOTE
+            )
             self._queryables.append(queryable)
         self._thread.start()
         return self
@@ -122,9 +123,7 @@ class Control:
 
     @staticmethod
     def _means(query: zenoh.Query, key: str) -> bool:
-        import zenoh
-
-        return query.key_expr.intersects(zenoh.KeyExpr(key))
+        return query.key_expr.intersects(library_of(query).KeyExpr(key))
 
     @staticmethod
     def _reply(query: zenoh.Query, key: str, payload: bytes) -> None:

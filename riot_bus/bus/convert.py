@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.libraries import library_of
 from riot_bus.message import Message, Qos
 
 if TYPE_CHECKING:
@@ -94,12 +95,10 @@ class Occasional:
 
     __slots__ = ("_encoding", "_key", "_qos", "_session")
 
-    def __init__(
-        self, session: zenoh.Session, key: str, qos: Mapping[str, Any], encoding: zenoh.Encoding | None
-    ) -> None:
+    def __init__(self, session: zenoh.Session, key: str, qos: Mapping[str, Any], encoding: str | None) -> None:
         self._session, self._key, self._qos, self._encoding = session, key, qos, encoding
 
-    def put(self, payload: Any, *, encoding: zenoh.Encoding | None = None, attachment: Any = None) -> None:
+    def put(self, payload: Any, *, encoding: zenoh.Encoding | str | None = None, attachment: Any = None) -> None:
         """Publish as a publisher does."""
         encoding = self._encoding if encoding is None else encoding
         self._session.put(self._key, payload, encoding=encoding, attachment=attachment, **self._qos)
@@ -118,6 +117,7 @@ class Outlets:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
+        self._library = library_of(session)
         self._publishers: dict[tuple[str, Qos], zenoh.Publisher] = {}
         self._times: Counter[tuple[str, Qos]] = Counter()
         self._encodings: dict[str, zenoh.Encoding] = {}
@@ -139,7 +139,7 @@ class Outlets:
         if seconds > self.longest_s:
             self.longest_s = seconds
 
-    def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | None = None) -> zenoh.Publisher:
+    def publisher(self, key: str, qos: Qos, encoding: zenoh.Encoding | str | None = None) -> zenoh.Publisher:
         """Return the publisher of a key; declare it, if that was not done.
 
         Args:
@@ -150,45 +150,45 @@ class Outlets:
         known = self._publishers.get((key, qos))
         if known is not None:
             return known
-        publisher = self._session.declare_publisher(key, encoding=encoding, **publisher_settings(qos))
+        publisher = self._session.declare_publisher(key, encoding=encoding, **publisher_settings(qos, self._library))
         if len(self._publishers) >= _CACHED_PUBLISHERS:
             self._publishers.clear()  # they undeclare themselves
         self._publishers[key, qos] = publisher
         return publisher
 
-    def occasional(self, key: str, qos: Qos, encoding: zenoh.Encoding) -> zenoh.Publisher | Occasional:
+    def occasional(self, key: str, qos: Qos, encoding: str) -> zenoh.Publisher | Occasional:
         """Return what publishes on a key for the first time; its publisher, if it was declared before."""
-        return self._publishers.get((key, qos)) or Occasional(self._session, key, publisher_settings(qos), encoding)
+        return self._publishers.get((key, qos)) or self._occasional(key, qos, encoding)
 
     def _seldom(self, key: str, qos: Qos) -> zenoh.Publisher | Occasional:
         self._times[key, qos] += 1
         if self._times[key, qos] <= FEW:
             if len(self._times) > _CACHED_PUBLISHERS:
                 self._times.clear()
-            return Occasional(self._session, key, publisher_settings(qos), None)
+            return self._occasional(key, qos, None)
         del self._times[key, qos]
         return self.publisher(key, qos)
 
+    def _occasional(self, key: str, qos: Qos, encoding: str | None) -> Occasional:
+        return Occasional(self._session, key, publisher_settings(qos, self._library), encoding)
+
     def encoding(self, text: str) -> zenoh.Encoding:
         """Return Zenoh's object for an encoding string."""
-        import zenoh
-
         known = self._encodings.get(text)
         if known is not None:
             return known
         if len(self._encodings) >= _CACHED_PUBLISHERS:
             self._encodings.clear()
-        encoding = self._encodings[text] = zenoh.Encoding(text or _DEFAULT_ENCODING)
+        encoding: zenoh.Encoding = self._library.Encoding(text or _DEFAULT_ENCODING)
+        self._encodings[text] = encoding
         return encoding
 
 
-def publisher_settings(qos: Qos) -> dict[str, Any]:
-    """Return what Zenoh calls these delivery settings when a publisher is declared."""
-    import zenoh
-
+def publisher_settings(qos: Qos, library: Any) -> dict[str, Any]:
+    """Return what a copy of Zenoh's library calls these delivery settings when a publisher is declared."""
     return {
-        "priority": getattr(zenoh.Priority, _PRIORITIES[qos.priority - 1]),
-        "congestion_control": getattr(zenoh.CongestionControl, qos.congestion.upper()),
+        "priority": getattr(library.Priority, _PRIORITIES[qos.priority - 1]),
+        "congestion_control": getattr(library.CongestionControl, qos.congestion.upper()),
         "express": qos.express,
     }
 

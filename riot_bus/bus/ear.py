@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -31,12 +32,11 @@ class Ear:
     """
 
     def __init__(self, key: str, sessions: Sequence[zenoh.Session], heard: Callable[[], None]) -> None:
-        import zenoh
-
         self.attachments: list[bytes] = []
         self._heard = heard
         self._listeners: list[Any] = []
         for session in sessions:
+            zenoh = library_of(session)
             try:
                 self._listeners.append(
                     session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))

@@ -72,7 +72,7 @@ def runtime(segments: int) -> Runtime:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            prepare_runtime(segments)
+            prepare_runtime()
         except ConfigError as error:
             return Runtime("problem", error.message, error.hint or "")
     if caught:

@@ -9,12 +9,13 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
+from riot_bus.bus.libraries import borrow, give_back, library_of
 from riot_bus.bus.runtime import open_session, release, wait_until
-from riot_bus.bus.sockets import narrow
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from types import ModuleType
 
     import zenoh
 
@@ -75,6 +76,7 @@ class Junction:
         self._listens = any(not segment.door for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
+        self._library: ModuleType | None = borrow()
         self._timeout = timeout
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
@@ -105,7 +107,6 @@ class Junction:
                 self._flush(former[1])  # what lanes have just undeclared
             session, begun = begun or self._begin(cut, services, taken), None
             linked = wait_until(self._linked, deadline - time.monotonic())
-            narrow(self._sockets())
             if linked and self._routes({"": session}, patience * _ROUTES_S):
                 self._leave(*former)
                 former = None, ""
@@ -142,7 +143,7 @@ class Junction:
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **rules, _WEIGHTS: self._weights()},
         )
-        self.session = session = open_session(settings, purpose="junction")
+        self.session = session = open_session(settings, purpose="junction", library=self._library)
         self.zid = str(session.info.zid())
         self.ids.add(self.zid)
         return session
@@ -163,6 +164,9 @@ class Junction:
         if self._direct is not None:
             self._sever(self._direct)
         self._leave(*former)
+        library, self._library = self._library, None
+        if library is not None:
+            give_back(library)
 
     def _tokens(self, cut: Sequence[str]) -> list[str]:
         """Return which tokens of advanced publishers must not cross.
@@ -200,11 +204,6 @@ class Junction:
         """
         for segment in self._segments:
             segment.flush([zid])
-
-    def _sockets(self) -> set[str]:
-        """Return the paths of the sockets over which segments and junction are linked."""
-        doors = {segment.door for segment in self._segments} | {self._path}
-        return {each.partition("/")[2] for each in doors if each}
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)
@@ -249,10 +248,9 @@ class _Probe(NamedTuple):
 
 def _probes(segments: Sequence[Segment]) -> list[_Probe]:
     """Several per segment, since some of the subscriptions may get through."""
-    import zenoh
-
     result = []
     for segment in segments:
+        zenoh = library_of(segment.session)
         for number in range(_PROBES):
             # A verbatim chunk (`@riot`) stays out of everybody's wildcards; the id keeps probes of other routers out.
             key = f"{OWN_CHUNK}/{segment.zid}/{number}"

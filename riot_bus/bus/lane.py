@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.arrival import SampleArrival
 from riot_bus.bus.convert import FEW, Converter, is_delete, is_droppable
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.bus.tally import Tally
 from riot_bus.pipeline.runner import AbandonedError
@@ -65,6 +66,7 @@ class _Way:
         "rewritten",
         "seen",
         "senders",
+        "text",
     )
 
     def __init__(self, key: str, qos: Qos, sample: Any, outlets: list[Outlets], *, looked_at: bool) -> None:
@@ -74,7 +76,8 @@ class _Way:
         self.congestion = sample.congestion_control
         self.express = sample.express
         self.encoding = sample.encoding
-        self.publishers: list[Any] = [outlet.occasional(key, qos, sample.encoding) for outlet in outlets]
+        self.text = str(sample.encoding)
+        self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
         self.outlets = outlets
         self.few = 0
         self.put: Callable[..., None] = self._put_first
@@ -91,7 +94,7 @@ class _Way:
     def _put_first(self, payload: Any, **more: Any) -> None:
         self.few += 1
         if self.few > FEW:
-            self.publishers = [each.publisher(self.key, self.qos, self.encoding) for each in self.outlets]
+            self.publishers = [each.publisher(self.key, self.qos, self.text) for each in self.outlets]
             self.put = self.publishers[0].put if len(self.publishers) == 1 else self._put
         self._put(payload, **more)
 
@@ -121,8 +124,7 @@ class Lane:
         convert: Converter,
         owner: Callable[[str], str | None],
     ) -> None:
-        import zenoh
-
+        library = library_of(session)
         self.segment = segment
         self.expression = expression
         self.waiting = False
@@ -145,11 +147,11 @@ class Lane:
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
-        self._zenoh_error = zenoh.ZError
+        self._zenoh_error = library.ZError
         self._subscriber = session.declare_subscriber(
             expression,
-            zenoh.handlers.FifoChannel(_CHANNEL),
-            allowed_origin=zenoh.Locality.REMOTE,  # what we publish ourselves must not come back
+            library.handlers.FifoChannel(_CHANNEL),
+            allowed_origin=library.Locality.REMOTE,  # what we publish ourselves must not come back
         )
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
         self._thread = self._spawn()
@@ -305,12 +307,14 @@ class Lane:
                 payload = changed
             else:
                 way.passed += 1
+                payload = payload.to_bytes()  # objects of one library are strange to another
             if attachment is not None:
-                out((way, payload, {"encoding": encoding, "attachment": attachment}))
+                text = way.text if way.encoding == encoding else str(encoding)
+                out((way, payload, {"encoding": text, "attachment": attachment.to_bytes()}))
             elif way.encoding == encoding:
                 out((way, payload, None))
             else:
-                out((way, payload, {"encoding": encoding}))
+                out((way, payload, {"encoding": str(encoding)}))
         self.flush()
         self._note_sender(first)
         took = time.monotonic() - began
@@ -361,7 +365,7 @@ class Lane:
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
         """Take one message that somebody wants to see, or that has no payload."""
-        payload: Any = sample.payload
+        payload: Any = None
         if way.looked_at:
             way.seen += 1
             self._current = sample
@@ -374,16 +378,19 @@ class Lane:
             self._current = None
             if what is None:
                 return
-            payload = payload if what is True else what
+            payload = None if what is True else what
         else:
             way.passed += 1
-        attachment, encoding = sample.attachment, sample.encoding
+        if payload is None:
+            payload = sample.payload.to_bytes()
+        encoding, found = sample.encoding, sample.attachment
+        attachment = None if found is None else found.to_bytes()
         if is_delete(sample):
             self._out.append((way, None, {"attachment": attachment}))
         elif attachment is None and way.encoding == encoding:
             self._out.append((way, payload, None))
         else:
-            self._out.append((way, payload, {"encoding": encoding, "attachment": attachment}))
+            self._out.append((way, payload, {"encoding": str(encoding), "attachment": attachment}))
 
     def flush(self) -> None:
         """Publish what is ready. In one go, since what Zenoh gets at once it sends at once."""

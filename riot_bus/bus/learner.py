@@ -14,6 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.ear import Ear
+from riot_bus.bus.libraries import library_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -90,7 +91,7 @@ class Learner:
         self._questions = 0
         self._closed = False
         self._thread: threading.Thread | None = None
-        self._cancelled: Any = None
+        self._asking: Any = None
 
     def look(self, key: str) -> None:
         """Learn the type of a key, soon, if it is missing; returns at once. Call it whenever the key is announced."""
@@ -99,9 +100,6 @@ class Learner:
                 return
             self._pursued[key] = _Pursuit(key, time.monotonic() + _FIRST_S)
             if self._thread is None:
-                import zenoh
-
-                self._cancelled = zenoh.CancellationToken()
                 self._thread = threading.Thread(target=self._run, name="riot-types", daemon=True)
                 self._thread.start()
         self._wake.set()
@@ -117,9 +115,10 @@ class Learner:
         """Ask no more; safe to call twice."""
         with self._lock:
             self._closed = True
+            if self._asking is not None:
+                self._asking.cancel()
         self._wake.set()
         if self._thread is not None:
-            self._cancelled.cancel()
             self._thread.join()
 
     def _run(self) -> None:
@@ -180,11 +179,12 @@ class Learner:
         self._pursued.pop(pursuit.key)
 
     def _ask(self, key: str, payload: bytes, attachment: bytes) -> Iterator[bytes]:
-        import zenoh
-
         for session in self.sessions:
-            if self._closed or self._questions >= _MOST_QUESTIONS:
-                return
+            zenoh = library_of(session)
+            with self._lock:
+                if self._closed or self._questions >= _MOST_QUESTIONS:
+                    return
+                self._asking = zenoh.CancellationToken()
             self._questions += 1
             try:
                 replies = session.get(
@@ -194,7 +194,7 @@ class Learner:
                     consolidation=zenoh.ConsolidationMode.NONE,
                     timeout=_ANSWER_S,
                     allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for services
-                    cancellation_token=self._cancelled,
+                    cancellation_token=self._asking,
                 )
             except zenoh.ZError:  # it is closed, or this is no key
                 continue

@@ -88,7 +88,7 @@ class Network:
         """
         if self._open:
             return self
-        prepare_runtime(len(self.settings))
+        prepare_runtime()
         with ExitStack() as stack:
             configs = {name: _admitting_own({**self._config, **each.config}) for name, each in self.settings.items()}
             closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]

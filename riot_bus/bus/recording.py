@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.announcements import Announcements
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.logfiles import claim
 from riot_bus.errors import ConfigError
 from riot_bus.selector import key_matches
@@ -195,12 +196,11 @@ class Recordings:
         sessions = self._bus().sessions
         if len(sessions) < 2:
             return
-        import zenoh
-
         # Nobody subscribes to this key but those who subscribe to everything.
         key = f"riot_bus/{next(iter(sessions.values())).info.zid()}"
         publishers: list[Any] = [
-            each.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE) for each in sessions.values()
+            each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
+            for each in sessions.values()
         ]
         wait_until(lambda: all(each.matching_status.matching for each in publishers), _OBSERVED_S)
         for each in publishers:

@@ -16,6 +16,7 @@ from riot_bus.bus.convert import Claims, Converter, Outlets
 from riot_bus.bus.crossing import Crossing
 from riot_bus.bus.gate import BUDGET_S, Gate
 from riot_bus.bus.lane import Lane
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.mailbox import Dispatcher
 from riot_bus.bus.network import Network
 from riot_bus.bus.ramp import Ramp
@@ -499,9 +500,8 @@ class Bus:
         Returns:
             What nobody has subscribed to; empty when all went well.
         """
-        import zenoh
-
         session = self.segment(segment).session
+        zenoh = library_of(session)
         # Not by the admin space, which tells it exactly: a query there while somebody declares something can block
         # the whole router for ever (zenoh 1.10.2 locks its tables twice).
         waiting: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Opening Zenoh sessions: the shared runtime, ports, and errors that people understand."""
+"""Opening Zenoh sessions: their threads, ports, and errors that people understand."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import os
 import re
 import time
 import warnings
-from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.errors import ConfigError, EnvironmentFaultError
@@ -35,51 +33,31 @@ __all__ = [
 
 _VARIABLE = "ZENOH_RUNTIME"
 _RECEIVERS = 128
-_RECEIVERS_PER_SEGMENT = 4
+_FEW_RECEIVERS = 4
 _ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 
-def prepare_runtime(segments: int = 1) -> None:
-    """Give Zenoh's runtime enough receive threads; call before the first session of the process.
+def prepare_runtime() -> None:
+    """Give Zenoh's runtimes enough receive threads; call before the first session of the process.
 
-    All sessions of a process share one pool. A receive task that pushes into a full queue blocks its thread: as many
-    threads may be blocked as components publish faster than somebody receives. If none is left for the link that they
-    push to, the routers of one process wait for each other, and Zenoh closes links. Threads that wait cost nothing.
-
-    Args:
-        segments: Number of segments that will be opened.
-
-    Raises:
-        ConfigError: The user's `ZENOH_RUNTIME` leaves fewer threads than there are routers.
+    A receive task that pushes into a full queue blocks its thread: as many threads of a router may be blocked as
+    components publish faster than somebody receives. If none is left for the link that the receivers are behind, and
+    they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost nothing.
     """
-    if _VARIABLE not in os.environ and not _running():
-        receivers = max(_RECEIVERS, _RECEIVERS_PER_SEGMENT * segments)
-        os.environ[_VARIABLE] = f"(rx: (worker_threads: {receivers}), tx: (worker_threads: 4))"
+    if _VARIABLE not in os.environ:
+        os.environ[_VARIABLE] = f"(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))"
         return
-    receivers = _receivers_of(os.environ.get(_VARIABLE, ""))
-    wanted = _RECEIVERS_PER_SEGMENT * segments
-    hint = f"set {_VARIABLE}='(rx: (worker_threads: {max(_RECEIVERS, wanted)}), tx: (worker_threads: 4))'"
-    if receivers <= segments:
-        text = f"{receivers} receive threads are too few for {segments} segments and their junction"
-        raise ConfigError(text, where=_VARIABLE, hint=hint)
-    if receivers < wanted:
-        text = f"{receivers} receive threads for {segments} segments: expect stalls and closed links under load; {hint}"
+    receivers = _receivers_of(os.environ[_VARIABLE])
+    if receivers < _FEW_RECEIVERS:
+        hint = f"set {_VARIABLE}='(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))'"
+        text = f"receive threads per router: {receivers}: expect stalls and closed links under load; {hint}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def _receivers_of(value: str) -> int:
     found = re.search(r"\brx\s*:\s*\([^()]*?worker_threads\s*:\s*(\d+)", value)
     return int(found.group(1)) if found else _ZENOH_RECEIVERS
-
-
-def _running() -> bool:
-    """Return whether Zenoh's runtime runs already, so that setting the variable comes too late."""
-    for name in Path("/proc/self/task").glob("*/comm"):
-        with suppress(OSError):  # a thread may end while we look
-            if name.read_text().startswith("rx-"):
-                return True
-    return False
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
@@ -91,12 +69,13 @@ def free_endpoint(host: str = "127.0.0.1") -> str:
         return f"tcp/{host}:{probe.getsockname()[1]}"
 
 
-def open_session(config: SessionConfig, *, purpose: str) -> zenoh.Session:
+def open_session(config: SessionConfig, *, purpose: str, library: Any = None) -> zenoh.Session:
     """Open a Zenoh session.
 
     Args:
         config: Configuration keys and JSON values.
         purpose: What the session is for, as errors name it: `segment 'unit'`.
+        library: The copy of Zenoh's library (`libraries.borrow`); none means `zenoh` itself.
 
     Raises:
         ConfigError: Zenoh does not know a key or refuses its value.
@@ -104,20 +83,22 @@ def open_session(config: SessionConfig, *, purpose: str) -> zenoh.Session:
     """
     import zenoh
 
-    settings = zenoh.Config()
+    library = library or zenoh
+    settings = library.Config()
     for key, value in config.items():
         try:
             settings.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
+        except library.ZError as error:
             raise ConfigError(
                 f"Zenoh refuses {json.dumps(value)}: {reason(error)}",
                 where=f"{purpose}: {key}",
                 hint="keys are those of Zenoh's configuration file, joined by '/'",
             ) from error
     try:
-        return zenoh.open(settings)
-    except zenoh.ZError as error:
+        session: zenoh.Session = library.open(settings)
+    except library.ZError as error:
         raise _open_error(error, config, purpose) from error
+    return session
 
 
 def _open_error(error: Exception, config: SessionConfig, purpose: str) -> EnvironmentFaultError:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S, router_config
+from riot_bus.bus.libraries import borrow, give_back
 from riot_bus.bus.runtime import listening, open_session, release
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from types import ModuleType
 
 __all__ = ["EPHEMERAL", "Segment"]
 
@@ -54,7 +56,12 @@ class Segment:
             wait_before_close_s=wait_before_close_s,
             extra={**({"connect/retry": _RETRY} if inner else {}), **(config or {})},
         )
-        self.session = open_session(settings, purpose=f"segment {name!r}")
+        self._library: ModuleType | None = borrow()
+        try:
+            self.session = open_session(settings, purpose=f"segment {name!r}", library=self._library)
+        except BaseException:
+            give_back(self._library)
+            raise
         self.zid = str(self.session.info.zid())
         found = [each for each in listening(self.session) if each not in hidden]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
@@ -75,6 +82,9 @@ class Segment:
     def close(self) -> None:
         """Disconnect everybody; safe to call twice."""
         release(self.session)
+        library, self._library = self._library, None
+        if library is not None:
+            give_back(library)
 
 
 def is_open_to_all(listen: Sequence[str], config: Mapping[str, Any]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from riot_bus.bus.config import is_control
 from riot_bus.bus.runtime import release
@@ -85,9 +85,8 @@ class TransportWatch:
 
     def _callback(self, segment: str) -> Callable[[zenoh.TransportEvent], None]:
         def event(event: zenoh.TransportEvent) -> None:
-            import zenoh
-
-            self.event(segment, str(event.transport.zid), opened=event.kind == zenoh.SampleKind.PUT)
+            kind: Any = event.kind
+            self.event(segment, str(event.transport.zid), opened=int(kind) == 0)
 
         return event
 

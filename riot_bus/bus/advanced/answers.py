@@ -15,6 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.source import announced
+from riot_bus.bus.libraries import library_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -53,12 +54,12 @@ class Answers:
             segment: Name of the segment.
             expression: Such as `KEY/@adv/pub/**`.
         """
-        import zenoh
-
+        session = self._sessions[segment]
+        zenoh = library_of(session)
         # Every question for a history comes here as well, and ends no sooner than we say. Not on a thread of its own:
         # a subscriber whose first question ends late, while it asks again because of a token, loses the first samples.
         take = zenoh.handlers.Callback(partial(self._take, segment), indirect=False)
-        return self._sessions[segment].declare_queryable(expression, take, allowed_origin=zenoh.Locality.REMOTE)
+        return session.declare_queryable(expression, take, allowed_origin=zenoh.Locality.REMOTE)
 
     def _take(self, segment: str, query: Any) -> None:
         asked = announced(segment, str(query.key_expr))
@@ -78,8 +79,6 @@ class Answers:
 
     def _ask(self, segment: str, query: Any, caches: deque[str]) -> None:
         """Pass on what one cache has, then ask the next one; without waiting, since other questions come this way."""
-        import zenoh
-
         if not caches:
             query.drop()
             return
@@ -88,7 +87,9 @@ class Answers:
             if reply.ok is not None:
                 _pass_on(query, reply.ok)
 
-        self._sessions[segment].get(
+        session = self._sessions[segment]
+        zenoh = library_of(session)
+        session.get(
             f"{caches.popleft()}?{query.parameters}",
             zenoh.handlers.Callback(take, drop=partial(self._ask, segment, query, caches), indirect=False),
             target=zenoh.QueryTarget.ALL,
@@ -100,9 +101,7 @@ class Answers:
 
 
 def _pass_on(query: Any, sample: Any) -> None:
-    import zenoh
-
-    with suppress(zenoh.ZError):  # a question that wants answers on its own key alone gets none from caches
+    with suppress(library_of(query).ZError):  # a question that wants answers on its own key alone gets none from caches
         query.reply(
             sample.key_expr,
             sample.payload,

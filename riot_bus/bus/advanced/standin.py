@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.libraries import library_of, moved
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -31,21 +32,20 @@ class StandIn:
 
     def __init__(self, outlets: Outlets, session: zenoh.Session, key: str, depth: int | None) -> None:
         self._session, self._key, self._outlets = session, key, outlets
+        self._library = library_of(session)
         self._quiet = False  # a beat would make present subscribers fetch what they have had already
         self._kept: deque[tuple[Message, Any]] = deque()
         self._token: Any = None
         self._declare(depth)
 
     def _declare(self, depth: int | None) -> None:
-        import zenoh
-        from zenoh import ext
-
+        ext = self._library.ext
         self._cache: Any = ext.declare_advanced_publisher(
             self._session,
             self._key,
             cache=None if depth == 0 else ext.CacheConfig(depth or _DEEP),
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
-            allowed_destination=zenoh.Locality.SESSION_LOCAL,
+            allowed_destination=self._library.Locality.SESSION_LOCAL,
         )
         self._depth, self._next, self._beaten = depth, 0, 0
         self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
@@ -68,6 +68,7 @@ class StandIn:
 
     def store(self, message: Message, stamp: Any) -> int:
         """Put into the cache alone; return the number."""
+        stamp = moved(stamp, self._library)
         if message.kind == "delete":
             self._cache.delete(attachment=message.attachment, timestamp=stamp)
         else:
@@ -80,10 +81,9 @@ class StandIn:
 
     def send(self, message: Message, number: int, stamp: Any) -> None:
         """Publish what was stored."""
-        import zenoh
-
+        stamp = moved(stamp, self._library)
         publisher = self._outlets.publisher(message.key, message.qos)
-        info = zenoh.SourceInfo(self._cache.id, number)
+        info = self._library.SourceInfo(self._cache.id, number)
         if message.kind == "delete":
             publisher.delete(attachment=message.attachment, timestamp=stamp, source_info=info)
         else:
@@ -106,14 +106,13 @@ class StandIn:
 
     def beat(self) -> None:
         """Tell the last number, if it has changed."""
-        import zenoh
         from zenoh import ext
 
         if self._next != self._beaten and not self._quiet:
             self._beaten = self._next
             number: Any = ext.UInt32(self._next - 1)
-            block = zenoh.CongestionControl.BLOCK
-            self._session.put(self._suffix, ext.z_serialize(number), congestion_control=block)
+            block = self._library.CongestionControl.BLOCK
+            self._session.put(self._suffix, ext.z_serialize(number).to_bytes(), congestion_control=block)
 
     def resize(self, depth: int) -> None:
         """Keep only the last samples from now on: another cache, which present subscribers shall not ask."""

@@ -15,6 +15,7 @@ from riot_bus.bus.advanced.relay import Relay
 from riot_bus.bus.advanced.source import Relayed, Source, announced, relayed, source_of
 from riot_bus.bus.advanced.upstream import Upstream
 from riot_bus.bus.advanced.worker import Worker
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release, wait_until
 
 if TYPE_CHECKING:
@@ -107,19 +108,18 @@ class Terminator:
             expression: Canonical key expression.
             again: Its messages crossed natively until now, so subscribers have had the caches' content.
         """
-        import zenoh
-
         text = f"{expression}/@adv/pub/**"
         mine = self._watched[expression] = []
         for name, session in self._sessions.items():
             heard = partial(self._heard, name)
-            mine.append(session.declare_subscriber(text, heard, allowed_origin=zenoh.Locality.REMOTE))
+            remote = library_of(session).Locality.REMOTE
+            mine.append(session.declare_subscriber(text, heard, allowed_origin=remote))
             mine.append(self._answers.declare(name, text))
         for name, sample in self._present(text) if again else ():
             self._token(name, sample, again=True)
         for name, session in self._sessions.items():
             # Not on a thread of its own: a key has to be known before the first message of its publisher comes.
-            seen = zenoh.handlers.Callback(partial(self._token, name, again=False), indirect=False)
+            seen = library_of(session).handlers.Callback(partial(self._token, name, again=False), indirect=False)
             mine.append(session.liveliness().declare_subscriber(text, seen, history=True))
             self._search(name, text, again=again)
 

@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.advanced.source import source_of
+from riot_bus.bus.libraries import library_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -64,8 +65,8 @@ class Upstream:
 
     def search(self, segment: str, selector: str, then: Callable[[Found], None]) -> None:
         """Ask all caches of a segment that a selector means."""
-        import zenoh
-
+        session = self._sessions[segment]
+        zenoh = library_of(session)
         samples: list[tuple[Source, int, Any]] = []
         failed: list[Any] = []
         caller = threading.get_ident()
@@ -83,7 +84,7 @@ class Upstream:
             samples.sort(key=lambda each: each[1])
             self._worker.do(partial(then, Found(samples, not failed, asked)))
 
-        self._sessions[segment].get(
+        session.get(
             selector,
             zenoh.handlers.Callback(take, drop=done, indirect=False),
             target=zenoh.QueryTarget.ALL,

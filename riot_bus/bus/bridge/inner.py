@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.standin import StoreFilter
 from riot_bus.bus.audience import Audience, Inner
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.message import Qos
 
@@ -132,7 +133,7 @@ class InnerPort:
                 attachment = sample.attachment
                 give(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
 
-        handler: Any = zenoh.handlers.Callback(receive, indirect=False)
+        handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
         subscriber = self._session.declare_subscriber(key, handler)
         return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(key), give)))
 

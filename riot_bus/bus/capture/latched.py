@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.source import announced
 from riot_bus.bus.advanced.worker import Worker
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -50,8 +51,7 @@ class Latched:
             self._worker.do(partial(self._ask, str(sample.key_expr)))
 
     def _ask(self, token: str) -> None:
-        import zenoh
-
+        zenoh = library_of(self._session)
         source = announced("", token)
         if self._closed or source is None or not self._wanted(source.key):
             return

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.graph.tokens import expressions, parse_token
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -149,8 +150,7 @@ class SegmentSource:
 
     def watch_matching(self, keys: Collection[str]) -> None:
         """Ask from now on who would receive these keys; a publisher that never publishes is declared for each."""
-        import zenoh
-
+        zenoh = library_of(self.session)
         for key in keys:
             if key not in self._publishers:
                 publisher = self.session.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE)
@@ -197,6 +197,5 @@ class SegmentSource:
 
 
 def _appeared(event: zenoh.TransportEvent | zenoh.LinkEvent | zenoh.Sample) -> bool:
-    import zenoh
-
-    return event.kind == zenoh.SampleKind.PUT
+    kind: Any = event.kind
+    return int(kind) == 0

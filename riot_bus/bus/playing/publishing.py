@@ -179,7 +179,9 @@ class _Outlet:
     def _settings(self, qos: Qos) -> dict[str, Any]:
         if self._block and qos.congestion == "drop":
             qos = Qos(qos.priority, "block", qos.express)
-        return publisher_settings(qos)
+        import zenoh
+
+        return publisher_settings(qos, zenoh)
 
     def _encoding(self, text: str) -> Any:
         import zenoh

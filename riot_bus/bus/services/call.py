@@ -23,7 +23,7 @@ class Call:
 
     Attributes:
         query: A `zenoh.Query` as it came; when it is dropped, its caller hears that there are no more replies.
-        token: A `zenoh.CancellationToken` that ends the questions that were asked for it.
+        tokens: Each a `zenoh.CancellationToken` that ends a question that was asked for it.
         number: Given to the request and all its replies as `Message.sequence`.
         targets: Segments whose services are asked, and whether only complete ones are.
         wide: Whether the query means more than the expression that it was taken for; then others answer the rest.
@@ -35,7 +35,6 @@ class Call:
     """
 
     query: Any  # Zenoh's stubs leave much of it untyped
-    token: Any
     number: int
     targets: Mapping[str, bool]
     wide: bool = False
@@ -44,6 +43,7 @@ class Call:
     over: bool = False
     size: int = 0
     questions: set[object] = field(default_factory=set)
+    tokens: list[Any] = field(default_factory=list)
 
     def payload(self, message: Message) -> bytes | None:
         """Return the payload to ask with; a query without one stays without."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.worker import Worker
 from riot_bus.bus.convert import is_delete
+from riot_bus.bus.libraries import library_of, moved
 from riot_bus.bus.runtime import includes
 from riot_bus.bus.services.call import Call, encoding_text, payload_of
 from riot_bus.bus.tally import Tally
@@ -136,8 +137,6 @@ class CallLane:
         self._dequeue(size)
 
     def _begin(self, query: Any, key: str, size: int) -> None:
-        import zenoh
-
         wide = self._owner(key) is None
         if wide and includes(key, self.expression):
             key = self.expression
@@ -158,7 +157,7 @@ class CallLane:
             parameters=str(query.parameters),
         )
         result = self._crossing.result(request, self._worker, tuple(targets))
-        call = Call(query, zenoh.CancellationToken(), request.sequence, targets, wide, pending=1, size=size)
+        call = Call(query, request.sequence, targets, wide, pending=1, size=size)
         self._remember(call)
         self._settle(call, result, None)
         self._ended(call)
@@ -239,16 +238,18 @@ class CallLane:
         self._ended(call)
 
     def _ask(self, call: Call, key: str, message: Message, target: str) -> None:
-        import zenoh
-
+        session = self._sessions[target]
+        zenoh = library_of(session)
         query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
         call.pending += 1
         asked: Any = zenoh.Selector(key, message.parameters if isinstance(message, Request) else "")
         question = object()
         call.questions.add(question)
+        token = zenoh.CancellationToken()
+        call.tokens.append(token)
         ended = partial(self._worker.do, partial(self._answered, call, question))
         try:
-            self._sessions[target].get(
+            session.get(
                 asked,
                 zenoh.handlers.Callback(partial(self._replied, call, target), drop=ended, indirect=False),
                 target=complete if call.targets.get(target) else zenoh.QueryTarget.BEST_MATCHING,
@@ -257,10 +258,9 @@ class CallLane:
                 payload=payload,
                 encoding=None if payload is None else zenoh.Encoding(message.encoding or "zenoh/bytes"),
                 attachment=message.attachment,
-                accept_replies=query.accepts_replies(),
+                accept_replies=zenoh.ReplyKeyExpr.ANY if _anywhere(query) else zenoh.ReplyKeyExpr.MATCHING_QUERY,
                 allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins
-                source_info=query.source_info,
-                cancellation_token=call.token,
+                cancellation_token=token,
             )
         except zenoh.ZError:  # whether it is said to have ended as well depends on the error
             call.questions.discard(question)
@@ -310,7 +310,8 @@ class CallLane:
 
     def _give_up(self, call: Call) -> None:
         self._forget(call)
-        call.token.cancel()
+        for token in call.tokens:
+            token.cancel()
         call.query.drop()
 
     # -- for others ---------------------------------------------------------------------------------------------------
@@ -359,15 +360,19 @@ class CallLane:
 
 def _answer(call: Call, key: str, part: str, message: Message, stamp: zenoh.Timestamp | None) -> None:
     """Pass a reply on to the caller, with the service's own timestamp, by which replies are consolidated."""
-    import zenoh
-
-    query, encoding = call.query, zenoh.Encoding(message.encoding or "zenoh/bytes")
+    query, encoding = call.query, message.encoding or "zenoh/bytes"
+    stamp = moved(stamp, library_of(query))
     if part == ERROR:
         query.reply_err(message.payload, encoding=encoding)
     elif message.kind == "delete":
         query.reply_del(key, attachment=message.attachment, timestamp=stamp)
     else:
         query.reply(key, message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp)
+
+
+def _anywhere(query: Any) -> bool:
+    """Return whether replies may have other keys than a query."""
+    return bool(query.accepts_replies() == library_of(query).ReplyKeyExpr.ANY)
 
 
 def _counted_key(emission: Emission) -> str:

@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
@@ -67,8 +68,10 @@ class Presence:
             self._complete[name] = _querier(session, self.expression, complete=True)
             if not self._wild:
                 self._any[name] = _querier(session, self.expression, complete=False)
-        for querier in (*self._any.values(), *self._complete.values()):
-            self._listeners.append(querier.declare_matching_listener(_callback(self._changed)))
+        for queriers in (self._any, self._complete):
+            for name, querier in queriers.items():
+                heard = _callback(self._sessions[name], self._changed)
+                self._listeners.append(querier.declare_matching_listener(heard))
         self.update()
 
     def close(self) -> None:
@@ -113,13 +116,12 @@ class Presence:
         self._worker.do(self.update)
 
     def _stand_in(self, name: str, *, complete: bool) -> None:
-        import zenoh
-
-        queryable = self._sessions[name].declare_queryable(
+        session = self._sessions[name]
+        queryable = session.declare_queryable(
             self.expression,
-            _callback(self._take[name]),
+            _callback(session, self._take[name]),
             complete=complete,
-            allowed_origin=zenoh.Locality.REMOTE,  # else our own questions would come back
+            allowed_origin=library_of(session).Locality.REMOTE,  # else our own questions would come back
         )
         self._stand_ins[name] = (complete, queryable)
 
@@ -139,8 +141,7 @@ class Presence:
 
 
 def _querier(session: zenoh.Session, expression: str, *, complete: bool) -> Any:
-    import zenoh
-
+    zenoh = library_of(session)
     return session.declare_querier(
         expression,
         target=zenoh.QueryTarget.ALL_COMPLETE if complete else zenoh.QueryTarget.BEST_MATCHING,
@@ -148,7 +149,5 @@ def _querier(session: zenoh.Session, expression: str, *, complete: bool) -> Any:
     )
 
 
-def _callback(function: Callable[[Any], None]) -> Any:
-    import zenoh
-
-    return zenoh.handlers.Callback(function, indirect=False)
+def _callback(session: zenoh.Session, function: Callable[[Any], None]) -> Any:
+    return library_of(session).handlers.Callback(function, indirect=False)

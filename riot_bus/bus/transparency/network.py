@@ -57,7 +57,7 @@ class PlainNetwork:
         return []
 
     def __enter__(self) -> Self:
-        prepare_runtime(len(_ENDS))
+        prepare_runtime()
         self._router = Segment("plain", self._listen, config=self._settings.router)
         self._listen = self._router.endpoints
         return self
