@@ -100,7 +100,7 @@ class Look:
 def serve(path: str, pipe: Connection) -> None:
     """Run the router of a path; tell the endpoints of its two ends."""
     zenoh.init_log_from_env_or("warn")  # else a link that is closed under load says nothing
-    prepare_runtime(len(_SEGMENTS))  # the same receive threads for all paths
+    prepare_runtime()  # the same receive threads for all paths
     with _ROUTERS.get(path, _bus)(path) as ends:
         pipe.send(ends)
         pipe.poll(None)

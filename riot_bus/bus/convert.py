@@ -21,6 +21,7 @@ _PRIORITIES = ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", 
 _DEFAULT_ENCODING = "zenoh/bytes"
 _CACHED_PUBLISHERS = 4096
 _CACHED_KEYS = 1 << 16
+_SHARED_BYTES = 1 << 26  # of which only what is in use takes memory
 
 FEW = 2
 """How many messages of a key are published without declaring it."""
@@ -121,6 +122,7 @@ class Outlets:
         self._publishers: dict[tuple[str, Qos], zenoh.Publisher] = {}
         self._times: Counter[tuple[str, Qos]] = Counter()
         self._encodings: dict[str, zenoh.Encoding] = {}
+        self._memory: Any = None
         self.longest_s = 0.0
         """Longest time that one publication took."""
 
@@ -171,6 +173,19 @@ class Outlets:
 
     def _occasional(self, key: str, qos: Qos, encoding: str | None) -> Occasional:
         return Occasional(self._session, key, publisher_settings(qos, self._library), encoding)
+
+    def shared(self, payload: bytes) -> Any:
+        """Return a payload in shared memory; as it is, if there is no room or no such memory."""
+        if not payload:
+            return payload
+        try:
+            if self._memory is None:
+                self._memory = self._library.shm.ShmProvider.default_backend(_SHARED_BYTES)
+            buffer = self._memory.alloc(len(payload), self._library.shm.GarbageCollect())
+        except self._library.ZError:
+            return payload
+        buffer[:] = payload
+        return buffer
 
     def encoding(self, text: str) -> zenoh.Encoding:
         """Return Zenoh's object for an encoding string."""

@@ -67,20 +67,19 @@ class Facts:
     processors: int = 2
 
 
-def check(*, endpoints: Sequence[str] = (), segments: int = 2, scouting: Scouting | None = THIS_HOST) -> list[Check]:
+def check(*, endpoints: Sequence[str] = (), scouting: Scouting | None = THIS_HOST) -> list[Check]:
     """Look at this host.
 
     Args:
         endpoints: Where a router is going to listen, such as `tcp/127.0.0.1:7447`.
-        segments: How many segments it is going to have.
         scouting: How to ask who answers multicast scouting; None not to ask.
     """
-    return judge(gather(endpoints=endpoints, segments=segments, scouting=scouting))
+    return judge(gather(endpoints=endpoints, scouting=scouting))
 
 
-def gather(*, endpoints: Sequence[str], segments: int, scouting: Scouting | None) -> Facts:
+def gather(*, endpoints: Sequence[str], scouting: Scouting | None) -> Facts:
     """Look at this host; arguments as for `check`."""
-    threads = runtime(segments)  # before the first use of Zenoh, which scouting is
+    threads = runtime()  # before the first use of Zenoh, which scouting is
     found, processors = python()
     try:
         answers = scout(scouting) if scouting is not None else {}

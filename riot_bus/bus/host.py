@@ -15,7 +15,6 @@ from typing import Literal
 
 from riot_bus.bus.graph.processes import command, endpoint_of
 from riot_bus.bus.runtime import prepare_runtime
-from riot_bus.errors import ConfigError
 
 __all__ = ["Port", "Runtime", "SharedMemory", "open_files", "port", "python", "runtime", "shared_memory", "versions"]
 
@@ -67,14 +66,11 @@ def versions() -> dict[str, str | None]:
     return found
 
 
-def runtime(segments: int) -> Runtime:
-    """Prepare Zenoh's threads for so many segments and return what there is to say about it."""
+def runtime() -> Runtime:
+    """Prepare Zenoh's threads and return what there is to say about it."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        try:
-            prepare_runtime()
-        except ConfigError as error:
-            return Runtime("problem", error.message, error.hint or "")
+        prepare_runtime()
     if caught:
         text, _, cure = str(caught[0].message).partition("; ")
         return Runtime("warning", text, cure)

@@ -66,6 +66,7 @@ class _Way:
         "rewritten",
         "seen",
         "senders",
+        "shared",
         "text",
     )
 
@@ -77,6 +78,7 @@ class _Way:
         self.express = sample.express
         self.encoding = sample.encoding
         self.text = str(sample.encoding)
+        self.shared = sample.payload.as_shm() is not None
         self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
         self.outlets = outlets
         self.few = 0
@@ -88,14 +90,14 @@ class _Way:
         self.senders: set[str] = set()
 
     def _put(self, payload: Any, **more: Any) -> None:
-        for publisher in self.publishers:
-            publisher.put(payload, **more)
+        for publisher, outlet in zip(self.publishers, self.outlets, strict=True):
+            publisher.put(outlet.shared(payload) if self.shared else payload, **more)
 
     def _put_first(self, payload: Any, **more: Any) -> None:
         self.few += 1
         if self.few > FEW:
             self.publishers = [each.publisher(self.key, self.qos, self.text) for each in self.outlets]
-            self.put = self.publishers[0].put if len(self.publishers) == 1 else self._put
+            self.put = self._put if self.shared or len(self.publishers) > 1 else self.publishers[0].put
         self._put(payload, **more)
 
 

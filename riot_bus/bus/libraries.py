@@ -75,11 +75,11 @@ def library_of(thing: object) -> Any:
 
 
 def moved(stamp: zenoh.Timestamp | None, library: Any) -> Any:
-    """Return the same timestamp as one of another copy."""
+    """Return a timestamp as one of another copy; its time is a nanosecond at most before, since more cannot be said."""
     if stamp is None or type(stamp) is library.Timestamp:
         return stamp
-    time: Any = stamp.get_time_as_ntp64()
-    return library.Timestamp(library.NTP64(int(time)), bytes(stamp.get_id()))
+    time = stamp.get_time_as_ntp64()
+    return library.Timestamp(library.NTP64(time.as_secs(), time.subsec_nanos()), bytes(stamp.get_id()))
 
 
 def _load(number: int) -> ModuleType:

@@ -25,7 +25,6 @@ def doctor(
     listen: Annotated[
         list[str] | None, typer.Option(metavar="ENDPOINT", help="Where a router is going to listen; repeatable.")
     ] = None,
-    segments: Annotated[int, typer.Option(min=1, help="How many segments it is going to have.")] = 2,
     scouting: Annotated[
         bool, typer.Option("--scouting/--no-scouting", help="Ask on this host who answers multicast scouting.")
     ] = True,
@@ -45,7 +44,7 @@ def doctor(
     from riot_bus.bus.scouting import THIS_HOST
 
     text = form is OutputFormat.TEXT
-    checks = check(endpoints=listen or (), segments=segments, scouting=THIS_HOST if scouting else None)
+    checks = check(endpoints=listen or (), scouting=THIS_HOST if scouting else None)
     for each in checks if text else ():
         typer.echo(f"{each.status:8} {each.name}: {each.text}" + (f"\n         cure: {each.cure}" if each.cure else ""))
     compared = []

@@ -51,13 +51,10 @@ def test_a_publisher_that_is_killed_in_a_burst_harms_nobody() -> None:
         assert_balanced(bus)
 
 
-@pytest.mark.parametrize(("key", "count"), [("cut", 1500), ("free", 300)])
-def test_a_crowd_of_publishers_that_wait_for_one_subscriber_harms_nobody(key: str, count: int) -> None:
-    """Each may hold up one of the router's threads; if no other is left, its segments wait for each other.
-
-    That takes few messages; long native floods may come upon what README's limits tell of Tokio.
-    """
-    groups, sessions = 4, 10
+@pytest.mark.parametrize("key", ["cut", "free"])
+def test_a_crowd_of_publishers_that_wait_for_one_subscriber_harms_nobody(key: str) -> None:
+    """Each may hold up one of the router's threads; if no other is left, its segments wait for each other."""
+    groups, sessions, count = 4, 10, 1500
     with (
         Bus(SEGMENTS, intercept=["cut/**"]) as bus,
         Puppet(bus.endpoint("unit")) as sink,

@@ -340,12 +340,14 @@ class Terminator:
                 self._meet(source, again=again, token=False)
 
     def _beat(self, segment: str, sample: Any) -> None:
+        import zenoh
         from zenoh import ext
 
         source = announced(segment, str(sample.key_expr))
         relay = self.keys.get(source.key, {}).get(source) if source is not None else None
         if relay is not None:
-            self._keeper.beat(relay, int(ext.z_deserialize(ext.UInt32, sample.payload)))
+            payload = zenoh.ZBytes(sample.payload.to_bytes())
+            self._keeper.beat(relay, int(ext.z_deserialize(ext.UInt32, payload)))
 
     def _tick(self) -> None:
         """Send heartbeats for those who do, and end what shows no token when its session has left."""

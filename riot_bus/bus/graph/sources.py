@@ -83,8 +83,7 @@ def admin_views(session: zenoh.Session, *, timeout: float = _ANSWER_S) -> dict[s
         session: A segment's own session.
         timeout: Seconds; how long an answer may take.
     """
-    import zenoh
-
+    zenoh = library_of(session)
     replies = session.get(
         "@/*/*", timeout=timeout, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
     )
