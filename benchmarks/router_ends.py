@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import zenoh
 
 from riot_bus.bus.client import open_client
+from riot_bus.bus.config import router_config
 from riot_bus.bus.heap import steady_heap
 from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import prepare_runtime, release, wait_until
-from riot_bus.bus.segments import Segment
+from riot_bus.bus.runtime import listening, open_session, prepare_runtime, release, wait_until
+from riot_bus.bus.segments import EPHEMERAL, Segment
 from riot_bus.inject.interceptor import Injector
 from riot_bus.injection import Injection
 from riot_bus.pipeline.runner import Pipeline
@@ -125,12 +126,12 @@ def _chain(path: str) -> Iterator[tuple[str, str]]:
 
 @contextmanager
 def _naive(_: str) -> Iterator[tuple[str, str]]:
-    a, b = Segment("a"), Segment("b")
-    for source, target in ((a, b), (b, a)):
-        source.session.declare_subscriber("cut/**", _forwarder(target.session), allowed_origin=zenoh.Locality.REMOTE)
-    yield a.endpoints[0], b.endpoints[0]
-    b.close()
-    a.close()
+    routers = [open_session(router_config(listen=[EPHEMERAL]), purpose="router") for _ in range(2)]
+    for source, target in (routers, reversed(routers)):
+        source.declare_subscriber("cut/**", _forwarder(target), allowed_origin=zenoh.Locality.REMOTE)
+    ends = [listening(router)[0] for router in routers]
+    yield ends[0], ends[1]
+    release(*routers)
 
 
 def _forwarder(target: zenoh.Session) -> Callable[[zenoh.Sample], None]:
