@@ -60,7 +60,7 @@ def test_things_are_of_the_copy_that_made_them(pair: tuple[Any, Any]) -> None:
             advanced = library.ext.declare_advanced_publisher(session, "b", cache=library.ext.CacheConfig(1))
             advanced.put("1")
     assert library_of(5) is zenoh
-    with pytest.raises(TypeError), opened(pair[0]) as session:
+    with opened(pair[0]) as session, pytest.raises(ValueError, match="Invalid handler"):
         session.declare_subscriber("a", pair[1].handlers.FifoChannel(1))
 
 
