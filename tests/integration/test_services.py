@@ -369,6 +369,29 @@ def test_parameters_can_be_seen_and_changed() -> None:
         assert server.asked == [("x", "a=1;b=2")]
 
 
+def test_source_information_of_calls_is_left_out_and_timestamps_of_replies_are_kept() -> None:
+    sources: list[Any] = []
+    stamps: list[Any] = []
+
+    with Bus(SEGMENTS, services=[ADD]) as bus, two(bus) as (system, unit):
+
+        def reply(query: Any) -> None:
+            sources.append(query.source_info)
+            stamps.append(unit.session.new_timestamp())
+            query.reply(query.key_expr, "", timestamp=stamps[-1])
+
+        Server(unit, reply=reply)
+        present(system)
+        sources.clear()
+        publisher = system.session.declare_publisher("own")
+        found = list(system.session.get(ADD, source_info=zenoh.SourceInfo(publisher.id, 7), timeout=10.0))
+    assert sources == [None]  # docs/router.md says so
+    [stamp] = [each.ok.timestamp for each in found if each.ok is not None]
+    assert stamp is not None
+    assert stamp.get_id() == stamps[-1].get_id()
+    assert 0 <= stamps[-1].get_time_as_ntp64().as_nanos() - stamp.get_time_as_ntp64().as_nanos() <= 1
+
+
 # -- many, and for ever -----------------------------------------------------------------------------------------------
 
 
