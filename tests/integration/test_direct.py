@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.bus.libraries import library_of
 from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.sockets import _ends, hang_up
+from riot_bus.bus.sockets import hang_up
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
@@ -118,21 +119,13 @@ def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd
     assert capfd.readouterr().err == ""
 
 
-def test_a_reader_between_segments_finds_its_socket_empty_before_tokio_sets_it_aside() -> None:
-    with Bus(SEGMENTS, intercept=["cut/**"]) as bus:
-        network = bus._network
-        assert network.direct is not None
-        direct = {each.partition("/")[2] for name in SEGMENTS for each in network.direct.listen(name)}
-        doors = {bus.segment(name).door.partition("/")[2] for name in SEGMENTS}
-
-        def buffers(paths: set[str]) -> list[int]:
-            return [each.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) for each in _ends(paths)]
-
-        for paths, ends in ((direct, 6), (doors, 6)):  # three links between three segments, and three to the junction
-            assert buffers(paths) == [32 << 10] * ends
-        bus.set_intercept(["other/**"])
-        assert buffers(direct) == []
-        assert buffers(doors) == [32 << 10] * 6
+def test_no_two_routers_share_a_library() -> None:
+    with Network(SEGMENTS) as network:
+        assert network.junction is not None
+        first = network.junction.open(["cut/**"])
+        routers = [first, *(each.session for each in network.segments.values())]
+        assert len({id(library_of(each)) for each in routers}) == len(routers)
+        assert library_of(network.junction.open(["other/**"])) is library_of(first)
 
 
 def test_segments_that_speak_certain_protocols_only_are_joined() -> None:
