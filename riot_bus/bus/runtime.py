@@ -84,6 +84,7 @@ def open_session(config: SessionConfig, *, purpose: str, library: Any = None) ->
     import zenoh
 
     library = library or zenoh
+    library.try_init_log_from_env()  # RUST_LOG
     settings = library.Config()
     for key, value in config.items():
         try:

@@ -101,6 +101,19 @@ def test_copies_are_kept_where_nobody_else_may_write(tmp_path: Path, monkeypatch
         libraries._kept(original, 3)
 
 
+def test_builds_are_told_by_their_wheels_checksum_or_by_their_time(tmp_path: Path) -> None:
+    library = tmp_path / "zenoh" / "zenoh.abi3.so"
+    library.parent.mkdir()
+    library.write_bytes(b"1")
+    assert libraries._build(library) == str(library.stat().st_mtime_ns)
+    wheel = tmp_path / "eclipse_zenoh-1.10.2.dist-info"
+    wheel.mkdir()
+    (wheel / "RECORD").write_text(
+        "zenoh/ext.py,sha256=other,1\nzenoh/zenoh.abi3.so,sha256=zlC9dOHWBVVIXOAezufs-rest,1\n"
+    )
+    assert libraries._build(library) == "zlC9dOHWBVVIXOAezufs"
+
+
 _IN_MEMORY = """
 import sys, zenoh
 from riot_bus.bus.libraries import borrow
