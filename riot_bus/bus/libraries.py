@@ -88,7 +88,7 @@ def _load(number: int) -> ModuleType:
     original = Path(sys.modules[_NAME].__file__ or "")
     try:
         return _loaded(str(_kept(original, number)), zenoh)
-    except (OSError, ImportError):  # such as a home that is full, or from which nothing may be executed
+    except (OSError, ImportError, RuntimeError):  # such as no home, or one from which nothing may be executed
         try:
             return _loaded(_in_memory(original), zenoh)
         except (OSError, ImportError, AttributeError) as error:
