@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.bus.config import access_control
 from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.sockets import hang_up
+from riot_bus.bus.sockets import hang_up, widen
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,7 +74,9 @@ class DirectLinks:
         ids = self.ids
         linked = wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
         self._unlink()
-        if not linked:
+        if linked:
+            widen({str(path) for path in self._paths.values()})
+        else:
             self.sever(segments)
 
     def sever(self, segments: Sequence[Segment]) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 from riot_bus.bus.libraries import borrow, give_back, library_of
 from riot_bus.bus.runtime import open_session, release, wait_until
+from riot_bus.bus.sockets import widen
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ class Junction:
                 self._flush(former[1])  # what lanes have just undeclared
             session, begun = begun or self._begin(cut, services, taken), None
             linked = wait_until(self._linked, deadline - time.monotonic())
+            widen(self._sockets())
             if linked and self._routes({"": session}, patience * _ROUTES_S):
                 self._leave(*former)
                 former = None, ""
@@ -204,6 +206,11 @@ class Junction:
         """
         for segment in self._segments:
             segment.flush([zid])
+
+    def _sockets(self) -> set[str]:
+        """Return the paths of the sockets over which segments and junction are linked."""
+        doors = {segment.door for segment in self._segments} | {self._path}
+        return {each.partition("/")[2] for each in doors if each}
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)

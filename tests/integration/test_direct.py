@@ -13,7 +13,7 @@ from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.sockets import hang_up
+from riot_bus.bus.sockets import _ends, hang_up
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
@@ -117,6 +117,22 @@ def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd
             with pytest.raises(EnvironmentFaultError, match="is in use"):
                 Network(segments).open()
     assert capfd.readouterr().err == ""
+
+
+def test_links_between_segments_hold_more_than_unix_sockets_do_at_first() -> None:
+    def buffer(end: socket.socket) -> int:
+        return end.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+
+    with socket.socket(socket.AF_UNIX) as plain, Bus(SEGMENTS, intercept=["cut/**"]) as bus:
+        network = bus._network
+        assert network.direct is not None
+        direct = {each.partition("/")[2] for name in SEGMENTS for each in network.direct.listen(name)}
+        doors = {bus.segment(name).door.partition("/")[2] for name in SEGMENTS}
+        for paths in (direct, doors):  # three links between three segments, and three to the junction
+            assert [buffer(end) > buffer(plain) for end in _ends(paths)] == [True] * 6
+        bus.set_intercept(["other/**"])
+        assert list(_ends(direct)) == []
+        assert [buffer(end) > buffer(plain) for end in _ends(doors)] == [True] * 6
 
 
 def test_no_two_routers_share_a_library() -> None:
