@@ -61,7 +61,8 @@ class ObjectStore:
             raise ConfigError(str(error), where=url, hint="install the package that fsspec names") from error
         except Exception as error:
             raise ConfigError(f"this place cannot be opened: {error}", where=url) from error
-        self.root: str = self._fs.unstrip_protocol(self._path).rstrip("/")
+        self._within = "".join(url.partition("::")[1:])  # such as `::s3://bucket/logs.zip`
+        self.root = self._place(self._path.rstrip("/"))
 
     def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
         """Yield all logs, folder by folder; say in a line what could not be looked at."""
@@ -107,12 +108,18 @@ class ObjectStore:
 
     def _found(self, path: str, info: Mapping[str, Any], folder: str, failed: Callable[[str], None]) -> Iterator[Found]:
         size = info.get("size")
-        place = str(self._fs.unstrip_protocol(path))
+        place = self._place(path)
         if not isinstance(size, int):
             failed(f"{place}: the store does not say how large it is")
             return
         stamp = next((str(info[name]) for name in _STAMPS if info.get(name)), "")
         yield Found(place, size, stamp, folder)
+
+    def _place(self, path: str) -> str:
+        return f"{self._fs.unstrip_protocol(path).rstrip('/')}{self._within}"
+
+    def _inner_path(self, log: Found) -> Any:
+        return self._fs._strip_protocol(log.place.removesuffix(self._within))
 
     def _parts(self, log: Found) -> list[tuple[int, int]] | None:
         """Return which parts of a log tell what is in it; None if all of it has to be read."""
@@ -130,7 +137,7 @@ class ObjectStore:
 
     def _range(self, log: Found, start: int, end: int) -> bytes:
         try:
-            found = bytes(self._fs.cat_file(self._fs._strip_protocol(log.place), start=start, end=end))
+            found = bytes(self._fs.cat_file(self._inner_path(log), start=start, end=end))
         except Exception as error:
             raise EnvironmentFaultError(f"cannot be read: {_reason(error)}", where=log.place) from error
         if len(found) != end - start:
@@ -141,7 +148,7 @@ class ObjectStore:
 
     def _copy(self, log: Found, path: Path) -> None:
         try:
-            self._fs.get_file(self._fs._strip_protocol(log.place), str(path))
+            self._fs.get_file(self._inner_path(log), str(path))
         except Exception as error:
             raise EnvironmentFaultError(f"cannot be copied: {_reason(error)}", where=log.place) from error
 

@@ -80,6 +80,24 @@ def test_a_single_object(tmp_path: Path, bucket: str) -> None:
     assert not path.exists()
 
 
+def test_logs_within_archives_are_found_again(tmp_path: Path) -> None:
+    import zipfile
+
+    log = write(tmp_path / "a.mcap", "odom")
+    for name in ("one", "two"):
+        with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as archive:
+            archive.write(log, "r1/a.mcap")
+    urls = [f"zip://::file://{tmp_path}/{name}.zip" for name in ("one", "two")]
+    with Catalogue(None) as catalogue:
+        assert index(catalogue, urls).fresh == 2
+        assert index(catalogue, urls).fresh == 0
+        places = sorted(each.place for each in catalogue.find(Query()))
+        assert {each.robot for each in catalogue.find(Query())} == {"r1"}
+    assert places == [f"zip://r1/a.mcap::file://{tmp_path}/{name}.zip" for name in ("one", "two")]
+    with copied(places[1]) as path:
+        assert path.read_bytes() == log.read_bytes()
+
+
 def test_of_a_large_log_the_ends_are_fetched(tmp_path: Path, bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
     log = large(tmp_path / "a.mcap")
     upload(f"{bucket}/a.mcap", log)
