@@ -33,6 +33,7 @@ __all__ = ["Keeper"]
 
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.05
+_UNDER_WAY_S = 0.25
 _RECOVERED_S = 1.5
 _PATIENCE_S = 0.005
 _FAILURES = 3
@@ -156,7 +157,7 @@ class Keeper:
         if wait:
             # What was just published is on its way through a lane too, and is no history then. How long that takes
             # nobody can tell, nor whether there is any; what comes later still is recognised by its number.
-            self._worker.later(_SETTLE_S, adopt)
+            self._worker.later(_UNDER_WAY_S, adopt)
         else:
             adopt()
 
