@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
 from riot_bus.bus.libraries import borrow, give_back, library_of
+from riot_bus.bus.meeting import Meeting
 from riot_bus.bus.runtime import open_session, release, wait_until
-from riot_bus.bus.sockets import widen
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Junction:
     Args:
         segments: At least two.
         direct: Severed when something else is to be cut than what they cut.
-        inner: Where it listens by turns (at least three), for segments that it may not connect to.
+        inner: Where it listens by turns, for segments without doors; as many places as other segments have doors.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
@@ -69,12 +69,11 @@ class Junction:
         self._segments = tuple(segments)
         self._direct = direct
         self._probes = _probes(segments)
-        self._inner = itertools.cycle(inner)
-        self._path = ""
+        self._meetings = itertools.cycle(_meetings(segments, inner))
+        self._meeting: Meeting | None = None
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
         self._begun: tuple[list[str], list[str]] | None = None
-        self._listens = any(not segment.door for segment in segments)
         self._config = dict(config or {})
         self._wait_before_close_s = wait_before_close_s
         self._library: ModuleType | None = borrow()
@@ -82,7 +81,7 @@ class Junction:
 
     def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
         """Begin to join the segments for the first time; `open` has to follow, which waits until they are."""
-        self._begin(cut, services, "")
+        self._begin(cut, services)
         self._begun = list(cut), list(services)
 
     def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
@@ -99,25 +98,26 @@ class Junction:
         # segments' tables, and they would not tell each other of subscriptions that exist already.
         begun = self.session if self._begun == (list(cut), list(services)) else None
         self._begun = None
-        former: tuple[zenoh.Session | None, str] = (self.session, self.zid) if begun is None else (None, "")
-        taken, patience = self._path, 1
+        former = (self.session, self.zid, self._meeting) if begun is None else (None, "", None)
+        patience = 1
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
             self.settle(patience)
             if former[0] is not None:
                 self._flush(former[1])  # what lanes have just undeclared
-            session, begun = begun or self._begin(cut, services, taken), None
+            session, begun = begun or self._begin(cut, services, former[2]), None
             linked = wait_until(self._linked, deadline - time.monotonic())
-            widen(self._sockets())
+            if self._meeting is not None:
+                self._meeting.widen()
             if linked and self._routes({"": session}, patience * _ROUTES_S):
                 self._leave(*former)
-                former = None, ""
+                former = None, "", None
                 if self._direct is not None and not self._direct.cuts(cut, services):
                     self._sever(self._direct)
                 if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
                     return session
-            self._leave(self.session, self.zid)
-            self.session, self.zid = former
+            self._leave(self.session, self.zid, self._meeting)
+            self.session, self.zid, self._meeting = former
             patience *= 2
         self.close()
         names = ", ".join(each.name for each in self._segments)
@@ -136,12 +136,12 @@ class Junction:
         """
         time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
 
-    def _begin(self, cut: Sequence[str], services: Sequence[str], taken: str) -> zenoh.Session:
-        self._path = next(path for path in self._inner if path != taken) if self._listens else ""
+    def _begin(self, cut: Sequence[str], services: Sequence[str], taken: Meeting | None = None) -> zenoh.Session:
+        self._meeting = meeting = next(each for each in self._meetings if each is not taken)
         rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
-            connect=[segment.door for segment in self._segments if segment.door],
-            listen=[self._path] if self._listens else [],
+            connect=meeting.connect,
+            listen=meeting.listen,
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **rules, _WEIGHTS: self._weights()},
         )
@@ -161,8 +161,7 @@ class Junction:
 
     def close(self) -> None:
         """Separate the segments; return once all of them know; safe to call twice."""
-        former, self.session = (self.session, self.zid), None
-        self.zid = ""
+        former, self.session, self.zid = (self.session, self.zid, self._meeting), None, ""
         if self._direct is not None:
             self._sever(self._direct)
         self._leave(*former)
@@ -187,12 +186,19 @@ class Junction:
             refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
         return refused
 
-    def _leave(self, session: zenoh.Session | None, zid: str) -> None:
-        if session is not None:
-            self._flush(zid)
+    def _leave(self, session: zenoh.Session | None, zid: str, meeting: Meeting | None) -> None:
+        if session is None or meeting is None:
+            return
+        self._flush(zid)
+
+        def parted() -> bool:
+            return not session.info.transports() and all(zid not in each.peers() for each in self._segments)
+
+        with meeting.ended():
+            # Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too.
+            wait_until(parted, self._timeout)
             release(session)
-            wait_until(lambda: all(zid not in segment.peers() for segment in self._segments), self._timeout)
-            self._left = time.monotonic()
+        self._left = time.monotonic()
 
     def _sever(self, direct: DirectLinks) -> None:
         if not direct.severed:
@@ -206,11 +212,6 @@ class Junction:
         """
         for segment in self._segments:
             segment.flush([zid])
-
-    def _sockets(self) -> set[str]:
-        """Return the paths of the sockets over which segments and junction are linked."""
-        doors = {segment.door for segment in self._segments} | {self._path}
-        return {each.partition("/")[2] for each in doors if each}
 
     def _linked(self) -> bool:
         return all(self.zid in segment.peers() for segment in self._segments)
@@ -251,6 +252,14 @@ class _Probe(NamedTuple):
     @property
     def channel(self) -> Any:
         return self.subscriber.handler
+
+
+def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[Meeting]:
+    """Return where a junction and the segments can meet, by turns."""
+    doors = list(zip(*(segment.doors for segment in segments if segment.doors), strict=True))
+    listens = any(not segment.doors for segment in segments)
+    count = len(doors) or len(inner)
+    return [Meeting(doors[k] if doors else (), [inner[k]] if listens else []) for k in range(count)]
 
 
 def _probes(segments: Sequence[Segment]) -> list[_Probe]:

@@ -26,7 +26,7 @@ __all__ = ["Network"]
 _SHARED_MEMORY = "transport/shared_memory/enabled"
 _PROTOCOLS = "transport/link/protocols"
 _OWN_PROTOCOL = "unixsock-stream"
-_INNER = 3
+_PLACES = 3
 
 
 class Network:
@@ -94,18 +94,19 @@ class Network:
             closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]
             several = len(self.settings) > 1
             folder = _folder(stack) if several else Path()
-            inner = [f"{_OWN_PROTOCOL}/{folder}/{number}" for number in range(_INNER)] if several and closed else []
+            inner = [f"{_OWN_PROTOCOL}/{folder}/{number}" for number in range(_PLACES)] if several and closed else []
             if several and are_possible(configs):
                 self.direct = DirectLinks(list(self.settings), folder, cut=cut, services=services)
             for name, each in self.settings.items():
                 direct = self.direct
-                door = [f"{_OWN_PROTOCOL}/{folder}/door-{len(self.segments)}"] if several and name not in closed else []
+                places = range(_PLACES if several and name not in closed else 0)
                 segment = Segment(
                     name,
                     each.listen,
                     connect=[*each.connect, *(direct.connect(name) if direct is not None else ())],
+                    doors=[f"{_OWN_PROTOCOL}/{folder}/door-{len(self.segments)}-{place}" for place in places],
                     inner=inner if name in closed else (),
-                    hidden=[*door, *(direct.listen(name) if direct is not None else ())],
+                    hidden=direct.listen(name) if direct is not None else (),
                     config=configs[name] | (direct.config(name) if direct is not None else {}),
                     wait_before_close_s=self.wait_before_close_s,
                 )

@@ -28,8 +28,9 @@ class Segment:
         name: The segment's name.
         listen: Endpoints to listen on; none means a free port of this machine.
         connect: Routers and peers outside that it joins.
+        doors: Where junctions may connect.
         inner: Where junctions will listen, if the segment lets nobody in without asking who it is.
-        hidden: Further endpoints to listen on, for other segments and, if there is no `inner`, first for junctions.
+        hidden: Further endpoints to listen on, for other segments.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow receiver.
 
@@ -43,6 +44,7 @@ class Segment:
         listen: Sequence[str] = (),
         *,
         connect: Sequence[str] = (),
+        doors: Sequence[str] = (),
         inner: Sequence[str] = (),
         hidden: Sequence[str] = (),
         config: Mapping[str, Any] | None = None,
@@ -51,7 +53,7 @@ class Segment:
         self.name = name
         listen = listen or [EPHEMERAL]
         settings = router_config(
-            listen=[*listen, *hidden],
+            listen=[*listen, *doors, *hidden],
             connect=[*connect, *inner],
             wait_before_close_s=wait_before_close_s,
             extra={**({"connect/retry": _RETRY} if inner else {}), **(config or {})},
@@ -63,11 +65,11 @@ class Segment:
             give_back(self._library)
             raise
         self.zid = str(self.session.info.zid())
-        found = [each for each in listening(self.session) if each not in hidden]
+        found = [each for each in listening(self.session) if each not in {*doors, *hidden}]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
         """Where components can connect."""
-        self.door = hidden[0] if hidden and not inner else ""
-        """Where the junction may connect; if it is empty, the segment connects to the junction."""
+        self.doors = tuple(doors)
+        """Where junctions may connect; if there is none, the segment connects to the junction."""
 
     def peers(self) -> set[str]:
         """Return the ids of the sessions that are connected."""

@@ -16,13 +16,18 @@ __all__ = ["hang_up", "widen"]
 _SEND_BUFFER = 1 << 20  # Linux doubles it, and takes no more than net.core.wmem_max
 
 
-def hang_up(paths: Set[str]) -> None:
-    """Shut down the connections that this process has accepted on sockets."""
+def hang_up(accepted: Set[str] = frozenset(), connected: Set[str] = frozenset()) -> None:
+    """Let ends of connections in this process receive no more than what is on its way to them.
+
+    Args:
+        accepted: Paths of sockets on which these ends were accepted.
+        connected: Paths of sockets that these ends have connected to.
+    """
     import socket
 
-    for end in _ends(paths):
-        if end.getsockname() in paths:
-            end.shutdown(socket.SHUT_RDWR)
+    for end in _ends(accepted | connected):
+        if end.getsockname() in accepted or end.getpeername() in connected:
+            end.shutdown(socket.SHUT_RD)
 
 
 def widen(paths: Set[str]) -> None:

@@ -5,6 +5,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from riot_bus.bus.libraries import library_of
 from riot_bus.bus.network import Network
 from riot_bus.bus.recorder import Recorder
 from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
+from riot_bus.bus.runtime import release, wait_until
 from riot_bus.bus.sockets import _ends, hang_up
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
@@ -119,6 +120,23 @@ def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd
     assert capfd.readouterr().err == ""
 
 
+def test_a_junction_parts_from_its_segments_before_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too."""
+    neighbours = []
+
+    def closing_one(session: Any) -> None:
+        neighbours.append([str(each.zid) for each in session.info.transports()])
+        release(session)
+
+    monkeypatch.setattr("riot_bus.bus.junction.release", closing_one)
+    for config in ({}, {"access_control": {"enabled": False}}):  # it connects to segments, or they do to it
+        with Network({"a": (), "b": ()}, config=config) as network:
+            assert network.junction is not None
+            for number in range(5):
+                network.junction.open([f"{number}/**"])
+    assert neighbours == [[]] * 10
+
+
 def test_links_between_segments_hold_more_than_unix_sockets_do_at_first() -> None:
     def buffer(end: socket.socket) -> int:
         return end.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
@@ -127,7 +145,7 @@ def test_links_between_segments_hold_more_than_unix_sockets_do_at_first() -> Non
         network = bus._network
         assert network.direct is not None
         direct = {each.partition("/")[2] for name in SEGMENTS for each in network.direct.listen(name)}
-        doors = {bus.segment(name).door.partition("/")[2] for name in SEGMENTS}
+        doors = {each.partition("/")[2] for name in SEGMENTS for each in bus.segment(name).doors}
         for paths in (direct, doors):  # three links between three segments, and three to the junction
             assert [buffer(end) > buffer(plain) for end in _ends(paths)] == [True] * 6
         bus.set_intercept(["other/**"])

@@ -14,15 +14,18 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_what_was_accepted_is_hung_up_and_who_listens_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("accepted", [True, False])
+def test_one_end_is_hung_up_and_who_listens_goes_on(tmp_path: Path, *, accepted: bool) -> None:
     with ExitStack() as stack:
 
-        def connected(listener: socket.socket) -> socket.socket:
+        def connected(listener: socket.socket) -> list[socket.socket]:
             end = stack.enter_context(socket.socket(socket.AF_UNIX))
             end.settimeout(5)
             end.connect(listener.getsockname())
-            stack.enter_context(listener.accept()[0])
-            return end
+            other = stack.enter_context(listener.accept()[0])
+            end.sendall(b"under way")
+            other.sendall(b"under way")
+            return [other, end] if accepted else [end, other]
 
         listeners = []
         for name in ("meant", "other"):
@@ -32,9 +35,16 @@ def test_what_was_accepted_is_hung_up_and_who_listens_goes_on(tmp_path: Path) ->
             listener.settimeout(5)
             listeners.append(listener)
         meant, other = [connected(each) for each in listeners]
-        hang_up({str(tmp_path / "meant"), str(tmp_path / "nobody")})
-        assert meant.recv(1) == b""
-        other.settimeout(0)
-        with pytest.raises(BlockingIOError):
-            other.recv(1)
-        connected(listeners[0]).settimeout(0)
+        paths = {str(tmp_path / "meant"), str(tmp_path / "nobody")}
+        hang_up(**{"accepted" if accepted else "connected": paths})
+        assert meant[0].recv(100) == b"under way"
+        assert meant[0].recv(100) == b""
+        meant[0].sendall(b", and more")
+        assert meant[1].recv(100) == b"under way, and more"
+        with pytest.raises(BrokenPipeError):
+            meant[1].sendall(b"nobody reads this")
+        for end in (*other, *connected(listeners[0])):
+            end.setblocking(False)
+            assert end.recv(100) == b"under way"
+            with pytest.raises(BlockingIOError):
+                end.recv(1)
