@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.convert import publisher_settings
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
@@ -53,6 +54,7 @@ class Audience:
         everybody: bool = False,
     ) -> None:
         zenoh = library_of(session)
+        hold(session, key)
         self._publisher: Any = session.declare_publisher(
             key,
             encoding=zenoh.Encoding(encoding) if encoding else None,

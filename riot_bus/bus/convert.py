@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.message import Message, Qos
 
@@ -152,6 +153,7 @@ class Outlets:
         known = self._publishers.get((key, qos))
         if known is not None:
             return known
+        hold(self._session, key)
         publisher = self._session.declare_publisher(key, encoding=encoding, **publisher_settings(qos, self._library))
         if len(self._publishers) >= _CACHED_PUBLISHERS:
             self._publishers.clear()  # they undeclare themselves

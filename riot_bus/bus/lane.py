@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.arrival import SampleArrival
 from riot_bus.bus.convert import FEW, Converter, is_delete, is_droppable
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.bus.tally import Tally
@@ -150,6 +151,7 @@ class Lane:
         self._current: zenoh.Sample | None = None
         self._generation = 0
         self._zenoh_error = library.ZError
+        hold(session, expression)
         self._subscriber = session.declare_subscriber(
             expression,
             library.handlers.FifoChannel(_CHANNEL),

@@ -15,6 +15,7 @@ from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S
 from riot_bus.bus.convert import Claims, Converter, Outlets
 from riot_bus.bus.crossing import Crossing
 from riot_bus.bus.gate import BUDGET_S, Gate
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.lane import Lane
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.mailbox import Dispatcher
@@ -510,6 +511,7 @@ class Bus:
         deadline = time.monotonic() + timeout
         try:
             for text in canonical(keyexprs):
+                hold(session, text)
                 waiting[text] = session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
                 handler: Any = zenoh.handlers.Callback(lambda status: changed.set(), indirect=False)
                 listeners[text] = waiting[text].declare_matching_listener(handler)

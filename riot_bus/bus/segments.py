@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.config import WAIT_BEFORE_CLOSE_S, router_config
+from riot_bus.bus.held_keys import begin_holding, end_holding
 from riot_bus.bus.libraries import borrow, give_back
 from riot_bus.bus.runtime import listening, open_session, release
 
@@ -64,6 +65,7 @@ class Segment:
         except BaseException:
             give_back(self._library)
             raise
+        begin_holding(self.session)
         self.zid = str(self.session.info.zid())
         found = [each for each in listening(self.session) if each not in {*doors, *hidden}]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
@@ -84,6 +86,7 @@ class Segment:
     def close(self) -> None:
         """Disconnect everybody; safe to call twice."""
         release(self.session)
+        end_holding(self.session)
         library, self._library = self._library, None
         if library is not None:
             give_back(library)

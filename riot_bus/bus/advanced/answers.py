@@ -15,7 +15,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.source import announced
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
+from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -46,20 +48,28 @@ class Answers:
         self, sessions: Mapping[str, zenoh.Session], worker: Worker, find: Callable[[str, str], list[Relay]]
     ) -> None:
         self._sessions, self._worker, self._find = sessions, worker, find
+        self._declared: dict[str, list[Any]] = {}
 
-    def declare(self, segment: str, expression: str) -> Any:
-        """Answer in a segment; return what can be undeclared.
+    def begin(self, key: str) -> None:
+        """Answer for the publishers of a key, unless that is done already; called by the worker.
 
-        Args:
-            segment: Name of the segment.
-            expression: Such as `KEY/@adv/pub/**`.
+        Not before there is one: every question for the history of a key comes here as well, and ends no sooner than we
+        say. A subscriber whose first question ends late, while it asks again because of a token, loses the first
+        samples. For the same reason questions are not taken on a thread of their own.
         """
-        session = self._sessions[segment]
-        zenoh = library_of(session)
-        # Every question for a history comes here as well, and ends no sooner than we say. Not on a thread of its own:
-        # a subscriber whose first question ends late, while it asks again because of a token, loses the first samples.
-        take = zenoh.handlers.Callback(partial(self._take, segment), indirect=False)
-        return session.declare_queryable(expression, take, allowed_origin=zenoh.Locality.REMOTE)
+        if key in self._declared:
+            return
+        declared = self._declared[key] = []
+        text = f"{key}/@adv/pub/**"
+        for name, session in self._sessions.items():
+            zenoh = library_of(session)
+            hold(session, text)
+            take = zenoh.handlers.Callback(partial(self._take, name), indirect=False)
+            declared.append(session.declare_queryable(text, take, allowed_origin=zenoh.Locality.REMOTE))
+
+    def end(self, key: str) -> None:
+        """Answer no more for a key; called by the worker."""
+        release(*self._declared.pop(key, ()))
 
     def _take(self, segment: str, query: Any) -> None:
         asked = announced(segment, str(query.key_expr))

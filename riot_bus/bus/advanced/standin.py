@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of, moved
 from riot_bus.bus.runtime import release
 
@@ -40,6 +41,7 @@ class StandIn:
 
     def _declare(self, depth: int | None) -> None:
         ext = self._library.ext
+        hold(self._session, self._key)
         self._cache: Any = ext.declare_advanced_publisher(
             self._session,
             self._key,

@@ -15,6 +15,7 @@ from riot_bus.bus.advanced.relay import Relay
 from riot_bus.bus.advanced.source import Relayed, Source, announced, relayed, source_of
 from riot_bus.bus.advanced.upstream import Upstream
 from riot_bus.bus.advanced.worker import Worker
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release, wait_until
 
@@ -113,8 +114,8 @@ class Terminator:
         for name, session in self._sessions.items():
             heard = partial(self._heard, name)
             remote = library_of(session).Locality.REMOTE
+            hold(session, text)
             mine.append(session.declare_subscriber(text, heard, allowed_origin=remote))
-            mine.append(self._answers.declare(name, text))
         for name, sample in self._present(text) if again else ():
             self._token(name, sample, again=True)
         for name, session in self._sessions.items():
@@ -309,6 +310,7 @@ class Terminator:
                 return None
             self.keys[source.key] = here
             relay = here[source] = Relay(source, again=again, token=token)
+            self._worker.do(partial(self._answers.begin, source.key))
             self._keeper.open(relay)
         self._changed()
         return relay
@@ -332,7 +334,9 @@ class Terminator:
                 _remember(self._ended, source, None, _MOST_ENDED)
             if not here:
                 self.keys.pop(source.key, None)
-            self._ending.discard(relay)
+        if not here:
+            self._answers.end(source.key)
+        self._ending.discard(relay)
 
     def _found(self, found: Found, *, again: bool) -> None:
         for source, _, _ in found.samples:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.graph.tokens import expressions, parse_token
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
@@ -152,6 +153,7 @@ class SegmentSource:
         zenoh = library_of(self.session)
         for key in keys:
             if key not in self._publishers:
+                hold(self.session, key)
                 publisher = self.session.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE)
                 with self._lock:
                     self._publishers[key] = publisher

@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
@@ -117,6 +118,7 @@ class Presence:
 
     def _stand_in(self, name: str, *, complete: bool) -> None:
         session = self._sessions[name]
+        hold(session, self.expression)
         queryable = session.declare_queryable(
             self.expression,
             _callback(session, self._take[name]),
@@ -142,6 +144,7 @@ class Presence:
 
 def _querier(session: zenoh.Session, expression: str, *, complete: bool) -> Any:
     zenoh = library_of(session)
+    hold(session, expression)
     return session.declare_querier(
         expression,
         target=zenoh.QueryTarget.ALL_COMPLETE if complete else zenoh.QueryTarget.BEST_MATCHING,

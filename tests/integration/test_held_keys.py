@@ -1,0 +1,60 @@
+"""What is on its way to a router's own session arrives there whatever the session declares meanwhile."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+
+from riot_bus.bus.runtime import wait_until
+from tests.integration.advanced_tools import KEY, WAIT_S, Prefix, running
+from tests.integration.fault_tools import assert_balanced, received, subscribed
+
+pytestmark = pytest.mark.integration
+
+
+@contextmanager
+def meanwhile(do: Callable[[], object]) -> Iterator[None]:
+    """Do something again and again on another thread."""
+    end = threading.Event()
+    failures: list[Exception] = []
+
+    def run() -> None:
+        while not end.is_set() and not failures:
+            try:
+                do()
+            except Exception as error:
+                failures.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
+    assert not failures
+
+
+def test_messages_pass_while_the_router_asks_who_has_subscribed() -> None:
+    """Zenoh 1.10.2 throws away what is on its way to a session while that takes back the number of a key."""
+    count = 20_000
+    with running(Prefix()) as (bus, join):
+        source, sink = join("unit"), join("system")
+        taken = threading.Semaphore(0)
+        _subscribers = [
+            sink.declare_subscriber(KEY, lambda _: taken.release()),
+            source.declare_subscriber(KEY, lambda _: None),
+        ]
+        subscribed(bus, "system", KEY)
+        publisher = source.declare_publisher(KEY, congestion_control=zenoh.CongestionControl.BLOCK)
+        with meanwhile(lambda: subscribed(bus, "unit", KEY)):
+            for _ in range(count):
+                publisher.put("text")
+            for _ in range(count):
+                assert taken.acquire(timeout=WAIT_S), received(bus, KEY)
+        assert wait_until(lambda: received(bus, KEY) == count, WAIT_S)
+        assert_balanced(bus)

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from riot_bus.bus import held_keys
+from riot_bus.bus.held_keys import begin_holding, end_holding, hold
+
+
+class Declaring:
+    """Notes what is declared, as a session would declare it."""
+
+    def __init__(self) -> None:
+        self.declared: list[str] = []
+
+    def declare_keyexpr(self, text: str) -> str:
+        self.declared.append(text)
+        return text
+
+
+@pytest.fixture
+def session() -> Iterator[Any]:
+    made = Declaring()
+    begin_holding(made)  # type: ignore[arg-type]
+    yield made
+    end_holding(made)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("expression", "prefix"),
+    [("a/b", "a/b"), ("a/**", "a"), ("a/b/*/c", "a/b"), ("a/b$*/c", "a"), ("a/@adv/pub/**", "a/@adv/pub")],
+)
+def test_the_part_before_wildcards_is_held(session: Any, expression: str, prefix: str) -> None:
+    hold(session, expression)
+    hold(session, expression)
+    assert session.declared == [prefix]
+
+
+@pytest.mark.parametrize("expression", ["**", "*/a"])
+def test_what_begins_with_a_wildcard_has_no_number(session: Any, expression: str) -> None:
+    hold(session, expression)
+    assert session.declared == []
+
+
+def test_the_oldest_of_too_many_is_let_go(session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held_keys, "_MOST", 3)
+    for key in "abcd":
+        hold(session, key)
+    assert list(held_keys._held[id(session)]) == ["b", "c", "d"]
+    hold(session, "a")
+    assert session.declared == ["a", "b", "c", "d", "a"]
+
+
+def test_a_session_that_does_not_hold_keys_declares_none() -> None:
+    other: Any = Declaring()
+    hold(other, "a")
+    assert other.declared == []
