@@ -101,25 +101,28 @@ def _kept(original: Path, number: int) -> Path:
     home = os.environ.get("XDG_CACHE_HOME", "")
     folder = (Path(home) if home else Path.home() / ".cache") / "riot-bus"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    about = original.stat()
     path = folder / f"zenoh-{_build(original)}-{number}.so"
-    if not path.exists():
-        handle, temporary = tempfile.mkstemp(dir=folder, suffix=".part")
-        os.close(handle)
-        try:
-            shutil.copyfile(original, temporary)
-            Path(temporary).chmod(0o500)
-            Path(temporary).rename(path)
-        except BaseException:
-            with suppress(OSError):
-                Path(temporary).unlink()
-            raise
-    found = path.stat()
-    if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (found, folder.stat())):
+    if not path.exists() or path.stat().st_size != original.stat().st_size:  # such as after a loss of power
+        _copy(original, path)
+    if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (path.stat(), folder.stat())):
         raise PermissionError(f"others may write to {path}")
-    if found.st_size != about.st_size:
-        raise OSError(f"{path} is no copy of {original}")
     return path
+
+
+def _copy(original: Path, path: Path) -> None:
+    """Copy a file so that nobody sees a part of it."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with original.open("rb") as source, os.fdopen(handle, "wb") as sink:
+            shutil.copyfileobj(source, sink)
+            sink.flush()
+            os.fsync(sink.fileno())
+        Path(temporary).chmod(0o500)
+        Path(temporary).replace(path)
+    except BaseException:
+        with suppress(OSError):
+            Path(temporary).unlink()
+        raise
 
 
 def _build(original: Path) -> str:
