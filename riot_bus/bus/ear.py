@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
@@ -38,6 +39,7 @@ class Ear:
         for session in sessions:
             zenoh = library_of(session)
             try:
+                hold(session, key)
                 self._listeners.append(
                     session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
                 )

@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections import Counter
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
@@ -45,7 +46,7 @@ class Junction:
     Args:
         segments: At least two.
         direct: Severed when something else is to be cut than what they cut.
-        inner: Where it listens by turns, for segments without doors; as many places as other segments have doors.
+        inner: Where it listens by turns, for segments without doors; as many places as others have doors, at least two.
         config: Further Zenoh configuration.
         wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
         timeout: Seconds within which links and routes must be up.
@@ -137,7 +138,7 @@ class Junction:
         time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
 
     def _begin(self, cut: Sequence[str], services: Sequence[str], taken: Meeting | None = None) -> zenoh.Session:
-        self._meeting = meeting = next(each for each in self._meetings if each is not taken)
+        meeting = next(each for each in self._meetings if each is not taken)
         rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
             connect=meeting.connect,
@@ -145,8 +146,8 @@ class Junction:
             wait_before_close_s=self._wait_before_close_s,
             extra={**self._config, **rules, _WEIGHTS: self._weights()},
         )
-        self.session = session = open_session(settings, purpose="junction", library=self._library)
-        self.zid = str(session.info.zid())
+        session = open_session(settings, purpose="junction", library=self._library)
+        self.session, self.zid, self._meeting = session, str(session.info.zid()), meeting
         self.ids.add(self.zid)
         return session
 
@@ -164,10 +165,12 @@ class Junction:
         former, self.session, self.zid = (self.session, self.zid, self._meeting), None, ""
         if self._direct is not None:
             self._sever(self._direct)
-        self._leave(*former)
-        library, self._library = self._library, None
-        if library is not None:
-            give_back(library)
+        try:
+            self._leave(*former)
+        finally:
+            library, self._library = self._library, None
+            if library is not None:
+                give_back(library)
 
     def _tokens(self, cut: Sequence[str]) -> list[str]:
         """Return which tokens of advanced publishers must not cross.
@@ -189,15 +192,17 @@ class Junction:
     def _leave(self, session: zenoh.Session | None, zid: str, meeting: Meeting | None) -> None:
         if session is None or meeting is None:
             return
-        self._flush(zid)
 
         def parted() -> bool:
             return not session.info.transports() and all(zid not in each.peers() for each in self._segments)
 
-        with meeting.ended():
-            # Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too.
+        # Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too.
+        with ExitStack() as stack:
+            stack.callback(meeting.reopen)
+            stack.callback(release, session)
+            self._flush(zid)
+            meeting.end()
             wait_until(parted, self._timeout)
-            release(session)
         self._left = time.monotonic()
 
     def _sever(self, direct: DirectLinks) -> None:

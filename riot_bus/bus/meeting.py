@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.bus import sockets
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
 __all__ = ["Meeting"]
 
@@ -26,25 +26,24 @@ class Meeting:
         self.connect, self.listen = list(connect), list(listen)
         self._doors = {each.partition("/")[2] for each in connect}
         self._inner = {each.partition("/")[2] for each in listen}
+        self._hidden: dict[Path, Path] = {}
 
     def widen(self) -> None:
         """Let the links hold several of Zenoh's full batches."""
         sockets.widen(self._doors | self._inner)
 
-    @contextmanager
-    def ended(self) -> Iterator[None]:
-        """Hang up the links; until the context is left, no others are made. Then the junction has to be closed."""
-        for path in self._inner:
-            Path(path).unlink(missing_ok=True)
-        for path in self._doors:
-            Path(path).rename(_hidden(path))
-        try:
-            sockets.hang_up(accepted=self._inner, connected=self._doors)
-            yield
-        finally:
-            for path in self._doors:
-                _hidden(path).rename(path)
+    def end(self) -> None:
+        """Hang up the links, and let no others be made; the junction has to be closed then, and `reopen` called."""
+        for path in map(Path, self._inner):
+            path.unlink(missing_ok=True)
+        for path in map(Path, self._doors):
+            with suppress(FileNotFoundError):  # somebody has tidied up
+                self._hidden[path] = path.rename(f"{path}~")
+        sockets.hang_up(accepted=self._inner, connected=self._doors)
 
-
-def _hidden(path: str) -> Path:
-    return Path(f"{path}~")
+    def reopen(self) -> None:
+        """Let the next junction connect."""
+        while self._hidden:
+            path, hidden = self._hidden.popitem()
+            with suppress(FileNotFoundError):
+                hidden.rename(path)

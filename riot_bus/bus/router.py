@@ -476,6 +476,7 @@ class Bus:
             if not only_stored(sample):
                 self._dispatcher.deliver(callback, convert(sample))
 
+        hold(session, text)
         return session.declare_subscriber(text, take)
 
     def wait_subscribed(

@@ -51,6 +51,7 @@ class StandIn:
         )
         self._depth, self._next, self._beaten = depth, 0, 0
         self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
+        hold(self._session, self._suffix)  # who has seen a token asks just there, also when the cache is replaced
 
     @property
     def cache(self) -> str:

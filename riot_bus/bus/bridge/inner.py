@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.standin import StoreFilter
 from riot_bus.bus.audience import Audience, Inner
+from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.message import Qos
@@ -134,6 +135,7 @@ class InnerPort:
                 give(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
 
         handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
+        hold(self._session, key)
         subscriber = self._session.declare_subscriber(key, handler)
         return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(key), give)))
 

@@ -8,6 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bus.config import client_config
+from riot_bus.bus.held_keys import begin_holding, end_holding, hold
 from riot_bus.bus.runtime import open_session, prepare_runtime, release
 from riot_bus.errors import EnvironmentFaultError
 
@@ -48,6 +49,7 @@ class Outlet:
         }
         if encoding:
             settings["encoding"] = zenoh.Encoding(encoding)
+        hold(session, key)
         self._publisher: Any = session.declare_publisher(key, **settings)
         self._put: Any = self._publisher.put
         self._declared: list[Any] = [self._publisher]
@@ -98,6 +100,7 @@ class Collector:
         import zenoh
 
         self._take, self._zenoh_error = take, zenoh.ZError
+        hold(session, expression)
         self._subscriber: Any = session.declare_subscriber(
             expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
         )
@@ -191,6 +194,7 @@ class SegmentPort:
         self._session = session
         self.endpoint = endpoint
         self.zid = str(session.info.zid())
+        begin_holding(session)
 
     def publisher(
         self,
@@ -230,6 +234,7 @@ class SegmentPort:
                 take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
 
         handler: Any = zenoh.handlers.Callback(receive, indirect=False)
+        hold(self._session, key)
         if latched is None:
             return Inlet(self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE))
         return Inlet(
@@ -295,6 +300,7 @@ class SegmentPort:
         import zenoh
 
         handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
+        hold(self._session, key)
         return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
 
     def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
@@ -337,6 +343,7 @@ class SegmentPort:
 
     def __exit__(self, *error: object) -> None:
         release(self._session)
+        end_holding(self._session)
 
 
 def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = None) -> SegmentPort:

@@ -30,6 +30,7 @@ from riot_bus.bus.capture.trigger import Trigger
 from riot_bus.bus.config import OWN_CHUNK, client_config
 from riot_bus.bus.control import Control
 from riot_bus.bus.convert import Claims
+from riot_bus.bus.held_keys import begin_holding, end_holding
 from riot_bus.bus.runtime import open_session, prepare_runtime, release
 from riot_bus.errors import ConfigError, RiotError
 from riot_bus.log.account import Account
@@ -145,6 +146,8 @@ class CaptureService:
         with ExitStack() as stack:
             prepare_runtime()
             session = open_session(client_config(options.endpoint, extra=options.config), purpose="recorder")
+            begin_holding(session)
+            stack.callback(end_holding, session)
             stack.callback(release, session)
             self._session = session
             self._announcements.watch(session)

@@ -29,28 +29,29 @@ def session() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(
-    ("expression", "prefix"),
-    [("a/b", "a/b"), ("a/**", "a"), ("a/b/*/c", "a/b"), ("a/b$*/c", "a"), ("a/@adv/pub/**", "a/@adv/pub")],
+    ("expression", "numbered"),
+    [
+        ("a/b", {"a/b"}),
+        ("a/**", {"a/**", "a"}),
+        ("a/b/*/c", {"a/b/*/c", "a/b"}),
+        ("a/b$*/c", {"a/b$*/c", "a"}),
+        ("a/@adv/pub/**", {"a/@adv/pub/**", "a/@adv/pub"}),
+        ("**", {"**"}),
+    ],
 )
-def test_the_part_before_wildcards_is_held(session: Any, expression: str, prefix: str) -> None:
+def test_the_whole_and_the_part_before_wildcards_are_held(session: Any, expression: str, numbered: set[str]) -> None:
     hold(session, expression)
     hold(session, expression)
-    assert session.declared == [prefix]
+    assert sorted(session.declared) == sorted(numbered)
 
 
-@pytest.mark.parametrize("expression", ["**", "*/a"])
-def test_what_begins_with_a_wildcard_has_no_number(session: Any, expression: str) -> None:
-    hold(session, expression)
-    assert session.declared == []
-
-
-def test_the_oldest_of_too_many_is_let_go(session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_those_used_last_of_too_many_are_kept(session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(held_keys, "_MOST", 3)
-    for key in "abcd":
+    for key in "abcad":
         hold(session, key)
-    assert list(held_keys._held[id(session)]) == ["b", "c", "d"]
-    hold(session, "a")
-    assert session.declared == ["a", "b", "c", "d", "a"]
+    assert list(held_keys._held[id(session)]) == ["c", "a", "d"]
+    hold(session, "b")
+    assert session.declared == ["a", "b", "c", "d", "b"]
 
 
 def test_a_session_that_does_not_hold_keys_declares_none() -> None:
