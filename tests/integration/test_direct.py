@@ -168,7 +168,7 @@ def test_a_junction_that_is_interrupted_or_cannot_be_replaced_leaves_nothing_ope
         assert wait_until(lambda: linked_to(network, last) == set(), 10)
 
 
-def test_a_junction_leaves_although_somebody_has_removed_the_sockets(tmp_path: Path) -> None:
+def test_a_junction_leaves_although_somebody_has_removed_the_sockets() -> None:
     with Network({"a": (), "b": ()}) as network:
         assert network.junction is not None
         network.junction.open(["1/**"])
