@@ -40,6 +40,7 @@ def test_a_late_joiner_gets_the_end_of_the_changed_stream_and_then_what_comes(
     with running(Prefix()) as (bus, join):
         source, sink = join("system"), join("unit")
         early, plain = Listener(sink), PlainListener(sink)
+        assert cached(sink) == []  # and so its own first question, which came before, is answered
         subscribed(bus, "unit", KEY)
         publisher = advertise(source, depth=depth, numbered=numbered)
         texts = [f"m{number}" for number in range(count)]
