@@ -20,6 +20,7 @@ from riot_bus.bus.client import open_client
 from riot_bus.bus.config import router_config
 from riot_bus.bus.heap import steady_heap
 from riot_bus.bus.router import Bus
+from riot_bus.bus.running import Upkeep
 from riot_bus.bus.runtime import listening, open_session, prepare_runtime, release, wait_until
 from riot_bus.bus.segments import EPHEMERAL, Segment
 from riot_bus.inject.interceptor import Injector
@@ -48,6 +49,7 @@ ANCHOR = "chain"
 FREE = ("free", "junction")  # paths whose messages are not intercepted
 TIMEOUT_S = 15.0
 WARM_UP_S = 0.5
+_LOOK_S = 0.2  # as `riot router`
 
 VALUE, INJECTED = 1.5, 2.5
 DEFINITION = "float64 value\nuint8[] data\n"
@@ -104,7 +106,9 @@ def serve(path: str, pipe: Connection) -> None:
     prepare_runtime()  # the same receive threads for all paths
     with _ROUTERS.get(path, _bus)(path) as ends:
         pipe.send(ends)
-        pipe.poll(None)
+        upkeep = (lambda: None) if path in _ROUTERS else Upkeep()
+        while not pipe.poll(_LOOK_S):
+            upkeep()
 
 
 @contextmanager

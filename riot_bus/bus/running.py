@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.bus.assemble import interceptors_of, intercepts, plan_of, registry_of, settings_of
 from riot_bus.bus.heap import calm_collector, steady_heap, trim_heap
 from riot_bus.bus.network import Network
+from riot_bus.bus.scheduling import LoadScheduling
 from riot_bus.bus.signals import ended_by_signals
 from riot_bus.errors import DataLossError
 
@@ -22,23 +23,25 @@ if TYPE_CHECKING:
     from riot_bus.bus.service import RouterService
     from riot_bus.bus.tally import Losses
 
-__all__ = ["Trimmer", "router_of", "run_router", "say_end"]
+__all__ = ["Upkeep", "router_of", "run_router", "say_end"]
 
 _LOOK_S = 0.2
 _TRIM_S = 20.0
 
 
-class Trimmer:
-    """Called often, it seldom gives memory back to the system."""
+class Upkeep:
+    """Called often, it keeps the threads of a busy process out of each other's way, and seldom gives memory back."""
 
     def __init__(self) -> None:
-        self._last = time.monotonic()
+        self._schedule = LoadScheduling()
+        self._trimmed = time.monotonic()
 
     def __call__(self) -> None:
-        """Do it if it is time."""
-        if time.monotonic() - self._last > _TRIM_S:
+        """Do what it is time for."""
+        self._schedule()
+        if time.monotonic() - self._trimmed > _TRIM_S:
             trim_heap()
-            self._last = time.monotonic()
+            self._trimmed = time.monotonic()
 
 
 def run_router(
@@ -108,9 +111,9 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
             say(_ready(service, as_json=as_json))
             service.watch()
             calm_collector()
-            trim = Trimmer()
+            upkeep = Upkeep()
             while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
-                trim()
+                upkeep()
         say_end(service, say, warn, as_json=as_json)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from riot_bus.bus.bridge.inner import InnerPort
 from riot_bus.bus.bridge.running import Bridge, run_bridge
-from riot_bus.bus.running import Trimmer, router_of, say_end
+from riot_bus.bus.running import Upkeep, router_of, say_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -68,9 +68,9 @@ def run_own_router(
 
 def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
     service.watch()  # it takes longer than all the rest
-    trim = Trimmer()
+    upkeep = Upkeep()
     while True:
-        trim()
+        upkeep()
         if service.stopping.is_set():
             bridge.stop()
         yield
