@@ -143,7 +143,7 @@ class Framer:
         size, crc = len(data), self._crc
         if size < 12 or data[0] != V2 or data[1] != size - 12 or data[2] or self._rest:
             return False
-        if crc(_EXTRA[extra], crc(data[1:-2], _CRC_START)) != data[-2] | data[-1] << 8:
+        if crc(data[1:-2] + _EXTRA[extra], _CRC_START) != data[-2] | data[-1] << 8:
             return False
         counts = self.counts
         counts.frames += 1
@@ -204,7 +204,7 @@ class Framer:
             return frame
         end = length - SIGNATURE if frame.signed else length
         raw = frame.raw
-        if self._crc(_EXTRA[extra], self._crc(raw[1 : end - 2], _CRC_START)) != raw[end - 2] | raw[end - 1] << 8:
+        if self._crc(raw[1 : end - 2] + _EXTRA[extra], _CRC_START) != raw[end - 2] | raw[end - 1] << 8:
             self.counts.bad_crc += 1
             return None
         self._in_step = True
@@ -287,7 +287,7 @@ def trimmed(payload: bytes) -> bytes:
 
 def _checksum(data: bytes, crc_extra: int) -> int:
     crc = load_crc()
-    return crc(_EXTRA[crc_extra], crc(data, _CRC_START))
+    return crc(data + _EXTRA[crc_extra], _CRC_START)
 
 
 def _next_start(data: bytes, at: int) -> int:

@@ -147,9 +147,9 @@ class MavlinkType:
             # The usual frame: unsigned, of MAVLink 2, and its length stays since what ends it is not changed.
             if stop > last and payload[0] == V2 and payload[1] == stop - 10 and payload[2] == 0:
                 check = payload[stop] | payload[stop + 1] << 8
-                if payload[stop - 1] and payload[7:10] == number and crc(extra, crc(payload[1:stop], 0xFFFF)) == check:
+                if payload[stop - 1] and payload[7:10] == number and crc(payload[1:stop] + extra, 0xFFFF) == check:
                     body = payload[1:first] + packed + payload[last:stop]
-                    return _V2 + body + crc(extra, crc(body, 0xFFFF)).to_bytes(2, "little")
+                    return _V2 + body + crc(body + extra, 0xFFFF).to_bytes(2, "little")
             parts = self._parts(payload)
             body = self._body(payload, parts)
             if end > len(body):
@@ -236,7 +236,7 @@ class MavlinkType:
             raise PayloadError(f"opaque: {size} bytes that are no frame of MAVLink")
         if number != self.message.id:
             raise PayloadError(f"opaque: message {number} instead of {self.message.id}, {self.message.name}")
-        if self._crc(self._extra, self._crc(payload[1:end], 0xFFFF)) != payload[end] | payload[end + 1] << 8:
+        if self._crc(payload[1:end] + self._extra, 0xFFFF) != payload[end] | payload[end + 1] << 8:
             raise PayloadError("opaque: the checksum is wrong")
         if parts.version == 1 and end - 6 < self.message.base_size:
             raise PayloadError(f"opaque: a payload of {end - 6} bytes instead of {self.message.base_size}")
@@ -250,7 +250,7 @@ class MavlinkType:
                 cut = cut.ljust(min(parts.end - parts.start, len(body)), b"\0")
             body = cut
         frame = b"%c%c%b%b" % (head[0], len(body), head[2:], body)
-        frame += self._crc(self._extra, self._crc(frame[1:], 0xFFFF)).to_bytes(2, "little")
+        frame += self._crc(frame[1:] + self._extra, 0xFFFF).to_bytes(2, "little")
         if not parts.signed:
             return frame
         if self._signer is None:

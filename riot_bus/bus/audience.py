@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.convert import publisher_settings
@@ -41,6 +42,7 @@ class Audience:
         encoding: Zenoh's encoding string, empty for its default.
         changed: Called on a thread of Zenoh's when `listens` may have changed.
         everybody: Publish always, and for this process, too.
+        took: Told how many seconds each publication took.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Audience:
         encoding: str = "",
         changed: Callable[[], None] | None = None,
         everybody: bool = False,
+        took: Callable[[float], None] | None = None,
     ) -> None:
         zenoh = library_of(session)
         hold(session, key)
@@ -62,7 +65,7 @@ class Audience:
             **publisher_settings(qos, zenoh),
         )
         self._put = self._publisher.put
-        self._changed, self._everybody = changed, everybody
+        self._changed, self._everybody, self._took = changed, everybody, took
         self._listens, self._stale = everybody, not everybody
         handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # else each has a thread
         self._listener = self._publisher.declare_matching_listener(handler)
@@ -73,7 +76,10 @@ class Audience:
             self._stale = False  # first, so that no change is missed
             self._listens = self.listens()
         if self._listens:
+            began = time.monotonic()
             self._put(payload, attachment=attachment)
+            if self._took is not None:
+                self._took(time.monotonic() - began)
 
     def listens(self) -> bool:
         """Return whether anybody does."""

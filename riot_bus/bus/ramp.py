@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.bus.convert import Outlets
     from riot_bus.bus.crossing import Crossing
     from riot_bus.message import Qos
 
@@ -45,7 +44,6 @@ class Track:
         "key",
         "looked_at",
         "native",
-        "outlets",
         "passed",
         "puts",
         "qos",
@@ -62,7 +60,6 @@ class Track:
         self.generation = -1
         self.native = self.looked_at = False
         self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
-        self.outlets: list[Outlets] = []
         self.audiences: dict[str, Audience] = {}
         self.puts: list[Callable[[bytes, bytes | None], None]] = []
         self.passed = self.seen = self.rewritten = self.told = 0
@@ -92,16 +89,11 @@ class Track:
             return False
         else:
             self.passed += 1
-        began = time.monotonic()
         try:
             for put in self.puts:
                 put(payload, attachment)
         except Exception as error:
             self._ramp.failed(self.key, error)
-        took = time.monotonic() - began
-        for outlet in self.outlets:
-            if took > outlet.longest_s:
-                outlet.took(took)
         return True
 
     def close(self) -> None:
@@ -284,20 +276,26 @@ class Ramp:
         track.looked_at = wanted or advanced
         track.rewrite = crossing.gate.rewriter(key, payload) if simple and not track.native else None
         if not track.native:
-            targets = crossing.targets[self.segment]
-            track.outlets = [crossing.outlets[name] for name in targets]
-            track.puts = [put for name in targets for put in self._puts(track, name)]
+            track.puts = [put for name in crossing.targets[self.segment] for put in self._puts(track, name)]
         track.generation = generation
 
     def _puts(self, track: Track, name: str) -> list[Callable[[bytes, bytes | None], None]]:
         """Return what publishes on another segment."""
         crossing, key = self._crossing, track.key
+        outlet = crossing.outlets[name]
         if name in crossing.observed:
-            outlet = crossing.outlets[name]
             encoding = outlet.encoding(track.text)
             publisher = outlet.publisher(key, track.qos, encoding)
-            return [lambda payload, attachment: publisher.put(payload, encoding=encoding, attachment=attachment)]
+
+            def publish(payload: bytes, attachment: bytes | None) -> None:
+                began = time.monotonic()
+                publisher.put(payload, encoding=encoding, attachment=attachment)
+                outlet.took(time.monotonic() - began)
+
+            return [publish]
         if name not in track.audiences:
-            track.audiences[name] = Audience(self._sessions[name], key, qos=track.qos, encoding=track.text)
+            track.audiences[name] = Audience(
+                self._sessions[name], key, qos=track.qos, encoding=track.text, took=outlet.took
+            )
         takes = [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]
         return [*takes, track.audiences[name].put]

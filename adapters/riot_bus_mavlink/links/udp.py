@@ -147,6 +147,7 @@ class UdpServer(_UdpLink):
     def _read(self, events: int) -> None:
         made, host, ends, heard = self._socket, self._host, self._ends, self._heard
         now = time.monotonic()
+        last = end = None
         for _ in range(_AT_ONCE):
             if made is None:
                 return
@@ -156,12 +157,13 @@ class UdpServer(_UdpLink):
                 return
             except OSError:  # an answer that somebody was not there
                 continue
-            end = ends.get(address)
-            if end is None:
-                if not data or data[0] not in _STARTS:
-                    continue
-                end = self._join(address)
-            heard[address] = now
+            if end is None or address != last:
+                last, end = address, ends.get(address)
+                if end is None:
+                    if not data or data[0] not in _STARTS:
+                        continue
+                    end = self._join(address)
+                heard[address] = now
             host.take(end, data)
 
     def _join(self, address: Any) -> End:
