@@ -30,7 +30,7 @@ WAIT_BEFORE_CLOSE_S = 5.0
 
 _CONTROL = b"riot ctl".hex()
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-_FLOWS = ["ingress", "egress"]
+_FLOWS = ["ingress"]  # one of them is enough, and each is paid for by all messages on all links
 _CACHES = ["put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"]
 
 
@@ -95,7 +95,7 @@ def access_control(
     tokens: Sequence[str] | None = None,
     peers: Sequence[str] | None = None,
 ) -> SessionConfig:
-    """Return the rules by which a junction keeps the cut keys to their segments.
+    """Return the rules by which a router lets nothing come in over a link that has to stay in its segment.
 
     Subscriptions to the cut keys are refused too: their segments then do not send what would be refused anyway.
     Questions to the router itself stay in their segment, so that each is answered once, and only where control is

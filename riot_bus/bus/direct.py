@@ -61,9 +61,9 @@ class DirectLinks:
         return [f"unixsock-stream/{self._paths[other]}{_SELDOM}" for other in self._earlier(name)]
 
     def config(self, name: str) -> SessionConfig:
-        """Return further configuration of a segment. One end of a link guards it in both directions."""
-        earlier = [self._ids[other] for other in self._earlier(name)]
-        rules = access_control(self._cut[0], services=self._cut[1], peers=earlier) if earlier else {}
+        """Return further configuration of a segment. Each end of a link guards what comes in."""
+        others = [self._ids[other] for other in self._names if other != name]
+        rules = access_control(self._cut[0], services=self._cut[1], peers=others) if others else {}
         return {"id": self._ids[name], **rules}
 
     def complete(self, segments: Sequence[Segment]) -> None:

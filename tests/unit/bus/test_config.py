@@ -23,7 +23,7 @@ def test_cut_denies_caches_too_and_applies_to_everybody() -> None:
         ["a/*/@adv/**", "b/**/@adv/**"],
         ["a/*/@adv/pub/**", "b/**/@adv/pub/**"],
     ]
-    assert all(rule["permission"] == "deny" and rule["flows"] == ["ingress", "egress"] for rule in rules["rules"])
+    assert all(rule["permission"] == "deny" and rule["flows"] == ["ingress"] for rule in rules["rules"])
     assert {"query", "reply", "declare_queryable", "declare_subscriber"} <= set(rules["rules"][2]["messages"])
     assert rules["rules"][3]["messages"] == ["liveliness_token"]
     assert not {"query", "reply"} & set(rules["rules"][1]["messages"])

@@ -8,7 +8,7 @@ from riot_bus.bus.config import access_control
 from riot_bus.bus.direct import DirectLinks, are_possible
 
 
-def test_each_link_has_a_listener_a_caller_and_a_guard(tmp_path: Path) -> None:
+def test_each_link_has_a_listener_a_caller_and_a_guard_at_each_end(tmp_path: Path) -> None:
     links = DirectLinks(["a", "b", "c"], tmp_path, cut=["x/**"], services=["s"])
     heard = {name: links.listen(name) for name in "abc"}
     assert [len(each) for each in heard.values()] == [1, 1, 0]
@@ -19,9 +19,8 @@ def test_each_link_has_a_listener_a_caller_and_a_guard(tmp_path: Path) -> None:
     assert links.ids == set(ids.values())
     assert all(len(each) == 32 and each[0] != "0" for each in links.ids)
     assert configs == {
-        "a": {},
-        "b": access_control(["x/**"], services=["s"], peers=[ids["a"]]),
-        "c": access_control(["x/**"], services=["s"], peers=[ids["a"], ids["b"]]),
+        name: access_control(["x/**"], services=["s"], peers=[ids[other] for other in others])
+        for name, others in {"a": "bc", "b": "ac", "c": "ab"}.items()
     }
     assert links.cuts(["x/**"], ["s"])
     assert not links.cuts(["x/**"], [])
