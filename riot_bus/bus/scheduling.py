@@ -6,6 +6,10 @@ import os
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["LoadScheduling"]
 
@@ -26,18 +30,22 @@ class LoadScheduling:
 
     It has its price: while all processors are taken, a message that comes alone may wait 2 ms longer. So this is for
     the time in which messages come in crowds. A process that was started with a policy of its own keeps it.
+
+    Args:
+        used: Returns the processor seconds that the process has used.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, used: Callable[[], float] = time.process_time) -> None:
         self.batched = False
         """Whether Zenoh's threads wait for their turn at present."""
         self._own = not hasattr(os, "SCHED_BATCH") or os.sched_getscheduler(0) != os.SCHED_OTHER
-        self._last = time.monotonic(), time.process_time()
+        self._used = used
+        self._last = time.monotonic(), used()
         self._again = 0.0
 
     def __call__(self) -> None:
         """Look how busy the process was since the last call, and act if that has changed."""
-        now, used = time.monotonic(), time.process_time()
+        now, used = time.monotonic(), self._used()
         passed = now - self._last[0]
         if passed < _SHORTEST_S:
             return
