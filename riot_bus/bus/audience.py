@@ -77,9 +77,11 @@ class Audience:
             self._listens = self.listens()
         if self._listens:
             began = time.monotonic()
-            self._put(payload, attachment=attachment)
-            if self._took is not None:
-                self._took(time.monotonic() - began)
+            try:
+                self._put(payload, attachment=attachment)
+            finally:
+                if self._took is not None:
+                    self._took(time.monotonic() - began)
 
     def listens(self) -> bool:
         """Return whether anybody does."""

@@ -289,8 +289,10 @@ class Ramp:
 
             def publish(payload: bytes, attachment: bytes | None) -> None:
                 began = time.monotonic()
-                publisher.put(payload, encoding=encoding, attachment=attachment)
-                outlet.took(time.monotonic() - began)
+                try:
+                    publisher.put(payload, encoding=encoding, attachment=attachment)
+                finally:
+                    outlet.took(time.monotonic() - began)
 
             return [publish]
         if name not in track.audiences:

@@ -71,7 +71,10 @@ class LoadScheduling:
 
 
 def _switch(before: int, after: int) -> None:
-    for task in _TASKS.iterdir():
+    tasks: list[Path] = []
+    with suppress(OSError):  # there is no /proc here
+        tasks = list(_TASKS.iterdir())
+    for task in tasks:
         with suppress(OSError):  # it has ended, or must not be changed
             if (task / "comm").read_bytes().startswith(_ZENOH) and os.sched_getscheduler(int(task.name)) == before:
                 os.sched_setscheduler(int(task.name), after, os.sched_param(0))
