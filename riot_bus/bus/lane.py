@@ -301,17 +301,16 @@ class Lane:
                 way = self._learn(key, sample)
                 if way is None:
                     continue
-            if way.looked_at or not payload:
-                changed = self._rewritten(way, payload) if way.rewrite is not None and payload else None
-                if changed is None:
-                    self._look(way, sample)
-                    if time.monotonic() - began > _TURN_S:
-                        break  # interceptors are slow: see what has come in meanwhile
-                    continue
-                payload = changed
-            else:
-                way.passed += 1
+            if not way.looked_at:
                 payload = payload.to_bytes()  # objects of one library are strange to another
+                way.passed += 1
+            else:
+                payload = self._rewritten(way, payload.to_bytes()) if way.rewrite is not None else None
+            if not payload:
+                self._look(way, sample)
+                if time.monotonic() - began > _TURN_S:
+                    break  # interceptors are slow: see what has come in meanwhile
+                continue
             if attachment is not None:
                 text = way.text if way.encoding == encoding else str(encoding)
                 out((way, payload, {"encoding": text, "attachment": attachment.to_bytes()}))
@@ -355,12 +354,14 @@ class Lane:
         ways[key_expr] = way
         return way
 
-    def _rewritten(self, way: _Way, payload: zenoh.ZBytes) -> bytes | None:
-        """Return another payload, None if this message is one to look at."""
+    def _rewritten(self, way: _Way, payload: bytes) -> bytes | None:
+        """Return another payload, None if this message is one to look at, as one without a payload is."""
         assert way.rewrite is not None
         try:
-            changed = way.rewrite(payload.to_bytes())
+            changed = way.rewrite(payload) if payload else b""
         except Exception:  # whatever it is, it is said when an interceptor looks
+            return None
+        if not changed:
             return None
         if not way.rewritten:
             self._rewriting.append(way)
@@ -383,8 +384,6 @@ class Lane:
             if what is None:
                 return
             payload = None if what is True else what
-        else:
-            way.passed += 1
         if payload is None:
             payload = sample.payload.to_bytes()
         encoding, found = sample.encoding, sample.attachment

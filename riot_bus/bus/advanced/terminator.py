@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.bus.advanced.relay import Stored
-    from riot_bus.bus.advanced.upstream import Found
     from riot_bus.bus.convert import Converter, Outlets
     from riot_bus.bus.crossing import Crossing
     from riot_bus.message import Message
@@ -338,10 +337,9 @@ class Terminator:
             self._answers.end(source.key)
         self._ending.discard(relay)
 
-    def _found(self, found: Found, *, again: bool) -> None:
-        for source, _, _ in found.samples:
-            if source.zid not in self._own and source not in self._ended:
-                self._meet(source, again=again, token=False)
+    def _found(self, source: Source, *, again: bool) -> None:
+        if source.zid not in self._own and source not in self._ended:
+            self._meet(source, again=again, token=False)
 
     def _beat(self, segment: str, sample: Any) -> None:
         import zenoh

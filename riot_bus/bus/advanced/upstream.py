@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["Found", "Upstream"]
 
 _TIMEOUT_S = 2.0
+_CHANNEL = 1 << 16
+_PAUSE_S = 0.001
+_LONGEST_PAUSE_S = 0.05
 
 
 class Found(NamedTuple):
@@ -41,6 +44,26 @@ class Found(NamedTuple):
         return [(number, sample) for _, number, sample in self.samples]
 
 
+class _Answers:
+    """What has been answered to one question.
+
+    Args:
+        segment: Where it was asked.
+    """
+
+    def __init__(self, segment: str) -> None:
+        self.samples: list[tuple[Source, int, Any]] = []
+        self.complete = True
+        self._segment = segment
+
+    def take(self, reply: Any) -> None:
+        """Take one answer."""
+        if reply.ok is None:
+            self.complete = False
+        elif (known := source_of(self._segment, reply.ok)) is not None:
+            self.samples.append((*known, reply.ok))
+
+
 class Upstream:
     """Asks without waiting: a cache that is slow, or never answers, delays nothing but its own publisher's messages.
 
@@ -60,33 +83,55 @@ class Upstream:
             parameters: Which samples, such as `?_sn=3..4`; all if empty.
             then: Called by the worker.
         """
-        selector = f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**{parameters}"
-        self.search(source.segment, selector, then)
-
-    def search(self, segment: str, selector: str, then: Callable[[Found], None]) -> None:
-        """Ask all caches of a segment that a selector means."""
-        session = self._sessions[segment]
-        zenoh = library_of(session)
-        samples: list[tuple[Source, int, Any]] = []
-        failed: list[Any] = []
+        zenoh = library_of(self._sessions[source.segment])
+        answers = _Answers(source.segment)
         caller = threading.get_ident()
-
-        def take(reply: Any) -> None:
-            if reply.ok is None:
-                failed.append(reply.err)
-            elif (known := source_of(segment, reply.ok)) is not None:
-                samples.append((*known, reply.ok))
 
         def done() -> None:
             # When there is nobody to ask, Zenoh ends the query at once, on the thread that asked. (Matching status
             # would be the proper way, but in 1.10.2 it does not see these caches.)
             asked = threading.get_ident() != caller
-            samples.sort(key=lambda each: each[1])
-            self._worker.do(partial(then, Found(samples, not failed, asked)))
+            samples = sorted(answers.samples, key=lambda each: each[1])
+            self._worker.do(partial(then, Found(samples, answers.complete, asked)))
 
-        session.get(
+        selector = f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**{parameters}"
+        self._get(source.segment, selector, zenoh.handlers.Callback(answers.take, drop=done, indirect=False))
+
+    def search(self, segment: str, selector: str, then: Callable[[Source], None]) -> None:
+        """Find out who has caches.
+
+        Every key that comes asks, and nobody waits for it, so the answers are fetched now and then. A callback would
+        slow down the whole segment: from the first one on that a thread of Zenoh's drops, every call into this copy of
+        the library looks for objects of Python's to drop (pyo3 0.25), at the cost of a tenth of what a lane does.
+
+        Args:
+            segment: Where.
+            selector: Which caches.
+            then: Called by the worker with the publisher of each sample.
+        """
+        zenoh = library_of(self._sessions[segment])
+        channel = self._get(segment, selector, zenoh.handlers.FifoChannel(_CHANNEL))
+        answers = _Answers(segment)
+
+        def look(pause: float) -> None:
+            try:
+                while (reply := channel.try_recv()) is not None:
+                    answers.take(reply)
+            except zenoh.ZError:  # there will be no more
+                for source, _, _ in answers.samples:
+                    then(source)
+            else:
+                again = partial(look, min(2 * pause, _LONGEST_PAUSE_S))
+                self._worker.later(pause, again, background=True)
+
+        self._worker.do(partial(look, _PAUSE_S))
+
+    def _get(self, segment: str, selector: str, handler: Any) -> Any:
+        session = self._sessions[segment]
+        zenoh = library_of(session)
+        return session.get(
             selector,
-            zenoh.handlers.Callback(take, drop=done, indirect=False),
+            handler,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
