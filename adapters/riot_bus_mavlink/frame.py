@@ -8,15 +8,16 @@ payload, a checksum over all of this but the first byte and over one more that s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 from riot_bus.errors import PayloadError
 from riot_bus_mavlink.crc import load_crc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
 __all__ = [
+    "KIND",
     "LONGEST",
     "SIGNATURE",
     "SIGNED",
@@ -42,6 +43,9 @@ SIGNATURE = 13
 """Bytes of a signature."""
 LONGEST = 280
 """Bytes of the longest frame: 10 of header, 255 of payload, 2 of checksum, 13 of signature."""
+
+KIND = slice(5, 10)
+"""Where frames of MAVLink 2 have their system, component and message."""
 
 _STARTS = (V1, V2)
 _CRC_START = 0xFFFF
@@ -98,6 +102,17 @@ class Counts:
     junk_bytes: int = 0
 
 
+class Kind(Protocol):
+    """What is known of frames of one message from one component."""
+
+    @property
+    def extra(self) -> bytes:
+        """The message's extra byte of the checksum."""
+
+
+KindT = TypeVar("KindT", bound=Kind)
+
+
 class Framer:
     """Finds frames in a stream of bytes, however it is split; after damage it goes on with the next whole frame.
 
@@ -126,31 +141,41 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are complete with these bytes, in their order."""
-        if len(data) > 11:
-            extra = self._extra(data[7] | data[8] << 8 | data[9] << 16)
-            if extra is not None and self.single(data, extra):
-                return [_unsigned(data)]  # most often, a packet is one such frame
         self.counts.bytes += len(data)
         return self._scan(self._rest + data if self._rest else data, ended=False)
 
-    def single(self, data: bytes, extra: int) -> bool:
-        """Take bytes that are one whole frame, unsigned and of MAVLink 2; return whether they are, else do nothing.
+    def known(self, packets: Sequence[bytes], first: int, kinds: Mapping[bytes, KindT]) -> list[KindT]:
+        """Take packets as long as each is one whole frame, unsigned and of MAVLink 2, of a kind that is known.
 
         Args:
-            data: What came.
-            extra: The extra byte of the message that the frame would be.
+            packets: What came, each by itself.
+            first: Where to begin.
+            kinds: By the bytes at `KIND`.
+
+        Returns:
+            The kinds of the packets that were taken; none while the rest of a frame is awaited.
         """
-        size, crc = len(data), self._crc
-        if size < 12 or data[0] != V2 or data[1] != size - 12 or data[2] or self._rest:
-            return False
-        if crc(data[1:-2] + _EXTRA[extra], _CRC_START) != data[-2] | data[-1] << 8:
-            return False
-        counts = self.counts
-        counts.frames += 1
-        counts.bytes += size
-        counts.frame_bytes += size
-        self._in_step = True
-        return True
+        taken: list[KindT] = []
+        size, crc = 0, self._crc
+        for data in packets[first:] if not self._rest else ():
+            kind = kinds.get(data[KIND])
+            if (
+                kind is None
+                or data[0] != V2
+                or data[1] != len(data) - 12
+                or data[2]
+                or crc(data[1:-2] + kind.extra, _CRC_START) != data[-2] | data[-1] << 8
+            ):
+                break
+            taken.append(kind)
+            size += len(data)
+        if taken:
+            counts = self.counts
+            counts.frames += len(taken)
+            counts.bytes += size
+            counts.frame_bytes += size
+            self._in_step = True
+        return taken
 
     def flush(self) -> list[Frame]:
         """Return the whole frames in what waits for more, which never comes; the rest of it is junk."""

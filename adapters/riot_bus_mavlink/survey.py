@@ -139,9 +139,10 @@ class _Listener:
     def leave(self, end: End) -> None:
         pass
 
-    def take(self, end: End, data: bytes) -> None:
-        for frame in end.framer.feed(data):
-            self.survey.see(frame, end.link)
+    def take(self, end: End, packets: Sequence[bytes]) -> None:
+        for data in packets:
+            for frame in end.framer.feed(data):
+                self.survey.see(frame, end.link)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         self._warn(f"warning: {spec.name} ({spec.where}): {text}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.bus.convert import publisher_settings
@@ -11,13 +12,14 @@ from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import zenoh
 
     from riot_bus.message import Qos
 
-__all__ = ["Audience", "Inner"]
+__all__ = ["Audience", "Inner", "Take"]
+
+Take = Callable[[list[tuple[bytes, bytes | None]]], None]
+"""Takes messages, each with its attachment, in their order."""
 
 
 class Inner(NamedTuple):
@@ -25,11 +27,11 @@ class Inner(NamedTuple):
 
     Attributes:
         expression: To what.
-        take: Called with payload and attachment, on any thread; raises nothing.
+        take: Called with payloads and attachments, on any thread; raises nothing.
     """
 
     expression: zenoh.KeyExpr
-    take: Callable[[bytes, bytes | None], None]
+    take: Take
 
 
 class Audience:

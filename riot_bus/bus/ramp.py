@@ -20,10 +20,11 @@ from riot_bus.message import Message
 from riot_bus.pipeline.runner import AbandonedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import zenoh
 
+    from riot_bus.bus.audience import Take
     from riot_bus.bus.crossing import Crossing
     from riot_bus.message import Qos
 
@@ -50,6 +51,7 @@ class Track:
         "rewrite",
         "rewritten",
         "seen",
+        "takes",
         "text",
         "told",
     )
@@ -62,39 +64,27 @@ class Track:
         self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
         self.audiences: dict[str, Audience] = {}
         self.puts: list[Callable[[bytes, bytes | None], None]] = []
+        self.takes: tuple[Take, ...] = ()
         self.passed = self.seen = self.rewritten = self.told = 0
 
     def put(self, payload: bytes, attachment: bytes | None) -> None:
         """Take a message to the other segments; waits if too many are under way, or receivers are slow."""
-        ramp = self._ramp
-        if (
-            self.generation != ramp.generation
-            or ramp.waiting.unfinished_tasks
-            or not self.straight(payload, attachment)
-        ):
-            ramp.waiting.put((self, payload, attachment))
+        self._ramp.put_all([self], [payload], attachment)
 
-    def straight(self, payload: bytes, attachment: bytes | None) -> bool:
-        """Take a message to the other segments, if no interceptor has to look at it; return whether that is so."""
-        if self.native:
-            return True
+    def straight(self, payload: bytes) -> bytes | None:
+        """Return with which payload a message goes on, and count it; None if an interceptor has to look at it."""
         rewrite = self.rewrite
         if rewrite is not None:
             try:
                 payload = rewrite(payload)
             except Exception:  # whatever it is, it is said when an interceptor looks
-                return False
+                return None
             self.rewritten += 1
         elif self.looked_at:
-            return False
+            return None
         else:
-            self.passed += 1
-        try:
-            for put in self.puts:
-                put(payload, attachment)
-        except Exception as error:
-            self._ramp.failed(self.key, error)
-        return True
+            self.passed += not self.native
+        return payload
 
     def close(self) -> None:
         """Put no more; counts stay."""
@@ -155,6 +145,32 @@ class Ramp:
             self._tracks[id(track)] = track
         return track
 
+    def put_all(self, tracks: Sequence[Track], payloads: Sequence[bytes], attachment: bytes | None) -> None:
+        """Take messages to the other segments; waits if too many are under way, or receivers are slow.
+
+        Args:
+            tracks: Of each message its key's.
+            payloads: Of each message.
+            attachment: Of all of them.
+        """
+        ready: list[tuple[bytes, bytes | None]] = []
+        takes: tuple[Take, ...] = ()
+        for track, payload in zip(tracks, payloads, strict=True):
+            known = track.generation == self.generation and not self.waiting.unfinished_tasks
+            changed = track.straight(payload) if known else None
+            if ready and (changed is None or (track.takes is not takes and track.takes != takes)):
+                for take in takes:
+                    take(ready)
+                ready = []
+            if changed is None:
+                self.waiting.put((track, payload, attachment))
+                continue
+            takes = track.takes
+            ready.append((changed, attachment))
+            self._publish(track, changed, attachment)
+        for take in takes if ready else ():
+            take(ready)
+
     def owns(self, key: str) -> bool:
         """Return whether messages of a key take this way; if not, they are routed."""
         return bool(self._crossing.targets[self.segment]) and self._owner(key) is not None
@@ -201,11 +217,6 @@ class Ramp:
                 self._ended_passed.add(track.key, track.passed)
                 self._ended_flows.add(track.key, track.passed + track.seen + track.rewritten)
 
-    def failed(self, key: str, error: Exception) -> None:
-        """Count a message that could not be published."""
-        _LOG.warning("a message of %s could not be forwarded: %s", key, error)
-        self._crossing.lose(key, "not published")
-
     def close(self) -> None:
         """Let pass what was put, then end; safe to call twice."""
         if self._thread.is_alive():
@@ -213,6 +224,14 @@ class Ramp:
             while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
                 self._thread.join(_TURN_S)
         self.passed()
+
+    def _publish(self, track: Track, payload: bytes, attachment: bytes | None) -> None:
+        try:
+            for put in track.puts:
+                put(payload, attachment)
+        except Exception as error:
+            _LOG.warning("a message of %s could not be forwarded: %s", track.key, error)
+            self._crossing.lose(track.key, "not published")
 
     # -- on the ramp's thread -----------------------------------------------------------------------------------------
 
@@ -250,7 +269,11 @@ class Ramp:
     def _carry(self, track: Track, payload: bytes, attachment: bytes | None) -> None:
         if track.generation != self.generation:
             self._learn(track, payload)
-        if track.straight(payload, attachment):
+        changed = track.straight(payload)
+        if changed is not None:
+            self._publish(track, changed, attachment)
+            for take in track.takes:
+                take([(changed, attachment)])
             return
         message = Message(
             time.time_ns(),
@@ -273,10 +296,11 @@ class Ramp:
         wanted = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
         simple = wanted and not advanced and crossing.recorder is None
         track.native = not self.owns(key)
-        track.looked_at = wanted or advanced
+        track.looked_at = (wanted or advanced) and not track.native
         track.rewrite = crossing.gate.rewriter(key, payload) if simple and not track.native else None
-        if not track.native:
-            track.puts = [put for name in crossing.targets[self.segment] for put in self._puts(track, name)]
+        targets = () if track.native else crossing.targets[self.segment]
+        track.puts = [put for name in targets for put in self._puts(track, name)]
+        track.takes = tuple(take for name in targets for take in self._takes(key, name))
         track.generation = generation
 
     def _puts(self, track: Track, name: str) -> list[Callable[[bytes, bytes | None], None]]:
@@ -299,5 +323,11 @@ class Ramp:
             track.audiences[name] = Audience(
                 self._sessions[name], key, qos=track.qos, encoding=track.text, took=outlet.took
             )
-        takes = [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]
-        return [*takes, track.audiences[name].put]
+        return [track.audiences[name].put]
+
+    def _takes(self, key: str, name: str) -> list[Take]:
+        """Return what gives messages of a key to who listens in this process."""
+        crossing = self._crossing
+        if name in crossing.observed:
+            return []
+        return [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]

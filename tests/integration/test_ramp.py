@@ -44,7 +44,7 @@ def bus() -> Iterator[Bus]:
 def test_order_is_kept_while_interceptors_come_and_go(bus: Bus) -> None:
     one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
     got: list[tuple[bytes, bytes | None]] = []
-    two.collect("a/*", lambda payload, attachment: got.append((payload, attachment)))
+    two.collect("a/*", got.extend)
     outlet = one.publisher(KEY, reliable=True)
     assert outlet.matched()
     ended = threading.Event()
@@ -76,7 +76,7 @@ def test_order_is_kept_while_interceptors_come_and_go(bus: Bus) -> None:
 def test_counts_and_hits_of_what_is_rewritten_are_those_of_a_look(bus: Bus) -> None:
     one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
     got: list[bytes] = []
-    two.collect("a/*", lambda payload, attachment: got.append(payload))
+    two.subscribe("a/*", lambda payload, attachment: got.append(payload))
     injector = Injector([Injection(KEY, "x", 7)])
     bus.set_interceptors([injector])
     outlet = one.publisher(KEY, reliable=True)
@@ -114,7 +114,7 @@ def test_everybody_hears_once_what_others_put(bus: Bus) -> None:
 def test_who_has_gone_hears_no_more(bus: Bus) -> None:
     one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
     got: list[bytes] = []
-    listening = two.collect("a/*", lambda payload, attachment: got.append(payload))
+    listening = two.subscribe("a/*", lambda payload, attachment: got.append(payload))
     outlet = one.publisher(KEY, reliable=False)
     outlet.put(b"1", b"")
     assert bus.drain(WAIT_S)

@@ -217,16 +217,20 @@ class MavlinkBridge:
         self._sides[tally.spec.segment].routes.remove(end)
         tally.leave(end)
 
-    def take(self, end: End, data: bytes) -> None:
-        """Take bytes that came."""
-        side = self._sides[end.segment]
-        if not self._mirrors and side.take_single(end, data):
-            return
-        frames = end.framer.feed(data)
-        if frames:
-            kept = side.take(end, frames)
-            if kept and self._mirrors:
-                self._mirrors[end.segment].offer(kept)
+    def take(self, end: End, packets: Sequence[bytes]) -> None:
+        """Take packets, or pieces of a stream, in the order in which they came."""
+        side, mirror = self._sides[end.segment], self._mirrors.get(end.segment)
+        at = 0
+        while at < len(packets):
+            if mirror is None:
+                at += side.take_known(end, packets, at)
+            for data in packets[at : at + 1]:
+                frames = end.framer.feed(data)
+                if frames:
+                    kept = side.take(end, frames)
+                    if kept and mirror is not None:
+                        mirror.offer(kept)
+                at += 1
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work, once."""

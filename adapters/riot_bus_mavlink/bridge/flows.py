@@ -6,32 +6,29 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from riot_bus_mavlink.bridge.losses import SourceCount
+    from riot_bus_mavlink.bridge.port import Outlet
     from riot_bus_mavlink.links.end import End
 
-__all__ = ["KIND", "MOST_FLOWS", "Flow"]
+__all__ = ["MOST_FLOWS", "Flow"]
 
-KIND = slice(5, 10)
-"""Where frames of MAVLink 2 have their system, component and message."""
 MOST_FLOWS = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Frames that all go the same way, as long as nothing changes.
+    """Frames that all go the same way, as long as the routes stay as they are.
 
     Attributes:
-        generation: Of the routes, when it was found.
         extra: The message's extra byte of the checksum.
         count: Counts the frames of the source.
         others: Who gets them on the same segment.
-        put: Puts one on the bus, with an attachment.
+        outlet: Puts them on the bus.
     """
 
-    generation: int
-    extra: int
+    extra: bytes
     count: SourceCount
     others: Sequence[End]
-    put: Callable[[bytes, bytes], None]
+    outlet: Outlet

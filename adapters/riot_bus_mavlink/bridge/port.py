@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
 __all__ = ["Closeable", "Outlet", "Port"]
 
@@ -39,8 +39,11 @@ class Port(Protocol):
     ) -> Outlet:
         """Return a new publisher."""
 
+    def put_all(self, outlets: Sequence[Outlet], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages, each with one of this port's publishers; return how many could not be published."""
+
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
         """Subscribe to what others put."""
 
-    def collect(self, expression: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
-        """Subscribe to what others put, on a thread of its own."""
+    def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
+        """Subscribe to what others put, several messages at once."""

@@ -8,9 +8,9 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.errors import PayloadError
-from riot_bus_mavlink.bridge.flows import KIND, MOST_FLOWS, Flow
+from riot_bus_mavlink.bridge.flows import MOST_FLOWS, Flow
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
-from riot_bus_mavlink.frame import LONGEST, is_plain, parse_frame
+from riot_bus_mavlink.frame import KIND, LONGEST, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
 if TYPE_CHECKING:
@@ -130,15 +130,14 @@ class Side:
             What was not dropped.
         """
         now = time.monotonic()
-        flows, routes, kept = end.flows, self.routes, []
+        routes, kept = self.routes, []
         for frame in frames:
             raw = frame.raw
-            if frame.version == 2:
-                flow = flows.get(raw[KIND])
-                if flow is not None and flow.generation == routes.generation:
-                    self._carry(flow, end, raw)
-                    kept.append(frame)
-                    continue
+            flow = self._flows(end).get(raw[KIND]) if frame.version == 2 else None
+            if flow is not None:
+                self._carry(end, [flow], [raw])
+                kept.append(frame)
+                continue
             end.losses.see(frame.system, frame.component, frame.sequence)
             generation = routes.generation
             others = routes.receive(frame, end, now)
@@ -158,42 +157,78 @@ class Side:
                 self._remember(frame, end, generation, others, outlet)
         return kept
 
-    def take_single(self, end: End, data: bytes) -> bool:
-        """Carry bytes that came over a link, if they are one frame as others before it; return whether they are."""
-        flow = end.flows.get(data[KIND])
-        if flow is None or flow.generation != self.routes.generation or not end.framer.single(data, flow.extra):
-            return False
-        self._carry(flow, end, data)
-        return True
+    def take_known(self, end: End, packets: Sequence[bytes], first: int) -> int:
+        """Carry packets that came over a link, as long as each is one frame as others before it.
 
-    def _carry(self, flow: Flow, end: End, raw: bytes) -> None:
-        flow.count.see(raw[4])
-        end.counts["in"] += 1
-        self.counts["to_bus"] += 1
-        for other in flow.others:
-            other.send(raw)
-        try:
-            flow.put(raw, self._mark)
-        except Exception:  # the segment is gone; links of this one go on
-            self.counts["lost_to_bus"] += 1
+        Args:
+            end: Of the link.
+            packets: What came.
+            first: Where to begin.
+
+        Returns:
+            How many were carried.
+        """
+        flows = end.framer.known(packets, first, self._flows(end))
+        if flows:
+            self._carry(end, flows, packets[first : first + len(flows)])
+        return len(flows)
+
+    def _carry(self, end: End, flows: Sequence[Flow], raws: Sequence[bytes]) -> None:
+        end.counts["in"] += len(raws)
+        self.counts["to_bus"] += len(raws)
+        for flow, raw in zip(flows, raws, strict=True):
+            flow.count.see(raw[4])
+            for other in flow.others:
+                other.send(raw)
+        failed = self.port.put_all([flow.outlet for flow in flows], raws, self._mark)
+        if failed:  # the segment is gone; links of this one go on
+            self.counts["lost_to_bus"] += failed
+
+    def _flows(self, end: End) -> dict[bytes, Flow]:
+        """Return what is known of frames from an end, as the routes are now."""
+        if end.generation != self.routes.generation:
+            end.flows.clear()
+            end.generation = self.routes.generation
+        return end.flows
 
     def _remember(self, frame: Frame, end: End, generation: int, others: Sequence[End], outlet: Outlet) -> None:
         """Take note of where frames like this one go."""
         extra = self._extra(frame.message_id)
         count = end.losses.of(frame.system, frame.component)
         if frame.version == 2 and extra is not None and count is not None and self.routes.settled(frame.message_id):
-            if len(end.flows) >= MOST_FLOWS:
-                end.flows.clear()
-            end.flows[frame.raw[KIND]] = Flow(generation, extra, count, others, outlet.put)
+            flows = self._flows(end)
+            if len(flows) >= MOST_FLOWS:
+                flows.clear()
+            if end.generation == generation:
+                flows[frame.raw[KIND]] = Flow(bytes([extra]), count, others, outlet)
 
-    def hear(self, payload: bytes, attachment: bytes | None) -> None:
-        """Carry what came from the bus; one thread at a time."""
-        known = self._known.get(payload[KIND])
-        if known is not None and known[0] == self.routes.generation and attachment == self._mark and is_plain(payload):
-            self.counts["from_bus"] += 1
-            for end in known[1]:
-                end.send(payload)
-            return
+    def hear(self, messages: Sequence[tuple[bytes, bytes | None]]) -> None:
+        """Carry what came from the bus, payloads and attachments; one thread at a time."""
+        known, own, generation = self._known, self._mark, self.routes.generation
+        raws: list[bytes] = []
+        ends: list[End] = []
+        for payload, attachment in messages:
+            found = known.get(payload[KIND])
+            if found is None or found[0] != generation or attachment != own or not is_plain(payload):
+                self._give(raws, ends)
+                raws = []
+                self._hear_new(payload, attachment)
+                generation = self.routes.generation
+                continue
+            if raws and found[1] is not ends and found[1] != ends:
+                self._give(raws, ends)
+                raws = []
+            ends = found[1]
+            raws.append(payload)
+        self._give(raws, ends)
+
+    def _give(self, raws: Sequence[bytes], ends: Sequence[End]) -> None:
+        if raws:
+            self.counts["from_bus"] += len(raws)
+            for end in ends:
+                end.send_all(raws)
+
+    def _hear_new(self, payload: bytes, attachment: bytes | None) -> None:
         mark = Mark.OWN if attachment == self._mark else origin_of(attachment, self._mark)
         try:
             frame = parse_frame(payload)

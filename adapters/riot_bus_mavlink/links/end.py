@@ -46,7 +46,9 @@ class End(Peer):
         batching: Sends what comes at once at once; None to send each frame by itself.
 
     Attributes:
-        flows: What is known of frames that come from there, by the bytes of their headers that say what they are.
+        flows: What is known of frames that come from there, by the bytes of their headers that say what they are; as
+            long as `generation` is that of the routes.
+        generation: Of the routes, when the flows were found.
         segment: Name of the segment that the link belongs to.
         out: Frames that were given to it.
         lost: Frames that it had no room for.
@@ -60,6 +62,7 @@ class End(Peer):
         "address",
         "flows",
         "framer",
+        "generation",
         "losses",
         "lost",
         "out",
@@ -88,6 +91,7 @@ class End(Peer):
         self.losses = Losses()
         self.out = self.lost = 0
         self.flows: dict[bytes, Flow] = {}
+        self.generation = -1
         self._write, self._batching = write, batching
         self._waiting: list[bytes] = []  # only ever this list, so that threads need no lock to put something there
         self._lock = threading.Lock()
@@ -110,6 +114,19 @@ class End(Peer):
                 self.out += 1
             else:
                 self.lost += 1
+
+    def send_all(self, raws: Sequence[bytes]) -> None:
+        """Send frames in their order, as `send` does."""
+        batching = self._batching
+        if batching is None or batching.loop.ident != get_ident():
+            for raw in raws:
+                self.send(raw)
+            return
+        if not self._waiting:
+            batching.loop.at_end(self.flush)
+        self._waiting += raws
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
 
     def flush(self) -> None:
         """Send what waits for the end of a handler; on any thread."""
@@ -139,8 +156,8 @@ class Host(Protocol):
     def leave(self, end: End) -> None:
         """Forget an end that is gone."""
 
-    def take(self, end: End, data: bytes) -> None:
-        """Take bytes that came."""
+    def take(self, end: End, packets: Sequence[bytes]) -> None:
+        """Take packets, or pieces of a stream, in the order in which they came."""
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work."""

@@ -125,7 +125,7 @@ class Stream:
         except OSError:
             data = b""
         if data:
-            self._host.take(self.end, data)
+            self._host.take(self.end, [data])
         else:
             self.close()
             self._gone(self)

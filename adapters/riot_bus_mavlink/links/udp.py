@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import itertools
 import os
 import socket
 import struct
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.errors import EnvironmentFaultError
 from riot_bus_mavlink.links.end import Batching
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
+from riot_bus_mavlink.links.packets import Packets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,9 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["UdpClient", "UdpServer"]
 
 _BUFFER = 1 << 22  # asked for; the system may give less
-_LARGEST = 65535
 _MOST_PEERS = 64
-_AT_ONCE = 64
 _RETRY_S = 1.0
 _UNICAST_S = 5.0  # after an answer to a broadcast, as in mavlink-router
 _STARTS = (0xFE, 0xFD)
@@ -44,6 +44,7 @@ class _UdpLink:
         self.spec = spec
         self._host = host
         self._socket: socket.socket | None = None
+        self._packets: Packets | None = None
         self._cuts = True
 
     def dropped(self) -> int:
@@ -61,7 +62,7 @@ class _UdpLink:
         except BaseException:
             made.close()
             raise
-        self._socket = made
+        self._socket, self._packets = made, Packets(made)
         return made
 
     def _send(self, data: bytes, address: tuple[Any, ...]) -> bool:
@@ -101,7 +102,7 @@ class _UdpLink:
         if self._socket is not None:
             self._host.loop.forget(self._socket.fileno())
             self._socket.close()
-            self._socket = None
+            self._socket = self._packets = None
 
 
 class UdpServer(_UdpLink):
@@ -145,26 +146,18 @@ class UdpServer(_UdpLink):
             self._drop(address)
 
     def _read(self, events: int) -> None:
-        made, host, ends, heard = self._socket, self._host, self._ends, self._heard
         now = time.monotonic()
-        last = end = None
-        for _ in range(_AT_ONCE):
-            if made is None:
+        for address, packets in () if self._packets is None else self._packets.receive():
+            if self._packets is None:  # closed by who takes what comes
                 return
-            try:
-                data, address = made.recvfrom(_LARGEST)
-            except BlockingIOError:
-                return
-            except OSError:  # an answer that somebody was not there
-                continue
-            if end is None or address != last:
-                last, end = address, ends.get(address)
-                if end is None:
-                    if not data or data[0] not in _STARTS:
-                        continue
-                    end = self._join(address)
-                heard[address] = now
-            host.take(end, data)
+            end = self._ends.get(address)
+            if end is None:
+                packets = list(itertools.dropwhile(_is_no_frame, packets))
+                if not packets:
+                    continue
+                end = self._join(address)
+            self._heard[address] = now
+            self._host.take(end, packets)
 
     def _join(self, address: Any) -> End:
         if len(self._ends) >= _MOST_PEERS:
@@ -255,21 +248,11 @@ class UdpClient(_UdpLink):
         return self._send(data, self._target)
 
     def _read(self, events: int) -> None:
-        made, end = self._socket, self._end
-        for _ in range(_AT_ONCE):
-            if made is None or end is None:
-                return
-            try:
-                if self._many:
-                    data, address = made.recvfrom(_LARGEST)
-                    self._answering = (address, time.monotonic())
-                else:
-                    data = made.recv(_LARGEST)
-            except BlockingIOError:
-                return
-            except OSError:
-                continue
-            self._host.take(end, data)
+        for address, packets in () if self._packets is None else self._packets.receive():
+            if self._many:
+                self._answering = (address, time.monotonic())
+            if self._end is not None:
+                self._host.take(self._end, packets)
 
 
 def cannot_listen(spec: LinkSpec, error: OSError) -> EnvironmentFaultError:
@@ -290,6 +273,10 @@ def _alike(frames: Sequence[bytes], at: int) -> int:
     while stop < most and len(frames[stop]) == size:
         stop += 1
     return stop + 1 if stop < most and len(frames[stop]) < size else stop
+
+
+def _is_no_frame(data: bytes) -> bool:
+    return not data or data[0] not in _STARTS
 
 
 def _of_many(host: Any) -> bool:

@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.advanced.standin import StoreFilter
 from riot_bus.bus.audience import Audience, Inner
+from riot_bus.bus.bridge.port import message_of, put_one_by_one
 from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.message import Qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import zenoh
 
+    from riot_bus.bus.audience import Take
     from riot_bus.bus.ramp import Track
     from riot_bus.bus.router import Bus
 
@@ -27,34 +29,39 @@ _LOG = logging.getLogger(__name__)
 
 
 class InnerOutlet:
-    """Publishes on one key; see `InnerPort.publisher`."""
+    """Publishes on one key; see `InnerPort.publisher`.
+
+    Attributes:
+        track: Takes what is published to the other segments.
+        echo: Publishes on this one.
+    """
 
     def __init__(
         self, audience: Audience, track: Track, *, owns: Callable[[str], bool], speaking: threading.local | None
     ) -> None:
-        self._audience, self._track, self._owns, self._speaking = audience, track, owns, speaking
-        self._cross, self._put = track.put, audience.put
+        self.track, self.echo = track, audience.put
+        self._audience, self._owns, self._speaking = audience, owns, speaking
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publish; waits for slow receivers if it is reliable."""
-        self._cross(payload, attachment)
+        self.track.put(payload, attachment)
         speaking = self._speaking
         if speaking is None:
-            self._put(payload, attachment)
+            self.echo(payload, attachment)
             return
         speaking.now = True
         try:
-            self._put(payload, attachment)
+            self.echo(payload, attachment)
         finally:
             speaking.now = False
 
     def matched(self) -> bool:
         """Return whether somebody elsewhere gets what is published."""
-        return self._owns(self._track.key) or self._audience.listens()
+        return self._owns(self.track.key) or self._audience.listens()
 
     def close(self) -> None:
         """Take it away."""
-        self._track.close()
+        self.track.close()
         self._audience.close()
 
 
@@ -107,6 +114,28 @@ class InnerPort:
         )
         return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
 
+    def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages; waits for slow receivers if they are reliable.
+
+        Args:
+            outlets: Of each message its publisher, one of this port's.
+            payloads: Of each message.
+            attachment: Of all of them.
+
+        Returns:
+            How many could not be published.
+        """
+        if self._speaking is not None:
+            return put_one_by_one(outlets, payloads, attachment)
+        self._ramp.put_all([outlet.track for outlet in outlets], payloads, attachment)
+        failed = 0
+        for outlet, payload in zip(outlets, payloads, strict=True):
+            try:
+                outlet.echo(payload, attachment)
+            except Exception:
+                failed += 1
+        return failed
+
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
         """Subscribe to what others put.
 
@@ -115,28 +144,37 @@ class InnerPort:
             take: Called with payload and attachment, once at a time, on whatever thread brings it: one of Zenoh's, or
                 of the router's, or who puts it on another segment.
         """
+
+        def take_all(messages: list[tuple[bytes, bytes | None]]) -> None:
+            for message in messages:
+                try:
+                    take(*message)
+                except Exception:
+                    _LOG.exception("a message for %s was lost", key)
+
+        return self.collect(key, take_all)
+
+    def collect(self, expression: str, take: Take) -> _Listening:
+        """Subscribe to what others put; as `subscribe`, but for several messages at once."""
         import zenoh
 
         only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
 
-        def give(payload: bytes, attachment: bytes | None) -> None:
+        def give(messages: list[tuple[bytes, bytes | None]]) -> None:
             with lock:
                 try:
-                    take(payload, attachment)
+                    take(messages)
                 except Exception:
-                    _LOG.exception("a message for %s was lost", key)
+                    _LOG.exception("messages for %s were lost", expression)
 
         def receive(sample: zenoh.Sample) -> None:
             if speaking is not None and getattr(speaking, "now", False):
                 return  # it is ours
             kind: Any = sample.kind
             if int(kind) == 0 and not only_stored(sample):
-                attachment = sample.attachment
-                give(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+                give([message_of(sample)])
 
         handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
-        hold(self._session, key)
-        subscriber = self._session.declare_subscriber(key, handler)
-        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(key), give)))
-
-    collect = subscribe
+        hold(self._session, expression)
+        subscriber = self._session.declare_subscriber(expression, handler)
+        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))

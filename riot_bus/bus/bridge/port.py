@@ -17,10 +17,23 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Asked", "Collector", "Inlet", "Outlet", "Question", "SegmentPort", "open_port"]
+    from riot_bus.bus.audience import Take
+
+__all__ = [
+    "Asked",
+    "Collector",
+    "Inlet",
+    "Outlet",
+    "Question",
+    "SegmentPort",
+    "message_of",
+    "open_port",
+    "put_one_by_one",
+]
 
 _LOG = logging.getLogger(__name__)
 _ANSWER_S = 2.0
+_AT_ONCE = 64
 _CHANNEL = 4096  # messages
 _HEARTBEAT_S = 0.5
 _PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
@@ -96,10 +109,10 @@ class Inlet:
 class Collector:
     """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
 
-    def __init__(self, session: zenoh.Session, expression: str, take: Callable[[bytes, bytes | None], None]) -> None:
+    def __init__(self, session: zenoh.Session, expression: str, take: Take) -> None:
         import zenoh
 
-        self._take, self._zenoh_error = take, zenoh.ZError
+        self._expression, self._take, self._zenoh_error = expression, take, zenoh.ZError
         hold(session, expression)
         self._subscriber: Any = session.declare_subscriber(
             expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
@@ -114,18 +127,17 @@ class Collector:
         self._thread.join()
 
     def _run(self) -> None:
-        take, receive, fetch = self._take, self._channel.recv, self._channel.try_recv
+        receive, fetch = self._channel.recv, self._channel.try_recv
         with contextlib.suppress(self._zenoh_error):  # the subscriber is closed, and nothing is left in its channel
             while True:
-                sample = receive()
-                while sample is not None:
-                    try:
-                        if int(sample.kind) == 0:
-                            attachment = sample.attachment
-                            take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
-                    except Exception:
-                        _LOG.exception("a message of %s was lost", sample.key_expr)
-                    sample = fetch()
+                samples = [receive()]
+                with contextlib.suppress(self._zenoh_error):
+                    while len(samples) < _AT_ONCE and (sample := fetch()) is not None:
+                        samples.append(sample)
+                try:
+                    self._take([message_of(each) for each in samples if int(each.kind) == 0])
+                except Exception:
+                    _LOG.exception("messages for %s were lost", self._expression)
 
 
 class Question:
@@ -216,6 +228,19 @@ class SegmentPort:
         """
         return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
 
+    def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages.
+
+        Args:
+            outlets: Of each message its publisher.
+            payloads: Of each message.
+            attachment: Of all of them.
+
+        Returns:
+            How many could not be published.
+        """
+        return put_one_by_one(outlets, payloads, attachment)
+
     def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
         """Subscribe to what others put.
 
@@ -230,8 +255,7 @@ class SegmentPort:
         def receive(sample: zenoh.Sample) -> None:
             kind: Any = sample.kind
             if int(kind) == 0:
-                attachment = sample.attachment
-                take(sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes())
+                take(*message_of(sample))
 
         handler: Any = zenoh.handlers.Callback(receive, indirect=False)
         hold(self._session, key)
@@ -249,13 +273,13 @@ class SegmentPort:
             )
         )
 
-    def collect(self, expression: str, take: Callable[[bytes, bytes | None], None]) -> Collector:
+    def collect(self, expression: str, take: Take) -> Collector:
         """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
 
         Args:
             expression: Which.
-            take: Called with payload and attachment on one thread, none of Zenoh's; while it is busy, messages
-                wait, and when many wait, so does the link.
+            take: Called with what has come, on one thread, none of Zenoh's; while it is busy, messages wait, and when
+                many wait, so does the link.
         """
         return Collector(self._session, expression, take)
 
@@ -366,3 +390,20 @@ def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = No
         except EnvironmentFaultError as error:
             failure = failure or error
     raise failure or EnvironmentFaultError("the segment has no endpoint", where="bridge")
+
+
+def put_one_by_one(outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+    """Publish messages, each with its publisher and all with one attachment; return how many could not be published."""
+    failed = 0
+    for outlet, payload in zip(outlets, payloads, strict=True):
+        try:
+            outlet.put(payload, attachment)
+        except Exception:  # the segment is gone
+            failed += 1
+    return failed
+
+
+def message_of(sample: zenoh.Sample) -> tuple[bytes, bytes | None]:
+    """Return payload and attachment."""
+    attachment = sample.attachment
+    return sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
 
+from riot_bus.bus.bridge.port import put_one_by_one
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, new_mark, origin_of
 from riot_bus_mavlink.bridge.routing import Routes
 from riot_bus_mavlink.bridge.side import ENCODING, Side
@@ -57,7 +59,10 @@ class Port:
         assert (reliable, encoding) == (True, ENCODING)
         return Outlet(self, key)
 
-    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Inlet:
+    def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+        return put_one_by_one(outlets, payloads, attachment)
+
+    def subscribe(self, key: str, take: object) -> Inlet:
         self.expressions.append(key)
         return Inlet()
 
@@ -114,18 +119,18 @@ def test_what_is_known_of_frames_changes_with_the_links() -> None:
     bench = Bench("a", "b")
     side, end = bench.side, bench.ends["a"]
     raws = [frame_of(sequence=sequence).raw for sequence in range(6)]
-    assert not side.take_single(end, raws[0])
-    for raw in raws[:3]:  # the first one makes the source known, the second one where such frames go
+    assert side.take_known(end, raws, 0) == 0
+    for raw in raws[:2]:  # the first one makes the source known, the second one where such frames go
         side.take(end, end.framer.feed(raw))
-    assert side.take_single(end, raws[3])
-    assert not side.take_single(end, raws[4][:-1] + b"?")
-    assert not side.take_single(end, raws[4] + raws[5])
+    assert side.take_known(end, raws[2:4], 0) == 2
+    assert side.take_known(end, [raws[4][:-1] + b"?"], 0) == 0
+    assert side.take_known(end, [raws[4] + raws[5]], 0) == 0
     late = bench.ends["c"] = bench._end("c")
     bench.got["c"] = []
     side.routes.add(late)
-    assert not side.take_single(end, raws[4])
+    assert side.take_known(end, raws[4:], 0) == 0
     side.take(end, end.framer.feed(raws[4]))
-    assert side.take_single(end, raws[5])
+    assert side.take_known(end, raws, 5) == 1
     assert bench.got == {"a": [], "b": raws, "c": raws[4:]}
     assert [payload for _, payload, _ in bench.port.puts] == raws
     assert end.counts == {"in": 6}
@@ -147,9 +152,9 @@ def test_it_makes_no_difference_what_is_known(steps: list[tuple[int, int, int]])
             if bench is other:
                 end.flows.clear()
                 bench.side._known.clear()
-            if not bench.side.take_single(end, raw):
+            if not bench.side.take_known(end, [raw], 0):
                 bench.side.take(end, end.framer.feed(raw))
-            bench.side.hear(raw, MARK)
+            bench.side.hear([(raw, MARK)])
     assert one.got == other.got
     assert one.port.puts == other.port.puts
     assert one.side.counts == other.side.counts
@@ -167,11 +172,11 @@ def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
     bench.side.take(bench.ends["b"], [frame_of(source=(9, 9))])
     bench.got = {"a": [], "b": []}
     heartbeat = frame_of(source=(1, 1), sequence=5)
-    bench.side.hear(heartbeat.raw, None)
+    bench.side.hear([(heartbeat.raw, None)])
     command = frame_of("COMMAND_LONG", source=(1, 1), target=(9, 9))
-    bench.side.hear(command.raw, b"something")
+    bench.side.hear([(command.raw, b"something")])
     nobody = frame_of("COMMAND_LONG", source=(1, 1), target=(8, 8))
-    bench.side.hear(nobody.raw, None)
+    bench.side.hear([(nobody.raw, None)])
     assert bench.got == {"a": [heartbeat.raw], "b": [heartbeat.raw, command.raw]}
     assert bench.side.counts == {"to_bus": 1, "from_bus": 3, "unrouted": 1}
 
@@ -182,9 +187,9 @@ def test_inserted_frames_are_numbered_on_their_own_and_others_are_not() -> None:
     bench.got = {"a": [], "b": []}
     frame = frame_of(source=(1, 1), sequence=51)
     for mark in (None, b"x", MARK, new_mark(), INSERTED):
-        bench.side.hear(frame.raw, mark)
+        bench.side.hear([(frame.raw, mark)])
     # Nobody else was seen as 2/2, so it is no insertion: numbers of sources are never changed.
-    bench.side.hear(frame_of(source=(2, 2), sequence=7).raw, None)
+    bench.side.hear([(frame_of(source=(2, 2), sequence=7).raw, None)])
     assert [parse_frame(raw).sequence for raw in bench.got["b"]] == [0, 1, 51, 51, 51, 7]
     assert [parse_frame(raw).sequence for raw in bench.got["a"]] == [0, 1, 51, 51, 7]  # not what came from there
     assert bench.side.counts["inserted"] == 2
@@ -195,7 +200,7 @@ def test_what_was_broken_on_purpose_goes_on_as_it_is() -> None:
     raw = frame_of(source=(1, 1)).raw
     wrong_sum = raw[:-1] + bytes([raw[-1] ^ 255])
     for payload in (wrong_sum, raw[:-3], b"x" * 280, b"", b"x" * 281, b"x" * 100_000):
-        bench.side.hear(payload, MARK)
+        bench.side.hear([(payload, MARK)])
     assert bench.got["a"] == bench.got["b"] == [wrong_sum, raw[:-3], b"x" * 280]
     assert bench.side.counts == {"from_bus": 6, "unrouted": 0, "broken": 2, "refused": 3}
 
@@ -216,7 +221,7 @@ def test_signed_frames_that_come_again_get_a_later_time_with_the_key() -> None:
     signed = sign_frame(frame_of(source=(1, 1)).raw, SIGNER, extra, link=1, time=100)
     for each in (bench, keyless):
         for _ in range(3):
-            each.side.hear(signed, MARK)
+            each.side.hear([(signed, MARK)])
     assert keyless.got["a"] == [signed] * 3
     frames = [parse_frame(raw) for raw in bench.got["a"]]
     assert frames[0].raw == signed
@@ -237,7 +242,7 @@ def test_outlets_are_bounded() -> None:
 def test_any_bytes_on_the_bus_are_counted(payloads: list[tuple[bytes, bytes | None]]) -> None:
     bench = Bench("a")
     for payload, attachment in payloads:
-        bench.side.hear(payload, attachment)
+        bench.side.hear([(payload, attachment)])
     counts = bench.side.counts
     assert counts["from_bus"] == len(payloads)
     assert len(bench.got["a"]) == len(payloads) - counts["refused"] - counts["unrouted"]

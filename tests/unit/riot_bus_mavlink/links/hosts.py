@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Self
 
@@ -44,9 +44,9 @@ class KeepingHost:
             self.ends = [each for each in self.ends if each is not end]
             self._bell.notify_all()
 
-    def take(self, end: End, data: bytes) -> None:
+    def take(self, end: End, packets: Sequence[bytes]) -> None:
         with self._bell:
-            self.data[end.address] = self.data.get(end.address, b"") + data
+            self.data[end.address] = self.data.get(end.address, b"") + b"".join(packets)
             self._bell.notify_all()
 
     def warn(self, spec: LinkSpec, text: str) -> None:
