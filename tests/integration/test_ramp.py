@@ -25,9 +25,10 @@ SEGMENTS = {"one": ["tcp/127.0.0.1:0"], "two": ["tcp/127.0.0.1:0"]}
 
 
 class Looker:
-    """Wants to see all."""
+    """Wants to see all, or some topics only."""
 
-    def __init__(self) -> None:
+    def __init__(self, topics: list[str] | None = None) -> None:
+        self.topics = topics
         self.indices: list[int] = []
 
     def message(self, event: Event) -> None:
@@ -90,6 +91,37 @@ def test_counts_and_hits_of_what_is_rewritten_are_those_of_a_look(bus: Bus) -> N
     assert (counts.received, counts.changed, counts.forwarded) == (101, 100, 101)
     assert injector.hits[0] == 100
     assert sum(injector.skipped.values()) == 1
+
+
+def test_many_at_once_go_as_one_by_one(bus: Bus) -> None:
+    one, two = InnerPort(bus, "one"), InnerPort(bus, "two")
+    got: list[tuple[bytes, bytes | None]] = []
+    seen: list[bytes] = []
+    two.collect("**", got.extend)
+    looker = Looker(["a/seen"])
+    bus.set_interceptors([looker, Injector([Injection(KEY, "x", -1)])])
+    with open_client(bus.endpoint("two")) as client:
+        client.subscribe("a/**", lambda message: seen.append(message.payload))
+        outlets = [one.publisher(key, reliable=True) for key in (KEY, "a/passes", "a/seen", "native")]
+        assert wait_until(lambda: all(outlet.matched() for outlet in outlets), WAIT_S)
+        payloads = [b'{"x":%d}' % number for number in range(400)]
+        used = [outlets[number % 4] for number in range(400)]
+        for at in range(0, 400, 40):
+            assert one.put_all(used[at : at + 40], payloads[at : at + 40], b"@") == 0
+        assert bus.drain(WAIT_S)
+        assert wait_until(lambda: len(got) == 400 and len(seen) == 300, WAIT_S)
+    for number in range(4):
+        expected = [b'{"x":-1}'] * 100 if number == 0 else payloads[number::4]
+        mine = [payload for payload, _ in got if payload in set(expected)]
+        assert mine == expected
+        if number < 3:
+            assert [payload for payload in seen if payload in set(expected)] == expected
+    assert {attachment for _, attachment in got} == {b"@"}
+    assert looker.indices == list(range(100))
+    counts = bus.counts()
+    for key, changed in ((KEY, 100), ("a/passes", 0), ("a/seen", 0)):
+        each = counts[key]
+        assert (each.received, each.changed, each.forwarded, each.lost) == (100, changed, 100, 0)
 
 
 def test_everybody_hears_once_what_others_put(bus: Bus) -> None:

@@ -219,18 +219,8 @@ class MavlinkBridge:
 
     def take(self, end: End, packets: Sequence[bytes]) -> None:
         """Take packets, or pieces of a stream, in the order in which they came."""
-        side, mirror = self._sides[end.segment], self._mirrors.get(end.segment)
-        at = 0
-        while at < len(packets):
-            if mirror is None:
-                at += side.take_known(end, packets, at)
-            for data in packets[at : at + 1]:
-                frames = end.framer.feed(data)
-                if frames:
-                    kept = side.take(end, frames)
-                    if kept and mirror is not None:
-                        mirror.offer(kept)
-                at += 1
+        mirror = self._mirrors.get(end.segment)
+        self._sides[end.segment].take(end, packets, None if mirror is None else mirror.offer)
 
     def warn(self, spec: LinkSpec, text: str) -> None:
         """Say what does not work, once."""

@@ -123,57 +123,70 @@ class Side:
             outlet.close()
         self._outlets.clear()
 
-    def take(self, end: End, frames: Iterable[Frame]) -> list[Frame]:
+    def take(self, end: End, packets: Sequence[bytes], offer: Callable[[list[Frame]], None] | None = None) -> None:
         """Carry what came over a link.
-
-        Returns:
-            What was not dropped.
-        """
-        now = time.monotonic()
-        routes, kept = self.routes, []
-        for frame in frames:
-            raw = frame.raw
-            flow = self._flows(end).get(raw[KIND]) if frame.version == 2 else None
-            if flow is not None:
-                self._carry(end, [flow], [raw])
-                kept.append(frame)
-                continue
-            end.losses.see(frame.system, frame.component, frame.sequence)
-            generation = routes.generation
-            others = routes.receive(frame, end, now)
-            if others is None:
-                continue
-            for other in others:
-                other.send(raw)
-            place = (end.link, frame.system, frame.component, frame.message_id)
-            kept.append(frame)
-            self.counts["to_bus"] += 1
-            try:
-                outlet = self._outlets.get(place) or self._outlet(place)
-                outlet.put(raw, self._mark)
-            except Exception:  # the segment is gone; links of this one go on
-                self.counts["lost_to_bus"] += 1
-            else:
-                self._remember(frame, end, generation, others, outlet)
-        return kept
-
-    def take_known(self, end: End, packets: Sequence[bytes], first: int) -> int:
-        """Carry packets that came over a link, as long as each is one frame as others before it.
 
         Args:
             end: Of the link.
-            packets: What came.
-            first: Where to begin.
-
-        Returns:
-            How many were carried.
+            packets: Packets, or pieces of a stream, in their order.
+            offer: Also gets the frames that were not dropped.
         """
-        flows = end.framer.known(packets, first, self._flows(end))
-        if flows:
-            self._carry(end, flows, packets[first : first + len(flows)])
-        return len(flows)
+        at = 0
+        while at < len(packets):
+            if offer is None:
+                flows = end.framer.known(packets, at, self._flows(end))
+                self._carry(end, flows, packets[at : at + len(flows)])
+                at += len(flows)
+            for data in packets[at : at + 1]:
+                kept = self.take_frames(end, end.framer.feed(data))
+                if kept and offer is not None:
+                    offer(kept)
+                at += 1
+
+    def take_frames(self, end: End, frames: Iterable[Frame]) -> list[Frame]:
+        """Carry frames that came over a link; return those that were not dropped."""
+        now = time.monotonic()
+        kept: list[Frame] = []
+        flows: list[Flow] = []
+        raws: list[bytes] = []
+        for frame in frames:
+            flow = self._flows(end).get(frame.raw[KIND]) if frame.version == 2 else None
+            if flow is not None:
+                flows.append(flow)
+                raws.append(frame.raw)
+            else:
+                self._carry(end, flows, raws)
+                flows, raws = [], []
+                if not self._take_new(end, frame, now):
+                    continue
+            kept.append(frame)
+        self._carry(end, flows, raws)
+        return kept
+
+    def _take_new(self, end: End, frame: Frame, now: float) -> bool:
+        """Carry a frame and take note of where it goes; return whether it was not dropped."""
+        routes, raw = self.routes, frame.raw
+        end.losses.see(frame.system, frame.component, frame.sequence)
+        generation = routes.generation
+        others = routes.receive(frame, end, now)
+        if others is None:
+            return False
+        for other in others:
+            other.send(raw)
+        place = (end.link, frame.system, frame.component, frame.message_id)
+        self.counts["to_bus"] += 1
+        try:
+            outlet = self._outlets.get(place) or self._outlet(place)
+            outlet.put(raw, self._mark)
+        except Exception:  # the segment is gone; links of this one go on
+            self.counts["lost_to_bus"] += 1
+        else:
+            self._remember(frame, end, generation, others, outlet)
+        return True
 
     def _carry(self, end: End, flows: Sequence[Flow], raws: Sequence[bytes]) -> None:
+        if not flows:
+            return
         end.counts["in"] += len(raws)
         self.counts["to_bus"] += len(raws)
         for flow, raw in zip(flows, raws, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from riot_bus_mavlink.bridge.routing import Routes
 from riot_bus_mavlink.bridge.side import ENCODING, Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.url import parse_link
-from riot_bus_mavlink.frame import Framer, parse_frame
+from riot_bus_mavlink.frame import Counts, Framer, parse_frame
 from riot_bus_mavlink.keys import KeyTemplate
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.signing import Signer, sign_frame
@@ -102,7 +103,7 @@ class Bench:
 def test_what_comes_over_a_link_goes_to_the_others_and_to_the_bus() -> None:
     bench = Bench("a", "b")
     frames = [frame_of(sequence=1), unknown_frame(sequence=3)]
-    assert bench.side.take(bench.ends["a"], frames) == frames
+    assert bench.side.take_frames(bench.ends["a"], frames) == frames
     assert bench.got == {"a": [], "b": [each.raw for each in frames]}
     assert bench.port.puts == [
         ("mavlink_raw/a/1/1/HEARTBEAT", frames[0].raw, MARK),
@@ -119,18 +120,19 @@ def test_what_is_known_of_frames_changes_with_the_links() -> None:
     bench = Bench("a", "b")
     side, end = bench.side, bench.ends["a"]
     raws = [frame_of(sequence=sequence).raw for sequence in range(6)]
-    assert side.take_known(end, raws, 0) == 0
-    for raw in raws[:2]:  # the first one makes the source known, the second one where such frames go
-        side.take(end, end.framer.feed(raw))
-    assert side.take_known(end, raws[2:4], 0) == 2
-    assert side.take_known(end, [raws[4][:-1] + b"?"], 0) == 0
-    assert side.take_known(end, [raws[4] + raws[5]], 0) == 0
+    known = end.framer.known
+    assert known(raws, 0, side._flows(end)) == []
+    side.take(end, raws[:2])  # the first one makes the source known, the second one where such frames go
+    assert len(known(raws, 2, side._flows(end))) == 4
+    assert known([raws[4][:-1] + b"?"], 0, side._flows(end)) == []
+    assert known([raws[4] + raws[5]], 0, side._flows(end)) == []
+    end.framer.counts = Counts(2, bytes=2 * len(raws[0]), frame_bytes=2 * len(raws[0]))
+    side.take(end, raws[2:4])
     late = bench.ends["c"] = bench._end("c")
     bench.got["c"] = []
     side.routes.add(late)
-    assert side.take_known(end, raws[4:], 0) == 0
-    side.take(end, end.framer.feed(raws[4]))
-    assert side.take_known(end, raws, 5) == 1
+    assert known(raws, 4, side._flows(end)) == []
+    side.take(end, raws[4:])
     assert bench.got == {"a": [], "b": raws, "c": raws[4:]}
     assert [payload for _, payload, _ in bench.port.puts] == raws
     assert end.counts == {"in": 6}
@@ -139,27 +141,33 @@ def test_what_is_known_of_frames_changes_with_the_links() -> None:
     assert (end.framer.counts.frames, end.framer.counts.bytes) == (6, sum(map(len, raws)))
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 5), st.integers(1, 3)), max_size=40))
-def test_it_makes_no_difference_what_is_known(steps: list[tuple[int, int, int]]) -> None:
-    """Frames of some sources over some links, some for a target: as if each was the first of its kind."""
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 6), st.integers(1, 3), st.booleans()), max_size=40))
+def test_it_makes_no_difference_what_is_known_or_comes_at_once(steps: list[tuple[int, int, int, bool]]) -> None:
+    """Frames of some sources over some links, some for a target, some broken: as if each was the first of its kind."""
     one, other = Bench("a", "b", "c"), Bench("a", "b", "c")
-    for number, (link, kind, system) in enumerate(steps):
-        target = (kind, 1) if kind > 2 else None
-        name = "COMMAND_LONG" if target else ("HEARTBEAT", "ATTITUDE", "SYSTEM_TIME")[kind]
+    waiting: list[tuple[str, bytes]] = []
+    for number, (link, kind, system, last) in enumerate(steps):
+        target = (kind, 1) if 3 <= kind < 6 else None
+        name = "COMMAND_LONG" if target else ("HEARTBEAT", "ATTITUDE", "SYSTEM_TIME")[kind % 3]
         raw = frame_of(name, source=(system, 1), target=target, sequence=number, version=1 if kind == 1 else 2).raw
-        for bench in (one, other):
-            end = bench.ends["abc"[link]]
-            if bench is other:
-                end.flows.clear()
-                bench.side._known.clear()
-            if not bench.side.take_known(end, [raw], 0):
-                bench.side.take(end, end.framer.feed(raw))
-            bench.side.hear([(raw, MARK)])
+        waiting.append(("abc"[link], raw[:-1] + b"?" if kind == 6 else raw))
+        if not last and number + 1 < len(steps):
+            continue
+        for place, packets in _runs(waiting):
+            one.side.take(one.ends[place], packets)
+        one.side.hear([(packet, MARK) for _, packet in waiting])
+        for place, packet in waiting:
+            _forget(other)
+            other.side.take(other.ends[place], [packet])
+        for _, packet in waiting:
+            _forget(other)
+            other.side.hear([(packet, MARK)])
+        waiting = []
     assert one.got == other.got
     assert one.port.puts == other.port.puts
     assert one.side.counts == other.side.counts
-    for name in "abc":
-        mine, its = one.ends[name], other.ends[name]
+    for place in "abc":
+        mine, its = one.ends[place], other.ends[place]
         assert (mine.counts, mine.losses.counts(), mine.framer.counts) == (
             its.counts,
             its.losses.counts(),
@@ -167,9 +175,20 @@ def test_it_makes_no_difference_what_is_known(steps: list[tuple[int, int, int]])
         )
 
 
+def _forget(bench: Bench) -> None:
+    bench.side._known.clear()
+    for end in bench.ends.values():
+        end.flows.clear()
+
+
+def _runs(packets: list[tuple[str, bytes]]) -> list[tuple[str, list[bytes]]]:
+    """Return packets of one link in a row together."""
+    return [(place, [raw for _, raw in run]) for place, run in itertools.groupby(packets, key=lambda each: each[0])]
+
+
 def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
     bench = Bench("a", "b")
-    bench.side.take(bench.ends["b"], [frame_of(source=(9, 9))])
+    bench.side.take_frames(bench.ends["b"], [frame_of(source=(9, 9))])
     bench.got = {"a": [], "b": []}
     heartbeat = frame_of(source=(1, 1), sequence=5)
     bench.side.hear([(heartbeat.raw, None)])
@@ -183,7 +202,7 @@ def test_what_comes_from_the_bus_goes_where_it_is_wanted() -> None:
 
 def test_inserted_frames_are_numbered_on_their_own_and_others_are_not() -> None:
     bench = Bench("a", "b")
-    bench.side.take(bench.ends["a"], [frame_of(source=(1, 1), sequence=50)])
+    bench.side.take_frames(bench.ends["a"], [frame_of(source=(1, 1), sequence=50)])
     bench.got = {"a": [], "b": []}
     frame = frame_of(source=(1, 1), sequence=51)
     for mark in (None, b"x", MARK, new_mark(), INSERTED):
@@ -233,7 +252,7 @@ def test_outlets_are_bounded() -> None:
     bench = Bench("a")
     for system in range(1, 18):
         for component in range(256):
-            bench.side.take(bench.ends["a"], [frame_of(source=(system, component))])
+            bench.side.take_frames(bench.ends["a"], [frame_of(source=(system, component))])
     assert len(bench.port.puts) == 17 * 256
     assert bench.port.closed == [key for key, _, _ in bench.port.puts[:256]]
 
