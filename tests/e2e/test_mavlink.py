@@ -50,8 +50,8 @@ def test_mavproxy_has_faults_that_rules_explain(
 
 def test_mavsdk_has_none(riot, tmp_path: Path, mavlink_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_MAVLINK_PYTHON", str(mavlink_python))
-    options = ("--trials", 100, "--jobs", 4)
-    done = riot("test", "--system", SYSTEMS / "mavsdk/riot.toml", "--out", tmp_path, *options, timeout=1500)
+    options = ("--trials", 5000 if "RIOT_LONG_TESTS" in os.environ else 100, "--jobs", 4)
+    done = riot("test", "--system", SYSTEMS / "mavsdk/riot.toml", "--out", tmp_path, *options, timeout=3500)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
