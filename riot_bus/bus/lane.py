@@ -369,7 +369,7 @@ class Lane:
         return changed
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
-        """Take one message that somebody wants to see, or that has no payload."""
+        """Take one message that somebody wants to see, or one that has no payload and was counted."""
         payload: Any = None
         if way.looked_at:
             way.seen += 1

@@ -153,23 +153,21 @@ class Ramp:
             payloads: Of each message.
             attachment: Of all of them.
         """
+        going: list[Track] = []
         ready: list[tuple[bytes, bytes | None]] = []
-        takes: tuple[Take, ...] = ()
         for track, payload in zip(tracks, payloads, strict=True):
             known = track.generation == self.generation and not self.waiting.unfinished_tasks
             changed = track.straight(payload) if known else None
-            if ready and (changed is None or (track.takes is not takes and track.takes != takes)):
-                for take in takes:
-                    take(ready)
-                ready = []
+            if going and (changed is None or (track.takes is not going[0].takes and track.takes != going[0].takes)):
+                self._go(going, ready)
+                going, ready = [], []
             if changed is None:
                 self.waiting.put((track, payload, attachment))
-                continue
-            takes = track.takes
-            ready.append((changed, attachment))
-            self._publish(track, changed, attachment)
-        for take in takes if ready else ():
-            take(ready)
+            else:
+                going.append(track)
+                ready.append((changed, attachment))
+        if going:
+            self._go(going, ready)
 
     def owns(self, key: str) -> bool:
         """Return whether messages of a key take this way; if not, they are routed."""
@@ -225,13 +223,17 @@ class Ramp:
                 self._thread.join(_TURN_S)
         self.passed()
 
-    def _publish(self, track: Track, payload: bytes, attachment: bytes | None) -> None:
-        try:
-            for put in track.puts:
-                put(payload, attachment)
-        except Exception as error:
-            _LOG.warning("a message of %s could not be forwarded: %s", track.key, error)
-            self._crossing.lose(track.key, "not published")
+    def _go(self, tracks: Sequence[Track], messages: list[tuple[bytes, bytes | None]]) -> None:
+        """Give messages to who listens in this process, the same for all of them, then publish them."""
+        for take in tracks[0].takes:
+            take(messages)
+        for track, message in zip(tracks, messages, strict=True):
+            try:
+                for put in track.puts:
+                    put(*message)
+            except Exception as error:
+                _LOG.warning("a message of %s could not be forwarded: %s", track.key, error)
+                self._crossing.lose(track.key, "not published")
 
     # -- on the ramp's thread -----------------------------------------------------------------------------------------
 
@@ -271,9 +273,7 @@ class Ramp:
             self._learn(track, payload)
         changed = track.straight(payload)
         if changed is not None:
-            self._publish(track, changed, attachment)
-            for take in track.takes:
-                take([(changed, attachment)])
+            self._go([track], [(changed, attachment)])
             return
         message = Message(
             time.time_ns(),

@@ -136,3 +136,37 @@ def test_tokens_that_are_there_are_told_before_watch_returns(
 def test_nobody_there_is_an_error() -> None:
     with pytest.raises(EnvironmentFaultError):
         open_port([free_endpoint()])
+
+
+def test_what_is_collected_comes_in_its_order_and_none_is_left_behind(
+    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+) -> None:
+    one, other, _ = ports
+    turns: list[list[tuple[bytes, bytes | None]]] = []
+    began, go_on = threading.Event(), threading.Event()
+
+    def take(messages: list[tuple[bytes, bytes | None]]) -> None:
+        turns.append(messages)
+        began.set()
+        assert go_on.wait(WAIT_S)
+        if len(turns) == 2:
+            raise ValueError("a failure of who takes them")
+
+    heard = threading.Event()
+    collected = other.collect(KEY, take)
+    other.subscribe(KEY, lambda payload, attachment: heard.set() if payload == b"last" else None)
+    outlet = one.publisher(KEY, reliable=True)
+    assert wait_until(outlet.matched, WAIT_S)
+    outlet.put(b"first", b"@")
+    assert began.wait(WAIT_S)
+    payloads = [b"%d" % number for number in range(200)]
+    assert one.put_all([outlet] * 201, [*payloads, b"last"], b"@") == 0
+    assert heard.wait(WAIT_S)  # so those before it are in the channel
+    closing = threading.Thread(target=collected.close)
+    closing.start()
+    go_on.set()
+    closing.join()
+    sent = [b"first", *payloads, b"last"]
+    got = [message for turn in turns for message in turn]
+    assert got in ([(each, b"@") for each in sent], [(each, b"@") for each in sent[:-1]])
+    assert max(map(len, turns)) == 64

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
@@ -229,7 +229,8 @@ class MavlinkBridge:
     def _problem(self, line: str) -> None:
         if line not in self._problems and len(self._problems) < _MOST_PROBLEMS:
             self._problems[line] = None
-            self._warn(f"warning: {line}")
+            with suppress(OSError):  # whoever read it is gone; frames go on
+                self._warn(f"warning: {line}")
 
     def _counts(self, segment: str) -> Counter[str]:
         mirror = self._mirrors.get(segment)

@@ -137,8 +137,8 @@ class Side:
                 flows = end.framer.known(packets, at, self._flows(end))
                 self._carry(end, flows, packets[at : at + len(flows)])
                 at += len(flows)
-            for data in packets[at : at + 1]:
-                kept = self.take_frames(end, end.framer.feed(data))
+            if at < len(packets):
+                kept = self.take_frames(end, end.framer.feed(packets[at]))
                 if kept and offer is not None:
                     offer(kept)
                 at += 1
@@ -217,16 +217,15 @@ class Side:
 
     def hear(self, messages: Sequence[tuple[bytes, bytes | None]]) -> None:
         """Carry what came from the bus, payloads and attachments; one thread at a time."""
-        known, own, generation = self._known, self._mark, self.routes.generation
+        known, own, routes = self._known, self._mark, self.routes
         raws: list[bytes] = []
         ends: list[End] = []
         for payload, attachment in messages:
             found = known.get(payload[KIND])
-            if found is None or found[0] != generation or attachment != own or not is_plain(payload):
+            if found is None or found[0] != routes.generation or attachment != own or not is_plain(payload):
                 self._give(raws, ends)
                 raws = []
                 self._hear_new(payload, attachment)
-                generation = self.routes.generation
                 continue
             if raws and found[1] is not ends and found[1] != ends:
                 self._give(raws, ends)

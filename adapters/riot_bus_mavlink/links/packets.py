@@ -20,6 +20,7 @@ _IPV4 = struct.Struct("!2xH4s")
 _IPV6 = struct.Struct("!2xHI16s")
 _FAMILY, _SCOPE = struct.Struct("=H"), struct.Struct("=24xI")
 _NONE_THERE = {errno.EAGAIN, errno.EWOULDBLOCK}
+_REFUSED = {errno.ENOSYS, errno.EPERM}  # as old systems and sandboxes do
 
 
 class _Vector(ctypes.Structure):
@@ -81,7 +82,7 @@ class Packets:
             count = self._receive(self._socket.fileno(), self._slots, _AT_ONCE, socket.MSG_DONTWAIT, None)
             if count >= 0 or (error := ctypes.get_errno()) in _NONE_THERE:
                 break
-            if error == errno.ENOSYS:
+            if error in _REFUSED:
                 self._receive = None
                 return self._one_by_one()
             # Else it is an answer that somebody was not there.

@@ -59,10 +59,11 @@ class _UdpLink:
             made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             if bind is not None:
                 made.bind(bind)
+            self._packets = Packets(made)
         except BaseException:
             made.close()
             raise
-        self._socket, self._packets = made, Packets(made)
+        self._socket = made
         return made
 
     def _send(self, data: bytes, address: tuple[Any, ...]) -> bool:

@@ -162,7 +162,7 @@ class Keeper:
             adopt()
 
     def _adopt(self, relay: Relay, found: Found) -> None:
-        relay.waiting, source, samples = None, relay.source, found.numbers
+        relay.waiting, source, samples = None, relay.source, found.samples
         first = math.inf if relay.first is None else relay.first
         depth = self._hint(source.key, source.zid)
         if not found.asked:
@@ -234,7 +234,7 @@ class Keeper:
             relay.beat()
 
     def _recovered(self, relay: Relay, found: Found) -> None:
-        self._feed(relay, found.numbers, partial(self._stored, relay))
+        self._feed(relay, found.samples, partial(self._stored, relay))
 
     def _stored(self, relay: Relay) -> None:
         relay.check_from = time.monotonic() + _RECOVERED_S  # not before present subscribers have recovered it from us
@@ -265,7 +265,7 @@ class Keeper:
     def _measured(self, relay: Relay, found: Found) -> None:
         """Take over the depth; of a cache that never answers, late joiners would not have got anything either."""
         relay.failures = 0 if found.complete else relay.failures + 1
-        first, samples = relay.first, found.numbers
+        first, samples = relay.first, found.samples
         gone = first is not None and not (samples and samples[0][0] <= first)
         if relay.failures >= _FAILURES:
             relay.resize(0)

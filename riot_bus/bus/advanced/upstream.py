@@ -29,39 +29,14 @@ class Found(NamedTuple):
     """What a cache answered.
 
     Attributes:
-        samples: Publisher, number and sample, the oldest first.
+        samples: Number and sample, the oldest first.
         complete: Whether everybody who was asked has answered in time.
         asked: Whether there is a cache at all.
     """
 
-    samples: list[tuple[Source, int, Any]]
+    samples: list[tuple[int, Any]]
     complete: bool
     asked: bool
-
-    @property
-    def numbers(self) -> list[tuple[int, Any]]:
-        """Numbers and samples, when only one publisher was asked."""
-        return [(number, sample) for _, number, sample in self.samples]
-
-
-class _Answers:
-    """What has been answered to one question.
-
-    Args:
-        segment: Where it was asked.
-    """
-
-    def __init__(self, segment: str) -> None:
-        self.samples: list[tuple[Source, int, Any]] = []
-        self.complete = True
-        self._segment = segment
-
-    def take(self, reply: Any) -> None:
-        """Take one answer."""
-        if reply.ok is None:
-            self.complete = False
-        elif (known := source_of(self._segment, reply.ok)) is not None:
-            self.samples.append((*known, reply.ok))
 
 
 class Upstream:
@@ -84,18 +59,25 @@ class Upstream:
             then: Called by the worker.
         """
         zenoh = library_of(self._sessions[source.segment])
-        answers = _Answers(source.segment)
+        samples: list[tuple[int, Any]] = []
+        failed: list[Any] = []
         caller = threading.get_ident()
+
+        def take(reply: Any) -> None:
+            if reply.ok is None:
+                failed.append(reply.err)
+            elif (known := source_of(source.segment, reply.ok)) is not None:
+                samples.append((known[1], reply.ok))
 
         def done() -> None:
             # When there is nobody to ask, Zenoh ends the query at once, on the thread that asked. (Matching status
             # would be the proper way, but in 1.10.2 it does not see these caches.)
             asked = threading.get_ident() != caller
-            samples = sorted(answers.samples, key=lambda each: each[1])
-            self._worker.do(partial(then, Found(samples, answers.complete, asked)))
+            samples.sort(key=lambda each: each[0])
+            self._worker.do(partial(then, Found(samples, not failed, asked)))
 
         selector = f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**{parameters}"
-        self._get(source.segment, selector, zenoh.handlers.Callback(answers.take, drop=done, indirect=False))
+        self._get(source.segment, selector, zenoh.handlers.Callback(take, drop=done, indirect=False))
 
     def search(self, segment: str, selector: str, then: Callable[[Source], None]) -> None:
         """Find out who has caches.
@@ -111,18 +93,17 @@ class Upstream:
         """
         zenoh = library_of(self._sessions[segment])
         channel = self._get(segment, selector, zenoh.handlers.FifoChannel(_CHANNEL))
-        answers = _Answers(segment)
 
         def look(pause: float) -> None:
             try:
                 while (reply := channel.try_recv()) is not None:
-                    answers.take(reply)
+                    known = None if reply.ok is None else source_of(segment, reply.ok)
+                    if known is not None:
+                        then(known[0])
             except zenoh.ZError:  # there will be no more
-                for source, _, _ in answers.samples:
-                    then(source)
-            else:
-                again = partial(look, min(2 * pause, _LONGEST_PAUSE_S))
-                self._worker.later(pause, again, background=True)
+                return
+            again = partial(look, min(2 * pause, _LONGEST_PAUSE_S))
+            self._worker.later(pause, again, background=True)
 
         self._worker.do(partial(look, _PAUSE_S))
 

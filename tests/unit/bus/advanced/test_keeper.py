@@ -57,9 +57,8 @@ class Cache:
 
     def answer(self, *numbers: int, complete: bool = True, asked: bool = True) -> None:
         self._worker.run()
-        source = Source("system", "k", "abc", "7")
         then = self._then.popleft()
-        found = [(source, number, SimpleNamespace(number=number, timestamp=None)) for number in numbers]
+        found = [(number, SimpleNamespace(number=number, timestamp=None)) for number in numbers]
         then(Found(found, complete, asked))
         self._worker.run()
 

@@ -42,9 +42,10 @@ def test_packets_of_one_call_have_one_length_but_for_a_shorter_last_one(sizes: l
     assert sizes[stop - 1] <= sizes[at]
 
 
+@pytest.mark.parametrize("together", [True, False])
 @pytest.mark.parametrize("cuts", [True, False])
 @pytest.mark.parametrize("kind", ["udpin", "udpout"])
-def test_frames_that_a_handler_sends_arrive_one_by_one_in_their_order(kind: str, *, cuts: bool) -> None:
+def test_frames_that_a_handler_sends_arrive_one_by_one_in_their_order(kind: str, *, cuts: bool, together: bool) -> None:
     sent = [bytes([number % 251]) * (1 + number * number % 7 * (number > 50)) for number in range(150)]
     with KeepingHost() as host, udp_socket() as other:
         link: Any = host.open("udpin:127.0.0.1:0" if kind == "udpin" else f"udpout:127.0.0.1:{other.getsockname()[1]}")
@@ -53,7 +54,16 @@ def test_frames_that_a_handler_sends_arrive_one_by_one_in_their_order(kind: str,
         assert host.wait(lambda: len(host.ends) == 1)
         link._cuts = cuts
         (end,) = host.ends
-        on_loop(host, lambda: [end.send(each) for each in sent])
+
+        def send() -> None:
+            end.send(sent[0])
+            if together:
+                end.send_all(sent[1:60])
+                end.send_all(sent[60:149])
+            for each in sent[149:] if together else sent[1:]:
+                end.send(each)
+
+        on_loop(host, send)
         assert [other.recv(100) for _ in sent] == sent
         assert wait_until(lambda: end.out == len(sent), WAIT_S)
         assert end.lost == 0
@@ -69,10 +79,14 @@ def test_what_another_thread_sends_does_not_overtake() -> None:
             thread = threading.Thread(target=end.send, args=(b"second",))
             thread.start()
             thread.join()
-            end.send(b"third")
+            end.send_all([b"third", b"fourth"])
+            thread = threading.Thread(target=end.send_all, args=([b"fifth", b"sixth"],))
+            thread.start()
+            thread.join()
 
         on_loop(host, both)
-        assert [other.recv(100) for _ in range(3)] == [b"first", b"second", b"third"]
+        sent = [b"first", b"second", b"third", b"fourth", b"fifth", b"sixth"]
+        assert [other.recv(100) for _ in sent] == sent
 
 
 @pytest.mark.parametrize("error", [errno.EIO, errno.EAGAIN])

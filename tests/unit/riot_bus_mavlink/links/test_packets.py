@@ -15,17 +15,16 @@ from riot_bus_mavlink.links.packets import Packets
 LOCAL = {socket.AF_INET: "127.0.0.1", socket.AF_INET6: "::1"}
 
 
-@pytest.fixture(params=["at once", "one by one", "refused"])
+@pytest.fixture(params=["at once", "one by one", "ENOSYS", "EPERM"])
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How they are fetched: as this system does, as one without the call does, as one that refuses it does."""
 
     def refuse(*arguments: Any) -> int:
-        packets.ctypes.set_errno(errno.ENOSYS)
+        packets.ctypes.set_errno(getattr(errno, request.param))
         return -1
 
     if request.param != "at once":
-        found = {"one by one": None, "refused": refuse}[request.param]
-        monkeypatch.setattr(packets, "_recvmmsg", lambda: found)
+        monkeypatch.setattr(packets, "_recvmmsg", lambda: None if request.param == "one by one" else refuse)
     return str(request.param)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -58,6 +60,32 @@ def test_the_number_of_peers_is_bounded() -> None:
         assert len(host.ends) == 64
         for each in sockets:
             each.close()
+
+
+def test_senders_of_one_fetch_are_told_apart() -> None:
+    one, other, third = ("127.0.0.1", 1), ("127.0.0.1", 2), ("127.0.0.1", 3)
+    with KeepingHost() as host:
+        link: Any = host.open("udpin:127.0.0.1:0")
+        runs: list[tuple[Any, list[bytes]]] = [
+            (one, [FRAME]),
+            (other, [b"", b"no frame", FRAME, b"a piece"]),
+            (third, [b"no frame"]),
+            (one, [b"no frame"]),
+        ]
+        link._packets = SimpleNamespace(receive=lambda: runs)
+        link._read(0)
+        assert host.data == {"127.0.0.1:1": FRAME + b"no frame", "127.0.0.1:2": FRAME + b"a piece"}
+        many = [(("127.0.0.1", 10 + number), [FRAME]) for number in range(64)]
+        runs = [*many, (other, [FRAME])]  # two make room for the first, who come again and make room for others
+        link._read(0)
+        assert len(host.ends) == 64
+        assert host.data["127.0.0.1:2"] == FRAME + b"a piece" + FRAME
+        before = dict(host.data)
+        runs = [(one, [FRAME]), (other, [FRAME])]
+        host.take = lambda end, packets: link.close()  # type: ignore[method-assign]
+        link._read(0)
+        assert host.ends == []
+        assert host.data == before
 
 
 def test_a_client_sends_first_and_takes_answers() -> None:
