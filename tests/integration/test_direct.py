@@ -36,11 +36,18 @@ def components(bus: Bus) -> Iterator[list[Puppet]]:
     """Yield a component in each segment, subscribed to everything."""
     with ExitStack() as stack:
         puppets = [stack.enter_context(Puppet(bus.endpoint(name))) for name in SEGMENTS]
-        for puppet in puppets:
+        for name, puppet in zip(SEGMENTS, puppets, strict=True):
             puppet.do("subscribe", key="**")
-        for name in SEGMENTS:
-            assert bus.wait_subscribed(name, ["free/x"], timeout=5) == []
+            puppet.do("subscribe", key=f"@last/{name}")  # which `**` does not include
+        everybody_knows(bus)
         yield puppets
+
+
+def everybody_knows(bus: Bus) -> None:
+    """Wait until each segment knows what the components of all others have subscribed to."""
+    for name in SEGMENTS:
+        others = [f"@last/{other}" for other in SEGMENTS if other != name]
+        assert bus.wait_subscribed(name, others, timeout=20) == []
 
 
 def linked_to(network: Network, zid: str) -> set[str]:
@@ -61,8 +68,7 @@ def test_segments_are_linked_until_something_else_is_cut(place: int) -> None:
         for number, cut in enumerate(("cut/**", "other/**", "cut/**")):
             bus.set_intercept([cut])
             assert linked(bus) == (EVERY if number == 0 else set())
-            for name in SEGMENTS:
-                assert bus.wait_subscribed(name, ["free/x"], timeout=5) == []
+            everybody_knows(bus)
             for key in ("free/x", "cut/x"):
                 source.do("put_texts", key=key, payloads=[str(number)] * 2, congestion="BLOCK")
             for sink in sinks:
