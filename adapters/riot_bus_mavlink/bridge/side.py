@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from riot_bus.errors import PayloadError
 from riot_bus_mavlink.bridge.flows import MOST_FLOWS, Flow
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
-from riot_bus_mavlink.frame import KIND, LONGEST, is_plain, parse_frame
+from riot_bus_mavlink.frame import KIND, LONGEST, V2, is_plain, parse_frame
 from riot_bus_mavlink.signing import Renewer
 
 if TYPE_CHECKING:
@@ -221,8 +221,16 @@ class Side:
         raws: list[bytes] = []
         ends: list[End] = []
         for payload, attachment in messages:
-            found = known.get(payload[KIND])
-            if found is None or found[0] != routes.generation or attachment != own or not is_plain(payload):
+            found, size = known.get(payload[KIND]), len(payload)
+            if (
+                found is None
+                or found[0] != routes.generation
+                or attachment != own
+                or size < 12  # from here on it is `is_plain`
+                or payload[0] != V2
+                or payload[1] != size - 12
+                or payload[2]
+            ):
                 self._give(raws, ends)
                 raws = []
                 self._hear_new(payload, attachment)
