@@ -5,10 +5,11 @@ RIOT_FUZZ_FRAMES says how many mutated frames there are.
 
 import os
 import random
+from typing import NamedTuple
 
 from riot_bus.errors import PayloadError
 from riot_bus_mavlink.adapter import MavlinkAdapter
-from riot_bus_mavlink.frame import Frame, Framer, checksum_fits, pack_frame
+from riot_bus_mavlink.frame import KIND, Frame, Framer, checksum_fits, pack_frame
 from riot_bus_mavlink.message_type import PREFIX
 from riot_bus_mavlink.signing import Renewer, Signer, sign_frame
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
@@ -22,6 +23,10 @@ FOUND_AGAIN = 5
 ADAPTER = MavlinkAdapter()
 DIALECT = ADAPTER.dialect
 SIGNER = Signer(bytes(range(32)))
+
+
+class Known(NamedTuple):
+    extra: bytes
 
 
 def sound_frames(draw):
@@ -94,6 +99,37 @@ def test_mutated_streams():
     assert framer.counts.bad_crc > made // 10
     assert framer.counts.unknown < passed // 4
     assert changed > made // 100
+
+
+def test_mutated_packets_are_taken_together_as_they_are_one_by_one():
+    draw = random.Random(31)
+    frames = sound_frames(draw)
+    together, alone = Framer(DIALECT.crc_extra), Framer(DIALECT.crc_extra)
+    kinds: dict[bytes, Known] = {}
+    made = known = 0
+    while made < FRAMES:
+        packets = [
+            mutated(draw, each, draw.choice(frames)) if draw.random() < 0.3 else each
+            for each in draw.choices(frames, k=BLOCK)
+        ]
+        made += BLOCK
+        found: list[bytes] = []
+        at = 0
+        while at < BLOCK:
+            taken = len(together.known(packets, at, kinds))
+            found += packets[at : at + taken]
+            at, known = at + taken, known + taken
+            for packet in packets[at : at + 1]:
+                for frame in together.feed(packet):
+                    found.append(frame.raw)
+                    extra = DIALECT.crc_extra(frame.message_id)
+                    if frame.version == 2 and extra is not None and len(kinds) < 40:
+                        kinds[frame.raw[KIND]] = Known(bytes([extra]))
+                at += 1
+        assert found == [frame.raw for packet in packets for frame in alone.feed(packet)]
+        assert together.counts == alone.counts
+        assert together.pending == alone.pending
+    assert known > made // 20
 
 
 def use(draw, frame: Frame, renewer: Renewer) -> int:

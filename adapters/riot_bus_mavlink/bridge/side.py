@@ -34,7 +34,7 @@ class Side:
     """Carries frames between the links of one segment, and between them and the bus.
 
     Frames that come over a link are put on the bus and given to the other links; one thread at a time brings them.
-    Frames from the bus are given to the links; another thread brings them.
+    Frames from the bus are given to the links; one thread at a time brings them, too, which may be that of the links.
 
     Args:
         port: The segment.
