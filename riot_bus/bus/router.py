@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 __all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
 
 _ALIVE_INTERVAL_S = 0.02
+_HEARD_S = 10.0
 _QUIET_POLLS = 3
 
 
@@ -448,6 +449,7 @@ class Bus:
             self._forget()
 
         def end() -> None:
+            wait_until(lambda: all(ramp.idle() for ramp in self._ramps), _HEARD_S)  # who ends hears what was put before
             with self._changing:
                 crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
                 self._forget()

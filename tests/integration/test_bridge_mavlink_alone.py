@@ -199,6 +199,22 @@ def test_an_interceptor_that_blocks_is_bypassed(stack: ExitStack, tmp_path: Path
     assert [frame.raw for frame in bench.ground.take(20)] == attitudes(20)
 
 
+def test_what_waits_for_an_interceptor_goes_out_before_the_end(stack: ExitStack, tmp_path: Path) -> None:
+    slow = tmp_path / "slow.py"
+    slow.write_text(
+        "import threading\nclass Slow:\n    def message(self, event):\n        threading.Event().wait(0.002)\n"
+    )
+    bench = Bench(stack, f"--interceptor={slow}")
+    bench.meet()
+    sent = attitudes(600)
+    bench.vehicle.send(*sent)
+    bench.ground.take(1)
+    links = bench.bridge.end()["links"]
+    taken = links["fc"]["in"] - 1  # but for the heartbeat by which they have met
+    assert links["gcs"]["out"] - 1 == taken > 1
+    assert [frame.raw for frame in bench.ground.take(taken - 1)] == sent[1:taken]
+
+
 @pytest.mark.parametrize("segments", [["system", "unit"], ["only"]])
 def test_what_passes_is_recorded(stack: ExitStack, tmp_path: Path, segments: list[str]) -> None:
     log = tmp_path / "run.mcap"
