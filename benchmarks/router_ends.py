@@ -18,7 +18,7 @@ import zenoh
 
 from riot_bus.bus.client import open_client
 from riot_bus.bus.config import router_config
-from riot_bus.bus.heap import steady_heap
+from riot_bus.bus.heap import calm_collector, steady_heap
 from riot_bus.bus.router import Bus
 from riot_bus.bus.running import Upkeep
 from riot_bus.bus.runtime import listening, open_session, prepare_runtime, release, wait_until
@@ -155,7 +155,7 @@ def _forwarder(target: zenoh.Session) -> Callable[[zenoh.Sample], None]:
 
 @contextmanager
 def _bus(path: str) -> Iterator[tuple[str, str]]:
-    steady_heap()  # as `riot router` does
+    steady_heap()  # this, and what is done to the collector, as `riot router` does
     with ExitStack() as stack:
         interceptors: list[object] = []
         registry = TypeRegistry()
@@ -170,6 +170,7 @@ def _bus(path: str) -> Iterator[tuple[str, str]]:
         bus = stack.enter_context(Bus(_SEGMENTS, intercept=[first], pipeline=pipeline, registry=registry))
         if path == "junction":
             bus.set_intercept(["cut/**"])
+        calm_collector()
         yield bus.endpoint("a"), bus.endpoint("b")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.held_keys import hold
+from riot_bus.bus.held_keys import FrequentKeys, hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 
@@ -34,6 +34,7 @@ class Batches:
     def __init__(self, session: zenoh.Session, expression: str) -> None:
         zenoh = library_of(session)
         self._error = zenoh.ZError
+        self._frequent = FrequentKeys(session)
         hold(session, expression)
         self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
@@ -53,6 +54,7 @@ class Batches:
                 if sample is None:
                     break
                 samples.append(sample)
+        self._frequent.saw(samples[-1].key_expr)
         self._most = min(_MOST, _MOST_BYTES // (len(samples[-1].payload) + 1))
         return samples
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.bus.arrival import SampleArrival
 from riot_bus.bus.convert import FEW, Converter, is_delete, is_droppable
-from riot_bus.bus.held_keys import hold
+from riot_bus.bus.held_keys import FrequentKeys, hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.runtime import release
 from riot_bus.bus.tally import Tally
@@ -52,6 +52,7 @@ class _Way:
     __slots__ = (
         "advanced",
         "congestion",
+        "direct",
         "encoding",
         "express",
         "few",
@@ -61,7 +62,6 @@ class _Way:
         "passed",
         "priority",
         "publishers",
-        "put",
         "qos",
         "rewrite",
         "rewritten",
@@ -83,23 +83,25 @@ class _Way:
         self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
         self.outlets = outlets
         self.few = 0
-        self.put: Callable[..., None] = self._put_first
+        self.direct: Callable[..., None] | None = None  # does all that `put` does, once there is such a call
         self.looked_at = looked_at
         self.advanced = False  # whether the key has advanced publishers
         self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
         self.passed = self.seen = self.rewritten = 0
         self.senders: set[str] = set()
 
-    def _put(self, payload: Any, **more: Any) -> None:
+    def put(self, payload: Any, **more: Any) -> None:
+        if self.few <= FEW:
+            self.few += 1
+            if self.few > FEW:
+                self._keep_publishers()
         for publisher, outlet in zip(self.publishers, self.outlets, strict=True):
             publisher.put(outlet.shared(payload) if self.shared else payload, **more)
 
-    def _put_first(self, payload: Any, **more: Any) -> None:
-        self.few += 1
-        if self.few > FEW:
-            self.publishers = [each.publisher(self.key, self.qos, self.text) for each in self.outlets]
-            self.put = self._put if self.shared or len(self.publishers) > 1 else self.publishers[0].put
-        self._put(payload, **more)
+    def _keep_publishers(self) -> None:
+        self.publishers = [each.publisher(self.key, self.qos, self.text) for each in self.outlets]
+        if len(self.publishers) == 1 and not self.shared:
+            self.direct = self.publishers[0].put
 
 
 class Lane:
@@ -140,17 +142,18 @@ class Lane:
         self._owner = owner
         self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
         self._by_qos: dict[tuple[str, Qos], _Way] = {}
-        self._former: deque[list[_Way]] = deque()  # forgotten, but perhaps still counting
+        self._former: deque[dict[tuple[str, Qos], _Way]] = deque()  # forgotten, but perhaps still counting
         self._passed = Tally()
         self._seen = Tally()
         self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
-        self._out: deque[tuple[_Way, Any, dict[str, Any] | None]] = deque()
+        self._out: deque[tuple[_Way, list[bytes | None], dict[str, Any] | None]] = deque()
         self._rewriting: list[_Way] = []
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
         self._zenoh_error = library.ZError
+        self._frequent = FrequentKeys(session)
         hold(session, expression)
         self._subscriber = session.declare_subscriber(
             expression,
@@ -186,15 +189,15 @@ class Lane:
     def forget(self) -> None:
         """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
         former, self._ways, self._by_qos = self._by_qos, {}, {}
-        self._former.append(list(former.values()))
+        self._former.append(former)
 
     def _all_ways(self) -> list[_Way]:
-        return [*itertools.chain(*list(self._former)), *list(self._by_qos.values())]
+        return [way for ways in [*self._former, self._by_qos] for way in list(ways.values())]
 
     def _fold(self) -> None:
         """Add the counts of ways that were forgotten, when nobody takes one any more."""
         while self._former:
-            for way in self._former.popleft():
+            for way in self._former.popleft().values():
                 self._passed.add(way.key, way.passed)
                 self._seen.add(way.key, way.seen)
                 if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
@@ -252,16 +255,12 @@ class Lane:
                 key = self.expression if current is None else str(current.key_expr)
                 _LOG.exception("a message of %s was lost", key)
                 self._crossing.lose(key, "failure of ours")
+                self.flush()  # what came before goes out, though nothing may come after
 
     def _fill(self) -> None:
         backlog, fetch = self._backlog, self._channel.try_recv
         before = len(backlog)
-        append = backlog.append
-        for _ in range(min(_SLICE, self._room - before)):
-            sample = fetch()
-            if sample is None:
-                break
-            append(sample)
+        backlog.extend(itertools.islice(iter(fetch, None), max(0, min(_SLICE, self._room - before))))
         if len(backlog) >= self._room:
             self._shed()
         self.received += len(backlog) - before
@@ -280,7 +279,7 @@ class Lane:
                 self._backlog.append(sample)
 
     def _slice(self) -> None:
-        if self._former:
+        if self._former and not self._out:
             self._fold()
         backlog = self._backlog
         first = backlog[0]
@@ -288,6 +287,8 @@ class Lane:
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
         take, next_sample, ways, out = _TAKE, backlog.popleft, self._ways, self._out.append
+        last: _Way | None = None  # whose payloads `also` adds to
+        also = out
         for _ in range(min(len(backlog), _SLICE)):
             sample = next_sample()
             key, priority, congestion, express, encoding, attachment, payload = take(sample)
@@ -303,30 +304,40 @@ class Lane:
                     continue
             if not way.looked_at:
                 payload = payload.to_bytes()  # objects of one library are strange to another
-                way.passed += 1
             else:
                 payload = self._rewritten(way, payload.to_bytes()) if way.rewrite is not None else None
             if not payload:
+                last = None
                 self._look(way, sample)
                 if time.monotonic() - began > _TURN_S:
                     break  # interceptors are slow: see what has come in meanwhile
                 continue
             if attachment is not None:
+                last = None
                 text = way.text if way.encoding == encoding else str(encoding)
-                out((way, payload, {"encoding": text, "attachment": attachment.to_bytes()}))
+                out((way, [payload], {"encoding": text, "attachment": attachment.to_bytes()}))
             elif way.encoding == encoding:
-                out((way, payload, None))
+                if way is last:
+                    also(payload)
+                else:
+                    payloads = [payload]
+                    out((way, payloads, None))
+                    last, also = way, payloads.append
             else:
-                out((way, payload, {"encoding": str(encoding)}))
+                last = None
+                out((way, [payload], {"encoding": str(encoding)}))
         self.flush()
-        self._note_sender(first)
         took = time.monotonic() - began
         for name in self._crossing.targets[self.segment]:
             self._crossing.outlets[name].took(took)
+        self._note(first)
 
-    def _note_sender(self, sample: zenoh.Sample) -> None:
-        stamp = sample.timestamp
-        way = self._ways.get(sample.key_expr)
+    def _note(self, sample: zenoh.Sample) -> None:
+        """Take down what need not be known of every message: whose it is, and that its key has come again."""
+        stamp, key = sample.timestamp, sample.key_expr
+        way = self._ways.get(key)
+        if way is not None:
+            self._frequent.saw(key)
         if stamp is not None and way is not None and len(way.senders) < _MOST_SENDERS:
             way.senders.add(str(stamp.get_id()))
 
@@ -369,7 +380,7 @@ class Lane:
         return changed
 
     def _look(self, way: _Way, sample: zenoh.Sample) -> None:
-        """Take one message that somebody wants to see, or one that has no payload and was counted."""
+        """Take one message that somebody wants to see, or one that has no payload."""
         payload: Any = None
         if way.looked_at:
             way.seen += 1
@@ -389,32 +400,39 @@ class Lane:
         encoding, found = sample.encoding, sample.attachment
         attachment = None if found is None else found.to_bytes()
         if is_delete(sample):
-            self._out.append((way, None, {"attachment": attachment}))
+            self._out.append((way, [None], {"attachment": attachment}))
         elif attachment is None and way.encoding == encoding:
-            self._out.append((way, payload, None))
+            self._out.append((way, [payload], None))
         else:
-            self._out.append((way, payload, {"encoding": str(encoding), "attachment": attachment}))
+            self._out.append((way, [payload], {"encoding": str(encoding), "attachment": attachment}))
 
     def flush(self) -> None:
         """Publish what is ready. In one go, since what Zenoh gets at once it sends at once."""
-        out, error = self._out, self._zenoh_error
+        out = self._out
         while out:
-            way, payload, more = out.popleft()
-            try:
-                if more is None:
-                    way.put(payload)
-                elif payload is not None:
-                    way.put(payload, **more)
-                else:
-                    for publisher in way.publishers:
-                        publisher.delete(**more)
-            except error as problem:
-                self._failed(way.key, problem)
+            way, payloads, more = out.popleft()
+            if not way.looked_at:
+                way.passed += len(payloads)
+            put = way.direct or way.put
+            for payload in payloads:
+                try:
+                    if more is None:
+                        put(payload)
+                    elif payload is not None:
+                        put(payload, **more)
+                    else:  # a delete
+                        for publisher in way.publishers:
+                            publisher.delete(**more)
+                except Exception as problem:  # whatever it is, the others go on
+                    self._failed(way.key, problem)
         while self._rewriting:
             way = self._rewriting.pop()
             count, way.rewritten = way.rewritten, 0
             way.seen += count
-            self._crossing.gate.rewrote(way.key, count)
+            try:
+                self._crossing.gate.rewrote(way.key, count)
+            except Exception:  # theirs, and no reason to stop here
+                _LOG.exception("an interceptor of %s could not count what it did", way.key)
 
     def _failed(self, key: str, error: Exception) -> None:
         _LOG.warning("a message of %s could not be forwarded: %s", key, error)

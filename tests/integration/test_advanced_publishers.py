@@ -18,6 +18,7 @@ from tests.integration.advanced_tools import (
     PlainListener,
     Prefix,
     advertise,
+    answered,
     cached,
     changed,
     component,
@@ -61,6 +62,7 @@ def test_a_publisher_that_comes_back_under_its_old_id_begins_anew(*, numbered: b
     with running(Prefix()) as (bus, join):
         sink = join("unit")
         early = Listener(sink)
+        answered(sink)
         subscribed(bus, "unit", KEY)
         stream: list[str] = []
         for run in range(3):
@@ -84,6 +86,7 @@ def test_each_of_two_publishers_on_a_key_keeps_its_own_history(*, numbered: bool
     with running(Prefix()) as (bus, join):
         one, two, sink = join("system"), join("system"), join("unit")
         early = Listener(sink)
+        answered(sink)
         subscribed(bus, "unit", KEY)
         first, second = advertise(one, depth=1, numbered=numbered), advertise(two, depth=2, numbered=numbered)
         for number in range(3):
@@ -107,7 +110,8 @@ def test_publishers_in_both_segments_hear_each_other_and_not_themselves() -> Non
     with running(Prefix()) as (bus, join):
         sessions = {"system": join("system"), "unit": join("unit")}
         early = {name: Listener(session) for name, session in sessions.items()}
-        for name in sessions:
+        for name, session in sessions.items():
+            answered(session)
             subscribed(bus, name, KEY)
         publishers = {name: advertise(session, depth=2) for name, session in sessions.items()}
         for number in range(4):
@@ -128,6 +132,7 @@ def test_a_publisher_without_a_token_has_a_history_all_the_same(*, numbered: boo
     with running(Prefix()) as (bus, join):
         source, sink = join("system"), join("unit")
         early = Listener(sink)
+        answered(sink)
         subscribed(bus, "unit", KEY)
         publisher = advertise(source, depth=2, numbered=numbered, visible=False)
         stream: list[str] = []
@@ -153,6 +158,7 @@ def test_messages_of_a_plain_publisher_on_the_same_key_are_heard_but_not_kept() 
     with running(Prefix()) as (bus, join):
         source, sink = join("system"), join("unit")
         early = Listener(sink)
+        answered(sink)
         subscribed(bus, "unit", KEY)
         publisher, plain = advertise(source, depth=2), source.declare_publisher(KEY)
         expected = []
@@ -229,6 +235,7 @@ def test_the_depth_is_learned_whenever_the_messages_come(*, numbered: bool) -> N
     with running() as (bus, join):
         source, sink = join("system"), join("unit")
         early = Listener(sink)
+        answered(sink)
         subscribed(bus, "unit", KEY)
         publisher = advertise(source, depth=3, numbered=numbered)
         stream: list[str] = []

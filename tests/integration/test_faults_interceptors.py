@@ -138,6 +138,42 @@ def test_a_message_of_which_an_interceptor_makes_rubbish_goes_on_as_it_was(recor
         assert_balanced(bus)
 
 
+def test_messages_go_on_although_an_interceptor_fails_to_count_what_it_rewrote() -> None:
+    called = threading.Event()
+
+    class Forgetful:
+        def rewriter(self, kind: object, key: str, payload: bytes) -> Callable[[bytes], bytes]:
+            return bytes.upper
+
+        def rewrote(self, key: str, count: int) -> None:
+            called.set()
+            raise RuntimeError("cannot count")
+
+        def message(self, event: Event) -> None:
+            event.replace(event.payload.upper())
+
+    interceptors = pipeline(Forgetful())
+    interceptors.provenance = False
+    with (
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=interceptors) as bus,
+        Puppet(bus.endpoint("system")) as source,
+        Puppet(bus.endpoint("unit")) as sink,
+    ):
+        sink.do("subscribe", key="**")
+        subscribed(bus, "unit", "cut/x")
+        texts = [f"m{number}" for number in range(200)]
+        for text in texts[:5]:  # one after the other: each is counted on its own
+            source.do("put_texts", key="cut/x", payloads=[text], congestion="BLOCK")
+        source.do("put_texts", key="cut/x", payloads=texts[5:], congestion="BLOCK")
+        samples = sink.do("wait", count=len(texts), timeout=30)
+        assert [each.decode() for each in payloads(samples, "cut/x")] == [text.upper() for text in texts]
+        assert called.is_set()
+        assert bus.drain(10)
+        assert bus.counts()["cut/x"].forwarded == len(texts)
+        assert not bus.losses
+        assert_balanced(bus)
+
+
 def test_what_an_interceptor_returns_and_how_much_it_copies_do_no_harm() -> None:
     class Generous:
         def message(self, event: Event) -> Any:

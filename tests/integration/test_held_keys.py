@@ -9,13 +9,14 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+from riot_bus.bus import held_keys
 from riot_bus.bus.ear import Ear
 from riot_bus.bus.held_keys import hold
 from riot_bus.bus.libraries import library_of
 from riot_bus.bus.network import Network
 from riot_bus.bus.router import Bus
 from riot_bus.bus.runtime import release, wait_until
-from tests.integration.advanced_tools import KEY, WAIT_S, Prefix, component, running
+from tests.integration.advanced_tools import KEY, WAIT_S, Prefix, changed, component, running
 from tests.integration.fault_tools import assert_balanced, received, subscribed
 
 pytestmark = pytest.mark.integration
@@ -93,3 +94,76 @@ def test_questions_end_while_a_session_declares_and_undeclares(expression: str) 
                     assert [reply.err for reply in asking.get(expression, timeout=WAIT_S)] == []
         finally:
             release(asking)
+
+
+@pytest.mark.parametrize("looked_at", [True, False])
+def test_keys_get_a_number_while_their_messages_are_on_the_way(
+    monkeypatch: pytest.MonkeyPatch, *, looked_at: bool
+) -> None:
+    """Of which none is lost, none comes twice, and those of a key keep their order."""
+    monkeypatch.setattr(held_keys, "_OFTEN", 1)
+    keys, count = [f"cut/{number}" for number in range(20)], 1000
+    with running(*([Prefix()] if looked_at else [])) as (bus, join):
+        source, sink = join("unit"), join("system")
+        taken: dict[str, list[str]] = {key: [] for key in keys}
+        arrived = threading.Semaphore(0)
+
+        def take(sample: zenoh.Sample) -> None:
+            taken[str(sample.key_expr)].append(sample.payload.to_string())
+            arrived.release()
+
+        _subscriber = sink.declare_subscriber("cut/*", take)
+        subscribed(bus, "system", "cut/*")
+        numbered = held_keys._frequent[id(bus.segment("unit").session)]
+        for key in keys:
+            assert key not in numbered
+        for number in range(count):
+            for key in keys:
+                source.put(key, str(number), congestion_control=zenoh.CongestionControl.BLOCK)
+        for _ in range(count * len(keys)):
+            assert arrived.acquire(timeout=WAIT_S)
+        assert len(set(numbered) & set(keys)) > 1
+        expected = [str(number) for number in range(count)]
+        for key in keys:
+            assert taken[key] == (changed(expected) if looked_at else expected)
+        assert_balanced(bus)
+
+
+def test_messages_of_all_kinds_on_one_key_keep_their_order() -> None:
+    """Some have an attachment, another encoding, no payload or are deletes; nobody looks at them."""
+    count = 3000
+    with running() as (bus, join):
+        source, sink = join("unit"), join("system")
+        taken: list[tuple[str, str, bool]] = []
+        arrived = threading.Semaphore(0)
+
+        def take(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            kind = "delete" if int(sample.kind) else str(sample.encoding)  # type: ignore[call-overload]
+            taken.append((sample.payload.to_string(), kind, attachment is not None))
+            arrived.release()
+
+        _subscriber = sink.declare_subscriber(KEY, take)
+        subscribed(bus, "system", KEY)
+        publisher = source.declare_publisher(KEY, congestion_control=zenoh.CongestionControl.BLOCK)
+        expected = []
+        for number in range(count):
+            text, encoding, attachment = str(number), "zenoh/bytes", None
+            match number % 11:
+                case 3:
+                    attachment = b"more"
+                case 5:
+                    encoding = "text/plain"
+                case 7:
+                    text = ""
+            if number % 11 == 9:
+                publisher.delete()
+                expected.append(("", "delete", False))
+                continue
+            publisher.put(text, encoding=encoding, attachment=attachment)
+            expected.append((text, encoding, attachment is not None))
+        for _ in range(count):
+            assert arrived.acquire(timeout=WAIT_S)
+        assert taken == expected
+        assert wait_until(lambda: received(bus, KEY) == count, WAIT_S)
+        assert_balanced(bus)

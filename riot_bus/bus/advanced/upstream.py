@@ -84,28 +84,27 @@ class Upstream:
 
         Every key that comes asks, and nobody waits for it, so the answers are fetched now and then. A callback would
         slow down the whole segment: from the first one on that a thread of Zenoh's drops, every call into this copy of
-        the library looks for objects of Python's to drop (pyo3 0.25), and a lane makes about twenty for each message.
+        the library looks for objects of Python's to drop (pyo3 0.25), and a lane makes about fifteen for each message.
 
         Args:
             segment: Where.
             selector: Which caches.
             then: Called by the worker with the publisher of each sample.
         """
-        zenoh = library_of(self._sessions[segment])
-        channel = self._get(segment, selector, zenoh.handlers.FifoChannel(_CHANNEL))
+        handlers = library_of(self._sessions[segment]).handlers
+        channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))
+        self._worker.do(partial(self._look, segment, channel, then, _PAUSE_S))
 
-        def look(pause: float) -> None:
-            try:
-                while (reply := channel.try_recv()) is not None:
-                    known = None if reply.ok is None else source_of(segment, reply.ok)
-                    if known is not None:
-                        then(known[0])
-            except zenoh.ZError:  # there will be no more
-                return
-            again = partial(look, min(2 * pause, _LONGEST_PAUSE_S))
-            self._worker.later(pause, again, background=True)
-
-        self._worker.do(partial(look, _PAUSE_S))
+    def _look(self, segment: str, channel: Any, then: Callable[[Source], None], pause: float) -> None:
+        try:
+            while (reply := channel.try_recv()) is not None:
+                known = None if reply.ok is None else source_of(segment, reply.ok)
+                if known is not None:
+                    then(known[0])
+        except library_of(self._sessions[segment]).ZError:  # there will be no more
+            return
+        again = partial(self._look, segment, channel, then, min(2 * pause, _LONGEST_PAUSE_S))
+        self._worker.later(pause, again, background=True)
 
     def _get(self, segment: str, selector: str, handler: Any) -> Any:
         session = self._sessions[segment]

@@ -7,6 +7,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
+from riot_bus.bus.held_keys import no_more_numbers
 from riot_bus.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ def declarations(
     it, takes it again to send each reply (`resources_data` and `route_send_response` in its sources). If a component
     declares or undeclares anything between the two, the writer waits for the first and the second waits for the
     writer. Three clients that declared all the time hung a router at the second query. There is no cure but to
-    restart the bus. Ask only when no component starts, stops or changes subscriptions; never on a live system.
+    restart the bus. Ask only when no component starts, stops or changes subscriptions, and no messages come on new
+    keys; never on a live system.
 
     Args:
         sessions: Segments' own sessions by name.
@@ -52,8 +54,9 @@ def declarations(
     for name, session in sessions.items():
         # A hung router never answers, not even by a timeout of Zenoh's: ask on a thread that may be abandoned.
         asking = threading.Thread(target=lambda s=session, n=name: found.update(_ask(s, n, ours)), daemon=True)
-        asking.start()
-        asking.join(timeout)
+        with no_more_numbers():
+            asking.start()
+            asking.join(timeout)
         if asking.is_alive():
             raise EnvironmentFaultError(
                 "the router hangs: a component declared something while declarations were read",

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+import zenoh
 
 from riot_bus.bus import held_keys
-from riot_bus.bus.held_keys import begin_holding, end_holding, hold
+from riot_bus.bus.held_keys import FrequentKeys, begin_holding, end_holding, hold, no_more_numbers
 
 
 class Declaring:
@@ -58,3 +59,38 @@ def test_a_session_that_does_not_hold_keys_declares_none() -> None:
     other: Any = Declaring()
     hold(other, "a")
     assert other.declared == []
+
+
+def test_keys_that_come_again_and_again_get_a_number(session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held_keys, "_MOST_FREQUENT", 3)
+    frequent = FrequentKeys(session)
+    for number in range(100):
+        frequent.saw(zenoh.KeyExpr("often"))
+        frequent.saw(zenoh.KeyExpr(f"once/{number}"))
+    assert session.declared == []  # so many others came meanwhile that it was forgotten each time
+    for key in "abcd":
+        for _ in range(20):
+            frequent.saw(zenoh.KeyExpr(key))
+    assert session.declared == ["a", "b", "c"]
+    another = FrequentKeys(session)
+    for _ in range(20):
+        another.saw(zenoh.KeyExpr("a"))
+    assert session.declared == ["a", "b", "c"], "one number is enough for a session"
+
+
+def test_no_key_gets_a_number_meanwhile_but_afterwards(session: Any) -> None:
+    frequent = FrequentKeys(session)
+    with no_more_numbers():
+        for _ in range(20):
+            frequent.saw(zenoh.KeyExpr("a"))
+        assert session.declared == []
+    frequent.saw(zenoh.KeyExpr("a"))
+    assert session.declared == ["a"]
+
+
+def test_a_number_for_a_key_ends_with_the_session(session: Any) -> None:
+    frequent = FrequentKeys(session)
+    end_holding(session)
+    for _ in range(20):
+        frequent.saw(zenoh.KeyExpr("a"))
+    assert session.declared == []
