@@ -28,7 +28,7 @@ __all__ = ["Stage"]
 
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
-_AT_REST = 0.02
+_AT_REST = 0.1
 _TIMERS_AFTER = 2.0
 _MEASURE = 0.25
 _ALIKE = 0.2
@@ -160,7 +160,11 @@ class Stage:
         self._check_alive(names)
 
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
-        """Wait until components stand still, or are as busy as the moment before: they have timers of their own."""
+        """Wait until components stand still, or are as busy as the moment before: they have timers of their own.
+
+        Standing still is asked for longer here than after the last input. Else a pause between two timers passes for
+        rest, `idle` says that they never move, and no pause as long may come at the end: a hang that is none.
+        """
         if self.settle(names, window=_AT_REST, timeout=max(_AT_REST, min(_TIMERS_AFTER, deadline - time.monotonic()))):
             return
         last = self.measure_idle(names, seconds=_MEASURE)
