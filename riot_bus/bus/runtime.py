@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import re
+import threading
 import time
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,8 @@ _VARIABLE = "ZENOH_RUNTIME"
 _RECEIVERS = 128
 _FEW_RECEIVERS = 4
 _ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
+_CALLBACKS = "pyo3-closure"
+_CALLBACKS_S = 3.0
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 
@@ -53,6 +57,19 @@ def prepare_runtime() -> None:
         hint = f"set {_VARIABLE}='(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))'"
         text = f"receive threads per router: {receivers}: expect stalls and closed links under load; {hint}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+@atexit.register
+def _end_callbacks() -> None:
+    """Wait for the threads on which Zenoh calls back, which end after their sessions.
+
+    Python does so itself, but not where a daemon thread has declared them, as they are daemons then. One of these that
+    wants the interpreter while that goes down aborts the whole process (Rust cannot be unwound by `pthread_exit`).
+    """
+    deadline = time.monotonic() + _CALLBACKS_S
+    for thread in threading.enumerate():
+        if thread.daemon and _CALLBACKS in thread.name:
+            thread.join(max(0.0, deadline - time.monotonic()))
 
 
 def _receivers_of(value: str) -> int:
