@@ -1,0 +1,111 @@
+"""Finds plug-ins of every kind by entry points: interceptors, codecs, monitors, steps; the built-in ones as any other.
+
+A plug-in is imported only when somebody names it. Our own names cannot be taken by another package.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from riot_bus.errors import ConfigError, RiotError, did_you_mean
+
+__all__ = [
+    "ADAPTERS",
+    "BRIDGES",
+    "CODECS",
+    "DICTIONARIES",
+    "FAULTS",
+    "INTERCEPTORS",
+    "KINDS",
+    "MONITORS",
+    "REPORTS",
+    "SEARCHES",
+    "STEPS",
+    "PluginKind",
+]
+
+_DISTRIBUTION = "riot-bus"
+
+
+@dataclass(frozen=True, slots=True)
+class PluginKind:
+    """One kind of plug-in.
+
+    Attributes:
+        noun: What errors call one: "codec".
+        group: Its group of entry points: "riot_bus.types".
+    """
+
+    noun: str
+    group: str
+
+    def targets(self) -> dict[str, str]:
+        """Return all plug-ins of this kind: `module:attribute` (or `module`) by name, sorted by name."""
+        return _targets(self.group)
+
+    def load(self, name: str, *, where: str | None = None) -> Any:
+        """Import a plug-in and return what its entry point names: a class, function, value or module.
+
+        Args:
+            name: Name of the entry point.
+            where: Place of the text that names it, for errors.
+
+        Raises:
+            ConfigError: Nothing installed has this name, or it cannot be imported.
+            RiotError: Importing it raised this; such as `MissingExtraError`.
+        """
+        targets = self.targets()
+        if name not in targets:
+            hint = did_you_mean(name, targets) or f"known: {', '.join(targets) or 'none'}"
+            raise ConfigError(f"unknown {self.noun} {name!r}", where=where, hint=hint)
+        module, _, attribute = targets[name].partition(":")
+        try:
+            found = import_module(module)
+            return getattr(found, attribute) if attribute else found
+        except RiotError:
+            raise
+        except Exception as error:  # the package is somebody else's and may raise anything
+            hint = "mend or uninstall the package"
+            text = f"{self.noun} {name!r} cannot be loaded: {error}"
+            raise ConfigError(text, where=targets[name], hint=hint) from error
+
+
+ADAPTERS = PluginKind("adapter", "riot_bus.adapters")
+BRIDGES = PluginKind("bridge", "riot_bus.bridges")
+CODECS = PluginKind("codec", "riot_bus.types")
+DICTIONARIES = PluginKind("dictionary", "riot_bus.dictionaries")
+FAULTS = PluginKind("fault kind", "riot_bus.faults")
+INTERCEPTORS = PluginKind("interceptor", "riot_bus.interceptors")
+MONITORS = PluginKind("monitor", "riot_bus.monitors")
+REPORTS = PluginKind("report format", "riot_bus.reports")
+SEARCHES = PluginKind("search method", "riot_bus.search")
+STEPS = PluginKind("step", "riot_bus.steps")
+
+KINDS = (ADAPTERS, BRIDGES, CODECS, DICTIONARIES, FAULTS, INTERCEPTORS, MONITORS, REPORTS, SEARCHES, STEPS)
+
+
+@cache
+def _targets(group: str) -> dict[str, str]:
+    own: dict[str, str] = {}
+    others: dict[str, str] = {}
+    for point in entry_points(group=group):
+        is_own = point.dist is not None and point.dist.name == _DISTRIBUTION
+        (own if is_own else others)[point.name] = point.value
+    return dict(sorted((others | (own or _declared().get(group, {}))).items()))
+
+
+@cache
+def _declared() -> dict[str, dict[str, str]]:
+    """Return our own plug-ins as pyproject.toml declares them, for a checkout that is used without being installed."""
+    file = Path(__file__).resolve().parents[1] / "pyproject.toml"
+    try:
+        found: dict[str, dict[str, str]] = tomllib.loads(file.read_text(encoding="utf-8"))["project"]["entry-points"]
+    except (OSError, KeyError, tomllib.TOMLDecodeError):
+        return {}
+    return found
