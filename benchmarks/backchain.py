@@ -20,8 +20,8 @@ from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.permeability import Drive, Run, analyse
 from riot_bus.backchain.region import map_region
-from riot_bus.injection import Signal
-from riot_bus.trial import Series
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Series
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from riot_bus.bus.runtime import free_endpoint
+from riot_bus.zenoh.session import free_endpoint
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment
 

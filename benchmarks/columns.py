@@ -23,8 +23,8 @@ from itertools import islice
 from pathlib import Path
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.message import Message
 
 TYPE = "nav_msgs/msg/Odometry"
 TOPIC, FIELD = "/odom", "twist.twist.linear.x"

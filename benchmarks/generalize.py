@@ -27,7 +27,7 @@ from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
 from riot_bus.generalize.rules import Variable, learn_rule
 from riot_bus.generalize.sampling import columns_of, integer_range, interesting
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.trial import Scalar
 
 Row = dict[str, Any]
 

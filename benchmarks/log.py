@@ -15,7 +15,7 @@ from mcap.writer import Writer
 
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 TOPICS = 8
 

@@ -21,13 +21,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.config import router_config
-from riot_bus.bus.playing.options import PlayOptions
-from riot_bus.bus.playing.service import PlayService
-from riot_bus.bus.runtime import free_endpoint, open_session, prepare_runtime, release
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.service import PlayService
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint, open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import router_config
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -100,7 +100,7 @@ def run_subscriber(pipe: Connection, endpoint: str) -> None:
 
 def run_player(pipe: Connection, options: PlayOptions) -> None:
     """Play as `riot play` does; answer with what the player says of itself."""
-    from riot_bus.bus.playing.running import run_play
+    from riot_bus.play.running import run_play
 
     lines: list[str] = []
     run_play(options, say=lines.append, warn=lambda line: print(line, file=sys.stderr), as_json=True)

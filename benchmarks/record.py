@@ -31,9 +31,9 @@ import psutil
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from riot_bus.bus.runtime import free_endpoint
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.session import free_endpoint
 
 ENDS = Path(__file__).with_name("record_ends.py")
 KEY = "bench/@v0/rover/pubsub/raw/lidar"  # as keelson wants keys to be

@@ -23,10 +23,10 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.runtime import free_endpoint
 from riot_bus.log.reader import LogReader
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint
 
 RATE = 20_000
 KEY = "kill/numbers"

@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import zenoh
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.config import router_config
-from riot_bus.bus.heap import calm_collector, steady_heap
-from riot_bus.bus.router import Bus
-from riot_bus.bus.running import Upkeep
-from riot_bus.bus.runtime import listening, open_session, prepare_runtime, release, wait_until
-from riot_bus.bus.segments import EPHEMERAL, Segment
+from riot_bus.control.heap import calm_collector, steady_heap
+from riot_bus.control.router_process import Upkeep
 from riot_bus.inject.interceptor import Injector
-from riot_bus.injection import Injection
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.segments import EPHEMERAL, Segment
+from riot_bus.zenoh.session import listening, open_session, prepare_runtime, release, wait_until
+from riot_bus.zenoh.session_config import router_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -31,11 +31,11 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.remote import Remote
-from riot_bus.bus.runtime import wait_until
+from riot_bus.control.remote import Remote
 from riot_bus.log.reader import LogReader
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

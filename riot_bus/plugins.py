@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from riot_bus.errors import ConfigError, RiotError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
 
 __all__ = [
     "ADAPTERS",

@@ -20,7 +20,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from riot_bus.errors import RiotError
+from riot_bus.vocabulary.errors import RiotError
 
 MOST_MEMORY = 3 << 29  # beyond what is there at the beginning
 MOST_SECONDS = 90
@@ -60,8 +60,8 @@ def select(path: Path) -> None:
 def play(path: Path) -> None:
     """Do what `riot play` does before and while it publishes."""
     from riot_bus.log.channels import recorded_topics, span_of
+    from riot_bus.log.playback.sources import LogSource, MergedSource
     from riot_bus.log.reader import LogReader
-    from riot_bus.log.sources import LogSource, MergedSource
 
     with LogReader(path) as reader:
         topics = recorded_topics(reader)
@@ -86,7 +86,7 @@ def info(path: Path) -> dict[str, Any]:
 
 def fields(path: Path) -> None:
     """List the fields and their ranges."""
-    from riot_bus.log.columns_ranges import field_ranges
+    from riot_bus.log.columns.ranges import field_ranges
     from riot_bus.log.reader import LogReader
 
     with LogReader(path) as reader:
@@ -95,7 +95,7 @@ def fields(path: Path) -> None:
 
 def types(path: Path) -> None:
     """List the types of its topics."""
-    from riot_bus.log.columns_plan import log_registry, topic_types
+    from riot_bus.log.columns.plan import log_registry, topic_types
     from riot_bus.log.reader import LogReader
 
     with LogReader(path) as reader:
@@ -118,7 +118,7 @@ def columns(path: Path) -> dict[str, Any]:
 
 def export(path: Path) -> None:
     """Write a table."""
-    from riot_bus.log.export import export_table
+    from riot_bus.log.columns.export import export_table
 
     export_table(path, ["/twist:x", "/twist:y"], path.with_suffix(".csv"), force=True)
 

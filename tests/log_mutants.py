@@ -23,11 +23,11 @@ import msgpack
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.clock import ManualClock
 from riot_bus.log import layout
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.pipeline.event import Change
+from riot_bus.vocabulary.clock import ManualClock
+from riot_bus.vocabulary.message import Message
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
 from riot_bus.types.model import Schema, TopicName
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
 from riot_bus_mavlink.frame import checksum_fits, parse_frame
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate
@@ -21,7 +21,7 @@ from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.message import Message
+    from riot_bus.vocabulary.message import Message
     from riot_bus_mavlink.definitions import MessageTable
 
 __all__ = ["MavlinkAdapter"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import MissingExtraError
+from riot_bus.vocabulary.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus_mavlink.definitions import EnumTable, MessageTable
 from riot_bus_mavlink.xml_files import DialectFile, parse_dialect
 

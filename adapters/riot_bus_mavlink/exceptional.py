@@ -6,8 +6,8 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.exceptional import Entry
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.units import values_of_unit
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.crc import load_crc
 
 if TYPE_CHECKING:

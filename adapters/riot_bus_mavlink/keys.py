@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["TEMPLATE", "KeyTemplate", "Parsed"]
 

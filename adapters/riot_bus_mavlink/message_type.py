@@ -6,9 +6,9 @@ import struct
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, Schema
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.crc import load_crc
 from riot_bus_mavlink.definitions import Place
 from riot_bus_mavlink.exceptional import exceptional_values, why_brittle
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Gathered, Payloads
     from riot_bus.types.exceptional import Entry
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
 

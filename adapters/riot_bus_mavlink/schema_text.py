@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.model import Schema
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.xml_files import parse_dialect
 
 if TYPE_CHECKING:

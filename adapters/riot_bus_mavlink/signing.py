@@ -10,7 +10,7 @@ import hmac
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V2, Frame, parse_frame, seal
 
 if TYPE_CHECKING:

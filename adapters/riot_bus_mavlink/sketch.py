@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
-from riot_bus.tomltext import toml_comment, toml_string
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.toml_text import toml_comment, toml_string
 from riot_bus_mavlink.keys import KeyTemplate
 
 if TYPE_CHECKING:

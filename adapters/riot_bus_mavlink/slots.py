@@ -7,11 +7,11 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError, did_you_mean
 from riot_bus.types.model import parse_path, wrap_integer
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import MessageTable, Place
 
 __all__ = ["HEADER", "Number", "Slot", "Text", "find_slot", "slots_of"]

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.bridge.routing import addressed
 from riot_bus_mavlink.bridge.url import Direction, parse_links
 from riot_bus_mavlink.frame import Framer

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 from riot_bus_mavlink.frame import V1, V2, Frame, checksum_fits, frame_length, parse_frame
 
 if TYPE_CHECKING:

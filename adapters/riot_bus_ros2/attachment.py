@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 
 __all__ = ["Attachment", "build_attachment", "parse_attachment", "renew_attachment"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import REBUILD, Leaf, Schema, member_path, parse_path, why_opaque
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_fields import list_fields
 from riot_bus_ros2.cdr_layout import (
     COUNT_BE,
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Gathered, Payloads
     from riot_bus.types.fields import FieldType
     from riot_bus.types.parts import Part
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
 
 __all__ = ["CdrType"]

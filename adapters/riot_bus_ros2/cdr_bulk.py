@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.bulk import Gathered
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Opaque, Record, Table, Text
 from riot_bus_ros2.cdr_plan import Element
 

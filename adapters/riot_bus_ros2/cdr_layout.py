@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import wrap_integer
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.hashes import PLACEHOLDER
 
 if TYPE_CHECKING:
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus_ros2.cdr_layout import (
     ORIGIN,
     Array,

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import REBUILD, check_size, parse_path, wanted_length
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_layout import (
     COUNT_LE,
     NOTHING,
@@ -28,7 +28,7 @@ from riot_bus_ros2.cdr_layout import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.cdr_layout import Data, Unpack
 
 __all__ = ["rebuild", "resized", "with_text"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus_ros2.definitions import KINDS, DefinitionError, parse_file, references
 from riot_bus_ros2.sources import read_interface
 

@@ -10,7 +10,7 @@ import re
 import time
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import DefinitionError, references
 from riot_bus_ros2.gid import gid_of

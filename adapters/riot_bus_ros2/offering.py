@@ -12,8 +12,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.types.offer import Identity, Offer, SimClock
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import normal_name
 from riot_bus_ros2.gid import gid_of

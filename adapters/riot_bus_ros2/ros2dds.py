@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.qos import AnnouncedQos
 
 __all__ = [

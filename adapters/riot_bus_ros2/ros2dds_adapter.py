@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.offer import Identity, Offer, SimClock
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2 import ros2dds
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.announcing import announcement_of

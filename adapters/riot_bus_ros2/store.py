@@ -9,8 +9,8 @@ import struct
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import MissingExtraError, PayloadError
 from riot_bus.types.model import Schema
+from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
 from riot_bus_ros2.definitions import Field, fields_of, references
 from riot_bus_ros2.hashes import type_hash
 from riot_bus_ros2.schema_text import schema_text

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
     from riot_bus.backchain.proposers import Proposer
-    from riot_bus.trial import Progress
+    from riot_bus.vocabulary.trial import Progress
 
 __all__ = ["Activation", "Evaluation", "activate"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.trial import Ask
+    from riot_bus.vocabulary.trial import Ask
 
 __all__ = ["choose_axes"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from riot_bus.errors import MissingExtraError
+from riot_bus.vocabulary.errors import MissingExtraError
 
 __all__ = ["clopper_pearson", "student_reach"]
 

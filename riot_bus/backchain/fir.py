@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.injection import Signal
+    from riot_bus.vocabulary.injection import Signal
 
 __all__ = ["Columns", "Floats", "Grid", "Ints", "RunColumns", "fit_terms", "lag_grid", "standardise"]
 

@@ -25,8 +25,8 @@ from riot_bus.backchain.strength import estimate
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.injection import Signal
-    from riot_bus.trial import Progress, Series
+    from riot_bus.vocabulary.injection import Signal
+    from riot_bus.vocabulary.trial import Progress, Series
 
 __all__ = ["Drive", "Edge", "Effect", "PermeabilityResult", "Run", "Skipped", "analyse"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from riot_bus.errors import MissingExtraError
+from riot_bus.vocabulary.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

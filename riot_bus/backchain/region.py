@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Mapping, Sequence
 
     from riot_bus.backchain.encoding import SearchField
-    from riot_bus.trial import Ask, Progress
+    from riot_bus.vocabulary.trial import Ask, Progress
 
 __all__ = ["Region", "map_region"]
 

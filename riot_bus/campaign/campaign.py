@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.triage import Failure, group
-from riot_bus.errors import InconclusiveError
-from riot_bus.trial import Outcome, TestCase, Verdict
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.campaign.schedule import Schedule
-    from riot_bus.message import Message
-    from riot_bus.trial import Progress, Runner
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Progress, Runner
 
 __all__ = ["CampaignResult", "run_campaign"]
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import may_change, samples_by_topic
-from riot_bus.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.inject.mutations import Mutation, mutate
-from riot_bus.injection import Injection
 from riot_bus.types.fields import Described
 from riot_bus.types.parts import Composed, Part
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from riot_bus.inject.dictionary import Dictionary
-    from riot_bus.message import Message
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Group", "groups_of"]
 

@@ -11,8 +11,8 @@ import re
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import Target, targets_of
-from riot_bus.errors import ConfigError
-from riot_bus.injection import Injection
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

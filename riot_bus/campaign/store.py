@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from riot_bus.errors import EnvironmentFaultError
-from riot_bus.trial import Outcome, Verdict
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.trial import Runner, TestCase
+    from riot_bus.vocabulary.trial import Runner, TestCase
 
 __all__ = ["StoredRunner", "TrialStore"]
 

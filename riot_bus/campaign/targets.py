@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
 from riot_bus.inject.brittle import why_brittle
 from riot_bus.types.exceptional import entries_of
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from riot_bus.message import Message
     from riot_bus.types.exceptional import Entry
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Target", "may_change", "samples_by_topic", "targets_of"]
 

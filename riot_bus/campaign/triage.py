@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from riot_bus.injection import Injection
-    from riot_bus.trial import Outcome, Violation
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.trial import Outcome, Violation
 
 __all__ = ["Failure", "finding_id", "group", "primary"]
 

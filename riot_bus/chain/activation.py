@@ -15,7 +15,6 @@ from riot_bus.backchain.encoding import SearchField
 from riot_bus.backchain.region import Region, map_region
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.permeability import internal_name
-from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import (
     ActivationRecord,
     FieldsRecord,
@@ -27,9 +26,10 @@ from riot_bus.findings.records import (
     RuleRecord,
 )
 from riot_bus.generalize.rule import Rule
-from riot_bus.injection import Injection
 from riot_bus.log.reader import read_log
-from riot_bus.trial import Outcome, Series, TestCase
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.trial import Outcome, Series, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

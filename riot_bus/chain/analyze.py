@@ -10,7 +10,6 @@ from riot_bus.chain.minimize import minimize
 from riot_bus.chain.permeability import permeability
 from riot_bus.chain.relevance import relevance
 from riot_bus.chain.rules import rules
-from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
@@ -21,6 +20,7 @@ from riot_bus.findings.records import (
     RuleRecord,
 )
 from riot_bus.report.page import write_report
+from riot_bus.vocabulary.errors import InconclusiveError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.analyze import Analysis, Budget, analyze
 from riot_bus.chain.robustness import test_unit, tested
-from riot_bus.errors import ConfigError
 from riot_bus.log.info import log_info
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace

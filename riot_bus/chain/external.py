@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.graph import Component, TopicGraph
 from riot_bus.campaign.schedule import targets_of
 from riot_bus.chain.logs import nominal_values, read_messages
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

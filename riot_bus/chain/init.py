@@ -5,13 +5,13 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.bus.component import client_cfg
-from riot_bus.bus.graph.survey import survey
-from riot_bus.errors import ConfigError
-from riot_bus.sut.sketch import sketch
-from riot_bus.sut.sketch_text import sketch_json, sketch_toml
+from riot_bus.control.component import client_cfg
+from riot_bus.graph.survey import survey
+from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
+from riot_bus.sut.system_draft import sketch
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,23 +10,23 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.model import Leaf
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.message import Message
     from riot_bus.pipeline.event import Change
     from riot_bus.sut.context import Context
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["FailingLog", "NamedField", "NamedFields", "learn_types", "nominal_values", "read_messages"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from riot_bus.chain.logs import FailingLog
 from riot_bus.findings.records import FindingRecord, MinimalRecord
 from riot_bus.generalize.minimize import minimize as search
-from riot_bus.trial import TestCase
+from riot_bus.vocabulary.trial import TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.chain.logs import learn_types
-from riot_bus.errors import ConfigError, RiotError
 from riot_bus.fleet.stores import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.trial import TestCase, Verdict
+from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from riot_bus.chain.testcases import Challenge
     from riot_bus.chain.workspace import Workspace
     from riot_bus.fleet.entry import LogEntry
-    from riot_bus.message import Message
-    from riot_bus.trial import Outcome
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.permeability import Drive, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
 from riot_bus.chain.logs import read_messages
-from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
-from riot_bus.injection import Injection, Signal
-from riot_bus.trial import Outcome, Series, TestCase
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.trial import Outcome, Series, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

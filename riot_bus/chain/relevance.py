@@ -12,8 +12,8 @@ from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsReco
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.relevance import FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import why_brittle
-from riot_bus.trial import Scalar, TestCase, Verdict
 from riot_bus.types.exceptional import entries_of
+from riot_bus.vocabulary.trial import Scalar, TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

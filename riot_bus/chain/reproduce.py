@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.logs import FailingLog
-from riot_bus.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
 from riot_bus.sut.local import LocalRunner
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.trial import TestCase, Verdict
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import Step, Workspace
-    from riot_bus.message import Message
-    from riot_bus.trial import TestCase
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["dictionary_of", "test_unit", "tested"]
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from riot_bus.chain.logs import FailingLog, NamedFields, nominal_values
 from riot_bus.chain.relevance import draws_for, plain
 from riot_bus.chain.robustness import dictionary_of
-from riot_bus.errors import InconclusiveError
 from riot_bus.findings.records import FieldsRecord, FindingRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
 from riot_bus.generalize.sampling import columns_of
-from riot_bus.trial import Scalar, TestCase
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Scalar, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.workspace import open_finding
-from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.inject.plan import read_plan
-from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.log.reader import LogReader
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

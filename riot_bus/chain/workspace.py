@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.chain.logs import read_messages
-from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.trial import Runner, TestCase, Verdict
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.vocabulary.trial import Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.message import Message
     from riot_bus.sut.activity import Idle
     from riot_bus.sut.system import Pace, Unit
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Narrator", "Step", "Workspace", "open_finding"]
 

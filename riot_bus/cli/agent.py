@@ -72,11 +72,11 @@ def agent(
 
     Runs until it is told to end. The link to the fleet's router may break at any time: it is made again.
     """
-    from riot_bus.bus.agent.names import default_robot
-    from riot_bus.bus.agent.options import PERMISSIONS, AgentOptions
-    from riot_bus.bus.agent.running import run_agent
-    from riot_bus.bus.capture.options import parse_size
-    from riot_bus.bus.component import client_cfg
+    from riot_bus.agent.names import default_robot
+    from riot_bus.agent.options import PERMISSIONS, AgentOptions
+    from riot_bus.agent.running import run_agent
+    from riot_bus.control.component import client_cfg
+    from riot_bus.record.options import parse_size
 
     options = AgentOptions(
         robot=default_robot() if robot is None else robot,

@@ -38,8 +38,8 @@ def import_(
 
     Exit code 3: the file is damaged, and what could be read was written.
     """
-    from riot_bus.errors import DataLossError
     from riot_bus.log.archives import import_archive
+    from riot_bus.vocabulary.errors import DataLossError
 
     done = import_archive(file, log, _adapters(msg), force=force)
     if form is OutputFormat.JSON:
@@ -63,8 +63,8 @@ def messages_to_file(
     salvage: bool,
 ) -> Loss:
     """Write a log's messages in a format of other tools, and say so; return what of the log could not be read."""
-    from riot_bus.errors import ConfigError
     from riot_bus.log.archives import archive_endings, export_archive
+    from riot_bus.vocabulary.errors import ConfigError
 
     adapters = _adapters(definitions)
     endings = archive_endings(adapters)

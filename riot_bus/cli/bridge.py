@@ -14,7 +14,7 @@ from riot_bus.cli.options import Format, OutputFormat
 from riot_bus.cli.router import SystemFile
 
 if TYPE_CHECKING:
-    from riot_bus.bus.bridge.program import Program
+    from riot_bus.bridge.program import Program
     from riot_bus_mavlink.bridge.bridge import MavlinkBridge
 
 __all__ = ["register"]
@@ -85,10 +85,10 @@ def ros2(
     Two bridges with different domains at two segments of `riot router` put it between the nodes of these domains. ROS
     needs nothing but its own rclpy; on the segment, its nodes look like those of rmw_zenoh.
     """
-    from riot_bus.bus.bridge.port import open_port
-    from riot_bus.bus.bridge.running import run_bridge
-    from riot_bus.bus.component import client_cfg, segment_endpoints
-    from riot_bus.errors import ConfigError
+    from riot_bus.bridge.port import open_port
+    from riot_bus.bridge.running import run_bridge
+    from riot_bus.control.component import client_cfg, segment_endpoints
+    from riot_bus.vocabulary.errors import ConfigError
     from riot_bus_ros2.bridge.bridge import Ros2Bridge
     from riot_bus_ros2.bridge.options import BridgeOptions
 
@@ -206,13 +206,13 @@ def mavlink(
     """
     from contextlib import ExitStack
 
-    from riot_bus.bus.assemble import RouterOptions, settings_of
-    from riot_bus.bus.bridge.own_router import run_own_router
-    from riot_bus.bus.bridge.port import open_port
-    from riot_bus.bus.bridge.program import end_as
-    from riot_bus.bus.bridge.running import run_bridge
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.flags import RouterFlags
+    from riot_bus.bridge.own_router import run_own_router
+    from riot_bus.bridge.port import open_port
+    from riot_bus.bridge.program import end_as
+    from riot_bus.bridge.running import run_bridge
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_options import RouterOptions, settings_of
     from riot_bus_mavlink.bridge.bridge import MavlinkBridge
     from riot_bus_mavlink.bridge.options import BridgeOptions
     from riot_bus_mavlink.dialect import DEFAULT
@@ -272,7 +272,7 @@ def mavlink(
 def _check_ways(
     segment: list[str] | None, endpoint: str | None, cfg: list[str] | None, *, joins: bool, of_router: list[str]
 ) -> None:
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
 
     where = "riot bridge mavlink"
     if segment is not None and endpoint is not None:
@@ -286,7 +286,7 @@ def _check_ways(
 
 
 def _start(command: list[str], bridge: MavlinkBridge) -> Program:
-    from riot_bus.bus.bridge.program import Program
+    from riot_bus.bridge.program import Program
 
     return Program(command, bridge.words(), ended=bridge.stop)
 
@@ -295,8 +295,8 @@ def _places(
     texts: list[str], config: dict[str, Any], *, system: Path | None
 ) -> dict[str, tuple[list[str], dict[str, Any]]]:
     """Return where segments listen, and settings of their clients, by name."""
-    from riot_bus.bus.component import segment_endpoints
-    from riot_bus.errors import ConfigError
+    from riot_bus.control.component import segment_endpoints
+    from riot_bus.vocabulary.errors import ConfigError
 
     places: dict[str, tuple[list[str], dict[str, Any]]] = {}
     for text in texts:

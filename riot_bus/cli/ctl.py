@@ -83,14 +83,14 @@ def connection(
 
 def status(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
     """Segments and components, interceptors and their errors, plan, recording, counts, losses, ways around."""
-    from riot_bus.bus.status_text import status_lines
+    from riot_bus.control.status_text import status_lines
 
     _ask(context, form, "status", status_lines)
 
 
 def counts(context: typer.Context, *, form: Format = OutputFormat.TEXT) -> None:
     """What happened to each topic so far."""
-    from riot_bus.bus.status_text import counts_lines
+    from riot_bus.control.status_text import counts_lines
 
     _ask(context, form, "counts", counts_lines)
 
@@ -112,7 +112,7 @@ def plan_load(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Carry out another injection plan."""
-    from riot_bus.bus.remote import plan_payload
+    from riot_bus.control.remote import plan_payload
 
     payload, parameters = plan_payload(file)
     _ask(context, form, "plan/load", payload=payload, parameters=parameters)
@@ -136,9 +136,9 @@ def _ask(
     payload: bytes | None = None,
     parameters: str = "",
 ) -> None:
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.remote import ask
-    from riot_bus.bus.status_text import answer_lines
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.remote import ask
+    from riot_bus.control.status_text import answer_lines
 
     endpoint, router, cfg = context.obj
     answer = ask(endpoint, router, command, payload, parameters=parameters, config=client_cfg(cfg))

@@ -79,9 +79,9 @@ def stop(context: typer.Context, *, player: PlayerName = None, form: Format = Ou
 
 
 def _tell(context: typer.Context, player: str | None, form: OutputFormat, command: str, **arguments: float) -> None:
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.playing.text import status_lines
-    from riot_bus.bus.remote import ask
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.remote import ask
+    from riot_bus.play.text import status_lines
 
     endpoint, _, cfg = context.obj
     payload = json.dumps(arguments).encode()

@@ -10,7 +10,7 @@ import typer
 from riot_bus.cli.options import Format, OutputFormat
 
 if TYPE_CHECKING:
-    from riot_bus.bus.remote import Kind
+    from riot_bus.control.remote import Kind
 
 __all__ = ["group"]
 
@@ -80,10 +80,10 @@ def _tell(
     path: str | None = None,
     only: bool = False,
 ) -> None:
-    from riot_bus.bus import status_text
-    from riot_bus.bus.capture import text
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.remote import ask, find_routers
+    from riot_bus.control import status_text
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.remote import ask, find_routers
+    from riot_bus.record import text
 
     endpoint, router, cfg = context.obj
     config = client_cfg(cfg)

@@ -40,8 +40,8 @@ def doctor(
     """What about this host would spoil a run? Exit code 4: something would."""
     from dataclasses import asdict
 
-    from riot_bus.bus.doctor import check
-    from riot_bus.bus.scouting import THIS_HOST
+    from riot_bus.doctor.checks import check
+    from riot_bus.zenoh.scouting import THIS_HOST
 
     text = form is OutputFormat.TEXT
     checks = check(endpoints=listen or (), scouting=THIS_HOST if scouting else None)
@@ -49,7 +49,7 @@ def doctor(
         typer.echo(f"{each.status:8} {each.name}: {each.text}" + (f"\n         cure: {each.cure}" if each.cure else ""))
     compared = []
     if transparency is not None:
-        from riot_bus.bus.transparency.verdict import verdicts
+        from riot_bus.doctor.conformance.verdict import verdicts
 
         for verdict in verdicts(transparency):
             compared.append(verdict)
@@ -64,7 +64,7 @@ def doctor(
 
 def interceptors(*, form: Format = OutputFormat.TEXT) -> None:
     """List the interceptors that `riot router --interceptor` knows by name, and their options."""
-    from riot_bus.bus.assemble import interceptor_list
+    from riot_bus.control.router_options import interceptor_list
 
     found = interceptor_list()
     if form is OutputFormat.JSON:

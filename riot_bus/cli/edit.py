@@ -108,11 +108,11 @@ def edit(
     --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3: the input is
     damaged; what can be read is written all the same.
     """
-    from riot_bus.bus.assemble import RouterOptions, interceptors_of, parse_types, plan_of
-    from riot_bus.bus.capture.options import parse_seconds, parse_size
-    from riot_bus.bus.settings import RouterSettings
+    from riot_bus.config.router_settings import RouterSettings
+    from riot_bus.control.router_options import RouterOptions, interceptors_of, parse_types, plan_of
     from riot_bus.log.editing.edit import edit as edit_logs
     from riot_bus.log.editing.options import EditOptions
+    from riot_bus.record.options import parse_seconds, parse_size
 
     wanted = RouterOptions(interceptors=interceptor or (), inject=inject, seed=seed)
     interceptors = interceptors_of(RouterSettings(), wanted) if interceptor else []
@@ -159,8 +159,8 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
     """Print the result; raises DataLossError if something is missing."""
     import json
 
-    from riot_bus.errors import DataLossError
     from riot_bus.log.text import size_text
+    from riot_bus.vocabulary.errors import DataLossError
 
     if form is OutputFormat.JSON:
         typer.echo(json.dumps(result.document(), indent=1))

@@ -72,9 +72,9 @@ def index(
     from rich.console import Console
 
     from riot_bus.cli.narrate import ConsoleNarrator
-    from riot_bus.errors import EnvironmentFaultError
     from riot_bus.fleet.index import index as bring_up_to_date
     from riot_bus.fleet.text import index_line
+    from riot_bus.vocabulary.errors import EnvironmentFaultError
 
     with ConsoleNarrator(Console(stderr=True)) as narrator, _open(catalogue, create=True) as known:
         narrator.begin("index")
@@ -164,9 +164,9 @@ def run(
     from riot_bus.chain.testcases import load_challenge
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator
-    from riot_bus.errors import ConfigError
     from riot_bus.fleet.query import parse_query
     from riot_bus.fleet.text import answer_lines
+    from riot_bus.vocabulary.errors import ConfigError
 
     challenge = load_challenge(testcase)
     with _open(catalogue) as known:

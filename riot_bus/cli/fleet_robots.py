@@ -52,9 +52,9 @@ def robots(*, endpoint: FleetEndpoint = DEFAULT_ENDPOINT, cfg: Cfg = None, form:
     """List the robots that are there, and what they do."""
     from dataclasses import asdict
 
-    from riot_bus.bus.agent.driving import find_robots
-    from riot_bus.bus.agent.text import robot_lines
-    from riot_bus.bus.component import client_cfg
+    from riot_bus.agent.remote_operation import find_robots
+    from riot_bus.agent.text import robot_lines
+    from riot_bus.control.component import client_cfg
 
     found = find_robots(endpoint, config=client_cfg(cfg or ()))
     if form is OutputFormat.JSON:
@@ -74,7 +74,7 @@ def logs(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """List the logs that a robot holds, oldest first."""
-    from riot_bus.bus.agent.text import log_lines
+    from riot_bus.agent.text import log_lines
 
     words = " ".join(query or [])
     answer = _ask(endpoint, cfg, robot, "logs", query=words, limit=limit, offset=offset)
@@ -192,7 +192,7 @@ def record(
     Without this command the robot goes on recording, unless --on-lost-controller says otherwise. Exit code 3: messages
     were lost. 4: no answer, busy, or ended by somebody else.
     """
-    from riot_bus.bus.capture.options import parse_seconds, parse_size
+    from riot_bus.record.options import parse_seconds, parse_size
 
     arguments = {
         "keys": keys or ["**"],
@@ -266,8 +266,8 @@ def stop(
 
 
 def _plan(file: Path) -> str:
-    from riot_bus.bus.remote import plan_payload
-    from riot_bus.errors import ConfigError
+    from riot_bus.control.remote import plan_payload
+    from riot_bus.vocabulary.errors import ConfigError
 
     try:
         return plan_payload(file)[0].decode()
@@ -276,7 +276,7 @@ def _plan(file: Path) -> str:
 
 
 def _policy(wanted: Lost | None, default: Lost, *, grace: float, detach: bool) -> dict[str, Any]:
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
 
     if detach and wanted not in (None, Lost.CONTINUE):
         hint = "leave one of them out: with --detach there is no controller to be lost"
@@ -295,8 +295,8 @@ def _drive(
     detach: bool,
     form: OutputFormat,
 ) -> None:
-    from riot_bus.bus.agent.following import drive
-    from riot_bus.bus.component import client_cfg
+    from riot_bus.agent.controller import drive
+    from riot_bus.control.component import client_cfg
 
     finished = drive(
         endpoint,
@@ -321,8 +321,8 @@ def _show(line: str) -> None:
 def _steer(
     endpoint: str, cfg: list[str] | None, robot: str, form: OutputFormat, command: str, **arguments: Any
 ) -> None:
-    from riot_bus.bus.agent.driving import who_am_i
-    from riot_bus.bus.agent.text import status_lines
+    from riot_bus.agent.remote_operation import who_am_i
+    from riot_bus.agent.text import status_lines
 
     if command != "status":
         arguments["who"] = who_am_i()
@@ -331,7 +331,7 @@ def _steer(
 
 
 def _ask(endpoint: str, cfg: list[str] | None, robot: str, command: str, **arguments: Any) -> dict[str, Any]:
-    from riot_bus.bus.agent.driving import ask_robot
-    from riot_bus.bus.component import client_cfg
+    from riot_bus.agent.remote_operation import ask_robot
+    from riot_bus.control.component import client_cfg
 
     return ask_robot(endpoint, robot, command, config=client_cfg(cfg or ()), **arguments)

@@ -37,9 +37,9 @@ def graph(
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Print each change until Ctrl-C.")] = False,
 ) -> None:
     """Who talks to whom in the segments of a running router, and what is not known."""
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.graph.render import render
-    from riot_bus.bus.remote import Remote, graphs
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.remote import Remote, graphs
+    from riot_bus.graph.render import render
 
     with Remote(endpoint, router, config=client_cfg(cfg or ())) as remote:
         for found in graphs(remote, watch=watch):

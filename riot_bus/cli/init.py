@@ -54,7 +54,7 @@ def init(
 ) -> None:
     """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in."""
     from riot_bus.chain.init import init_ros2
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
 
     if ros2 == bool(mavlink):
         hint = "add --ros2, or --mavlink URL"
@@ -70,7 +70,7 @@ def _init_mavlink(
     links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
 ) -> None:
     from riot_bus.chain.init import check_path, write_system
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
     from riot_bus_mavlink.dialect import load_dialect
     from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_toml
     from riot_bus_mavlink.survey import listen

@@ -14,7 +14,7 @@ from riot_bus.cli.options import Format, OutputFormat, Salvage
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from riot_bus.log.columns_ranges import TopicFields
+    from riot_bus.log.columns.ranges import TopicFields
     from riot_bus.log.info import LogInfo
     from riot_bus.log.reader import LogReader, Loss
     from riot_bus.types.registry import TypeRegistry
@@ -70,7 +70,7 @@ def info(
     loss, ranges = found.loss, None
     if fields:
         with LogReader(log) as reader, _progress("fields") as progress:
-            from riot_bus.log.columns_ranges import field_ranges
+            from riot_bus.log.columns.ranges import field_ranges
 
             registry = _registry(reader, type_, msg)
             ranges = field_ranges(reader, topics=topics, registry=registry, progress=progress)
@@ -144,7 +144,7 @@ def export(
     import json
 
     from riot_bus.log.channels import span_of
-    from riot_bus.log.export import export_table
+    from riot_bus.log.columns.export import export_table
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
 
@@ -171,8 +171,8 @@ def export(
 
 
 def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
-    from riot_bus.errors import ConfigError
-    from riot_bus.log.columns_plan import log_registry
+    from riot_bus.log.columns.plan import log_registry
+    from riot_bus.vocabulary.errors import ConfigError
 
     pairs = {}
     for text in declared or ():
@@ -184,7 +184,7 @@ def _registry(reader: LogReader, declared: list[str] | None, definitions: list[P
 
 
 def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
-    from riot_bus.errors import DataLossError
+    from riot_bus.vocabulary.errors import DataLossError
 
     lost = found.account.total() if found is not None and found.account is not None else 0
     parts = [str(loss) if loss else "", f"{lost} messages were lost when it was recorded" if lost else ""]
@@ -194,8 +194,8 @@ def _end(loss: Loss, found: LogInfo | None, log: Path) -> None:
 
 def _file_of(log: Path) -> Path:
     """Return the file of a log; a folder will do, if it holds one alone."""
-    from riot_bus.errors import ConfigError
     from riot_bus.log.rosbag2 import files_of
+    from riot_bus.vocabulary.errors import ConfigError
 
     files = files_of(log)
     if len(files) > 1:
@@ -319,7 +319,7 @@ def _log_types(
     import json
     from dataclasses import asdict
 
-    from riot_bus.log.columns_plan import topic_types
+    from riot_bus.log.columns.plan import topic_types
     from riot_bus.log.reader import LogReader
 
     with LogReader(log) as reader:

@@ -6,8 +6,8 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from riot_bus.cli.quick import quick_start, warn
-from riot_bus.errors import RiotError
+from riot_bus.cli.fastpath import quick_start, warn
+from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
     import typer

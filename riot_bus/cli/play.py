@@ -113,10 +113,10 @@ def play(
     ROS 2 bags (MCAP) become topics of rmw_zenoh. On a terminal, keys pause, step, seek and change the speed. Exit code
     3: messages could not be read or published. 4: no router answers. 130: interrupted.
     """
-    from riot_bus.bus.component import client_cfg
-    from riot_bus.bus.playing.options import PlayOptions
-    from riot_bus.bus.playing.running import run_play
     from riot_bus.cli.terminal import Terminal
+    from riot_bus.control.component import client_cfg
+    from riot_bus.play.options import PlayOptions
+    from riot_bus.play.running import run_play
 
     options = PlayOptions(
         logs=logs,

@@ -93,12 +93,12 @@ def record(
     On a terminal, keys pause and begin another file. SIGUSR1 writes the ring. Exit code 3: messages are lost; how many
     of each topic and why is said at the end and written into the log. 4: nobody answers at the endpoint.
     """
-    from riot_bus.bus.capture.options import CaptureOptions, parse_seconds, parse_size
-    from riot_bus.bus.capture.running import run_capture
-    from riot_bus.bus.component import client_cfg
     from riot_bus.cli.terminal import Terminal
-    from riot_bus.errors import ConfigError
+    from riot_bus.control.component import client_cfg
+    from riot_bus.record.options import CaptureOptions, parse_seconds, parse_size
+    from riot_bus.record.running import run_capture
     from riot_bus.sut.context import invariants_of
+    from riot_bus.vocabulary.errors import ConfigError
 
     if bag is not None and output is not None:
         raise ConfigError("--bag and --output both say where to", hint="choose one")
@@ -149,7 +149,7 @@ def record(
 
 
 def _notes(texts: list[str] | tuple[()]) -> dict[str, str]:
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
 
     found = {}
     for text in texts:

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.cli.fastpath import start_router
 from riot_bus.cli.options import Format, OutputFormat
-from riot_bus.cli.quick import start_router
 
 __all__ = ["register"]
 
@@ -159,7 +159,7 @@ def env(
     segment: Segments = None,
 ) -> None:
     """Print what makes a component use a segment, for eval "$(...)"."""
-    from riot_bus.bus.component import component_environment
+    from riot_bus.control.component import component_environment
 
     lines, hints = component_environment(
         segment_name, flavour.value, system=system, segments=segment or (), host=host, cfg=cfg or (), file=file

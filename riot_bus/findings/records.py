@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = [
     "ActivationRecord",

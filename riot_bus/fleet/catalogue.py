@@ -10,8 +10,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.fleet.entry import LATEST, LogEntry, TopicEntry
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,10 +7,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import RiotError
 from riot_bus.fleet.entry import LogEntry, TopicEntry
 from riot_bus.fleet.stores import open_store
 from riot_bus.log.info import log_info
+from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 from riot_bus.fleet.stores import ENDING, Found
 from riot_bus.log.account import LOST
+from riot_bus.log.engine.scan import MAGIC, parse
 from riot_bus.log.layout import RUN
-from riot_bus.log.scan import MAGIC, parse
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

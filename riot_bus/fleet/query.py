@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["Query", "parse_query"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Feature", "features_of", "numeric"]
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from riot_bus.errors import ConfigError
 from riot_bus.generalize.features import FLAGS, Array, Feature, numeric
 from riot_bus.generalize.margins import boundary_distance
 from riot_bus.generalize.numbers import number_text
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["FAR", "OPERATORS", "Literal"]
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.oracle import Oracle, find_flip
-from riot_bus.trial import Ask, Progress
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Progress
 
 __all__ = ["Minimal", "minimize"]
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import accumulate
 from typing import Generic, TypeVar
 
-from riot_bus.errors import InconclusiveError
-from riot_bus.trial import Ask, Progress, Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
 __all__ = ["Oracle", "assignment_key", "find_flip", "same_scalar", "scalar_key"]
 

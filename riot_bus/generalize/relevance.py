@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.oracle import Oracle, assignment_key, find_flip, same_scalar, scalar_key
-from riot_bus.trial import Ask, Progress, Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
 __all__ = ["Certificate", "FieldSpace", "Relevance", "RelevantField", "relevant_fields"]
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from riot_bus.errors import ConfigError
 from riot_bus.generalize import rule_json
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.literals import FAR, Literal
+from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["Rule"]
 

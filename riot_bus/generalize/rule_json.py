@@ -6,10 +6,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from riot_bus.errors import ConfigError
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["VERSION", "decode", "encode"]
 

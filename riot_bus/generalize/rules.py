@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.beam import Learnt, learn
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import Oracle, assignment_key
@@ -22,7 +21,8 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fitted
 from riot_bus.generalize.table import Candidate, Table
 from riot_bus.generalize.validate import Proportion, proportion
-from riot_bus.trial import Ask, Progress, Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
 __all__ = ["LearnedRule", "Proportion", "Sample", "Variable", "learn_rule"]
 

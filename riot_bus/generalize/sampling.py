@@ -12,7 +12,7 @@ import numpy as np
 
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import scalar_key
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["TYPES", "Sampler", "Variable", "columns_of", "fit", "fitted", "integer_range", "interesting"]
 

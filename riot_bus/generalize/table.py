@@ -13,7 +13,7 @@ from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.numbers import number_bits, simplest, step
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Candidate", "Table", "concrete"]
 

@@ -33,7 +33,7 @@ def proportion(hits: int, total: int, *, confidence: float = 0.95) -> Proportion
     try:
         from scipy.stats import binomtest
     except ImportError as error:
-        from riot_bus.errors import MissingExtraError
+        from riot_bus.vocabulary.errors import MissingExtraError
 
         raise MissingExtraError("scipy", "analysis") from error
     interval = binomtest(hits, total).proportion_ci(confidence_level=confidence, method="exact")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import RiotError
 from riot_bus.inject.interceptor import Injector
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.injection import Injection
-    from riot_bus.message import Message
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["inject_log"]
 

@@ -33,15 +33,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
 from riot_bus.types.exceptional import Entry
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["TYPES", "Dictionary", "Entry", "eligible", "load_dictionary"]
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.injection import Formula
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.injection import Formula
+    from riot_bus.vocabulary.trial import Scalar
 
     Read = Callable[[str], Scalar]
     Node = Callable[[Read], Any]

@@ -9,20 +9,20 @@ from collections import Counter
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject.formula import evaluate, parse_formula
-from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.pipeline.event import Change
-from riot_bus.predicate import parse_predicate
-from riot_bus.selector import key_matches
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from riot_bus.pipeline.event import Event
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Injector", "fit_value", "set_elements"]
 

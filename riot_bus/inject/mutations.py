@@ -21,17 +21,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from riot_bus.errors import ConfigError
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
 from riot_bus.inject.interceptor import fit_value, set_elements
-from riot_bus.injection import Formula
-from riot_bus.selector import parse_selector
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Formula
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Mutation", "RawMessage", "RawMutation", "mutate", "read_mutations"]
 

@@ -26,12 +26,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.inject.formula import parse_formula
-from riot_bus.injection import Formula, Injection, Signal
-from riot_bus.predicate import parse_predicate
-from riot_bus.selector import parse_selector
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["parse_plan", "plan_to_toml", "read_plan"]
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import PydanticUserError, TypeAdapter, ValidationError
 
-from riot_bus.errors import ConfigError, did_you_mean
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.loader import load_class
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

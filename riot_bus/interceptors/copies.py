@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.interceptors.timing import check_seconds
 from riot_bus.types.serve import part_of
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from riot_bus.errors import ConfigError, DataLossError
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
+from riot_bus.vocabulary.errors import ConfigError, DataLossError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.message import Message
     from riot_bus.pipeline.event import Event
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Record"]
 

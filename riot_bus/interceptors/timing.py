@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.per_topic import PerTopic
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event

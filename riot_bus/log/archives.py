@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.archive import Archiving
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

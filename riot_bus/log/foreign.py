@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from riot_bus.log.reader import LogReader
-    from riot_bus.message import Message
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["bus_messages"]
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
 from riot_bus.log.account import LOST, Account, account_of
+from riot_bus.log.engine.scan import read_metadata
+from riot_bus.log.engine.summary import Summary, read_summary
 from riot_bus.log.reader import LogReader, Loss, channel_source, open_log
-from riot_bus.log.scan import read_metadata
-from riot_bus.log.summary import Summary, read_summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from riot_bus.log.columns_blocks import LoadedBlock
+    from riot_bus.log.columns.blocks import LoadedBlock
     from riot_bus.log.reader import ChannelSource
     from riot_bus.types.stamp import Stamp, Stamping
 
@@ -165,7 +165,7 @@ def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
 
 
 def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> LogInfo:
-    from riot_bus.log.columns_blocks import load_ahead
+    from riot_bus.log.columns.blocks import load_ahead
 
     sources = reader.sources()
     topics: dict[str, TopicInfo] = {}

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgpack  # type: ignore[import-untyped]
 import zstandard
 
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
 from riot_bus.types.serve import Request, part_of
+from riot_bus.vocabulary.message import Message, Qos
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Constants", "Provenance", "Role"]
 

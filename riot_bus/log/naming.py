@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
-from riot_bus.selector import key_matches
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

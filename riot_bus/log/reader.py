@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.errors import ConfigError
 from riot_bus.log import layout
-from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
+from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
+from riot_bus.log.engine.salvage import Salvage, salvage
+from riot_bus.log.engine.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.salvage import Salvage, salvage
-from riot_bus.log.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
-from riot_bus.message import Message
-from riot_bus.selector import key_matches
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import RecordedTopic
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -138,7 +138,7 @@ class LogReader:
 
     Args:
         path: The file.
-        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.salvage`).
+        salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.engine.salvage`).
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.

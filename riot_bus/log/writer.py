@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from mcap.records import Channel, Schema
 
-from riot_bus.clock import SystemClock
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log import layout
-from riot_bus.log.chunk import ChunkBuilder
+from riot_bus.log.engine.chunk import ChunkBuilder
+from riot_bus.log.engine.mcap_file import McapFile, record_bytes
 from riot_bus.log.layout import Constants, Provenance, Role
-from riot_bus.log.mcap_file import McapFile, record_bytes
+from riot_bus.vocabulary.clock import SystemClock
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
     from mcap.records import Statistics
 
-    from riot_bus.clock import Clock
-    from riot_bus.log.chunk import Chunk, Draft, Row
-    from riot_bus.message import Message
+    from riot_bus.log.engine.chunk import Chunk, Draft, Row
     from riot_bus.pipeline.event import Change
     from riot_bus.types.model import Schema as Definition
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.clock import Clock
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["LogWriter", "LostMessagesError", "Storage", "Track"]
 
@@ -98,7 +98,7 @@ class LostMessagesError(EnvironmentFaultError):
 
 
 class Storage(Protocol):
-    """Where chunks go: a file, or the memory (`riot_bus.log.ring`). All of it raises OSError but `close`."""
+    """Where chunks go: a file, or the memory (`riot_bus.log.engine.ring`). All of it raises OSError but `close`."""
 
     @property
     def size(self) -> int:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.predicate import parse_predicate
-from riot_bus.selector import Selector, parse_selector
-from riot_bus.trial import Violation
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import Selector, parse_selector
+from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.message import Message
     from riot_bus.monitors.model import TrialView
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Answered", "Gapless", "Never", "Values"]
 

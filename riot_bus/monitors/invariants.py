@@ -6,9 +6,9 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
-from riot_bus.errors import PayloadError
-from riot_bus.selector import parse_selector
-from riot_bus.trial import Violation
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.signature import crash_in
-from riot_bus.trial import Violation
+from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.message import Message
-    from riot_bus.trial import Violation
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Violation
 
 __all__ = ["ComponentView", "Monitor", "TrialView", "judge"]
 

@@ -6,16 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.predicate import parse_predicate
-from riot_bus.selector import parse_selector
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.pipeline.event import Event
-    from riot_bus.predicate import Predicate
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.predicate import Predicate
 
 __all__ = ["Selective", "When", "always"]
 

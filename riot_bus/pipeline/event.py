@@ -8,15 +8,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from riot_bus.errors import PayloadError
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.message import Message, Qos
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.trial import Scalar
 
 State = tuple[
     "Message | None", bytes | None, bool, bool, int, int, "tuple[tuple[Message, int], ...]", "tuple[Change, ...]"

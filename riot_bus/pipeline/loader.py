@@ -8,7 +8,7 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["load_class", "load_interceptor"]
 

@@ -11,17 +11,17 @@ import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import RiotError
 from riot_bus.pipeline.conditions import always
 from riot_bus.pipeline.event import Arrival, Change, Event, check
 from riot_bus.pipeline.stage import InterceptorErrors, Stage, stages_of
+from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
 
-    from riot_bus.message import Message
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
 __all__ = [
     "MOST_TOPICS",

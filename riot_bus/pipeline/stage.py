@@ -7,9 +7,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
 from riot_bus.pipeline.conditions import Selective, When
-from riot_bus.selector import parse_selector
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

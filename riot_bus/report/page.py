@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import riot_bus
-from riot_bus.errors import MissingExtraError
 from riot_bus.findings.records import EdgeRecord, FieldRecord
-from riot_bus.report import words
-from riot_bus.report.picture import links
+from riot_bus.report import format as words
+from riot_bus.report.diagram import links
+from riot_bus.report.finding_view import Severity, Story, load
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.statements import not_tried, statements
-from riot_bus.report.story import Severity, Story, load
+from riot_bus.vocabulary.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from jinja2 import Environment

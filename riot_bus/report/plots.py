@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.errors import MissingExtraError
 from riot_bus.findings.records import PointRecord, RegionRecord, RuleRecord
+from riot_bus.report.format import clean, number
 from riot_bus.report.svg import embed
-from riot_bus.report.words import clean, number
+from riot_bus.vocabulary.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

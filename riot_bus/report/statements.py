@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from riot_bus.findings.records import ProportionRecord
-from riot_bus.report.story import Story
-from riot_bus.report.words import clean, exact_interval, number, plural, share, share_interval
+from riot_bus.report.finding_view import Story
+from riot_bus.report.format import clean, exact_interval, number, plural, share, share_interval
 
 __all__ = ["Statement", "not_tried", "statements"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from riot_bus.report.story import Story, load
-from riot_bus.report.words import clean, number, plural, seconds, share, share_interval
+from riot_bus.report.finding_view import Story, load
+from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
 
 __all__ = ["summary"]
 

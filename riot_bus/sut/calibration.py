@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.stage import Stage
-from riot_bus.trial import Outcome, TestCase, Verdict
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
     from pathlib import Path

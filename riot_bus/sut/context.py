@@ -6,7 +6,6 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
 from riot_bus.monitors.exchanges import Answered, Gapless, Never, Values
 from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
@@ -21,6 +20,7 @@ from riot_bus.sut.system import (
     load_system,
 )
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path

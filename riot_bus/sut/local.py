@@ -15,7 +15,7 @@ from riot_bus.sut.launcher import Launcher
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.trial import Outcome, TestCase
+    from riot_bus.vocabulary.trial import Outcome, TestCase
 
 __all__ = ["LocalRunner", "Pool", "Trial"]
 

@@ -14,8 +14,8 @@ import os
 import time
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.sut.activity import STILL, Shares, activity, shares
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -8,21 +8,21 @@ import sys
 import time
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.bus.router import Bus
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.monitors.model import ComponentView, TrialView
+from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, shares
 from riot_bus.sut.settling import wait_settled
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.message import Message
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher, Process
     from riot_bus.sut.system import Pace
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Stage"]
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from riot_bus.bus.settings import RouterSettings, router_keys
-from riot_bus.bus.tomlfile import explained, line_of, read_toml
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.config.router_settings import RouterSettings, router_keys
+from riot_bus.config.toml_file import explained, line_of, read_toml
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = [
     "AnsweredMonitor",

@@ -7,19 +7,19 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.clock import SystemClock
-from riot_bus.errors import ConfigError, EnvironmentFaultError, PayloadError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector
-from riot_bus.log.player import play
+from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message, Qos
 from riot_bus.monitors.model import judge
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.selector import parse_selector
 from riot_bus.sut.stage import Stage
 from riot_bus.sut.system import Pace, Settle
-from riot_bus.trial import Outcome, Series, Verdict
+from riot_bus.vocabulary.clock import SystemClock
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher
-    from riot_bus.trial import TestCase
+    from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["SystemTrial", "write_log"]
 

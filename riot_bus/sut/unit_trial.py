@@ -6,24 +6,24 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.clock import SystemClock
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.inject.apply import inject_log
-from riot_bus.log.player import play
-from riot_bus.message import Qos
+from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import judge
 from riot_bus.sut.activity import STILL, Idle
 from riot_bus.sut.settling import wait_sent
 from riot_bus.sut.stage import Stage
-from riot_bus.trial import Outcome, Verdict
+from riot_bus.vocabulary.clock import SystemClock
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.message import Qos
+from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from riot_bus.message import Message
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher
-    from riot_bus.trial import TestCase
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["UnitTrial"]
 

@@ -21,16 +21,16 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.bulk import Payloads
 from riot_bus.types.fields import Described, of_numbers
 from riot_bus.types.model import REBUILD, Leaf, MessageType
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import FrameType
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["HostileConformance", "TypeConformance"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.message import Message
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["Archiving", "Unpacker"]
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast, runtime_check
 
 import numpy as np
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["BulkType", "Gathered", "Payloads", "as_array", "gather", "join"]
 

@@ -6,9 +6,9 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, RiotError, did_you_mean
 from riot_bus.types.model import MessageType, TypeSource
 from riot_bus.types.raw_type import OpaqueType
+from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
 
 if TYPE_CHECKING:
     from pathlib import Path

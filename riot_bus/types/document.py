@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.errors import PayloadError, did_you_mean
 from riot_bus.types.model import (
     REBUILD,
     ROOT,
@@ -21,11 +20,12 @@ from riot_bus.types.model import (
     wanted_length,
     why_opaque,
 )
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["DocumentType", "Item"]
 

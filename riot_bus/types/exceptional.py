@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Entry", "Exceptions", "Guarded", "entries_of"]
 

@@ -10,7 +10,6 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import PayloadError, did_you_mean
 from riot_bus.types.model import (
     REBUILD,
     ROOT,
@@ -24,11 +23,12 @@ from riot_bus.types.model import (
     why_opaque,
     wrap_integer,
 )
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["JsonType"]
 

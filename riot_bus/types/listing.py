@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.types.fields import Described, FieldType
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from riot_bus.types.model import MessageType

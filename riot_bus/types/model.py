@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = [
     "MOST_BYTES",

@@ -9,12 +9,12 @@ import math
 import struct
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.document import DocumentType, Item
 from riot_bus.types.model import wrap_integer
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["MsgpackType", "is_container"]
 

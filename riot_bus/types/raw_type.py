@@ -12,9 +12,9 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, Schema, parse_path, wrap_integer
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Payloads
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["OpaqueType", "RawType", "StructType"]
 

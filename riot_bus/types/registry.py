@@ -7,8 +7,6 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, TypeVar
 
-from riot_bus.errors import ConfigError, MissingExtraError, did_you_mean
-from riot_bus.selector import key_matches
 from riot_bus.types.announcement import Announcing
 from riot_bus.types.codecs import Codecs
 from riot_bus.types.learn import Learning
@@ -17,6 +15,8 @@ from riot_bus.types.msgpack_type import is_container
 from riot_bus.types.offer import Offering
 from riot_bus.types.serve import Serving, part_of
 from riot_bus.types.stamp import Stamping
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
+from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

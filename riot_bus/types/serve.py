@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

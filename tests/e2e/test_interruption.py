@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from e2e_support import belonging_to, command, environment
 
-from riot_bus.bus.runtime import wait_until
+from riot_bus.zenoh.session import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 pytestmark = pytest.mark.e2e
 

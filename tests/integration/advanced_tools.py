@@ -11,11 +11,11 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from riot_bus.bus.config import client_config
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import open_session, prepare_runtime, release
 from riot_bus.pipeline.event import Event
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import client_config
 from tests.integration.fault_tools import SEGMENTS, pipeline
 
 KEY = "cut/k"

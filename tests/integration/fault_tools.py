@@ -8,10 +8,10 @@ from typing import Any
 
 import psutil
 
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 
 SEGMENTS: dict[str, tuple[str, ...]] = {"system": (), "unit": ()}

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.playing.options import PlayOptions
-from riot_bus.bus.playing.service import PlayResult, PlayService
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.service import PlayResult, PlayService
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import Client, open_client
 
 MS = 10**6
 SECOND = 10**9

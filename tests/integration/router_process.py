@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
-from riot_bus.bus.runtime import free_endpoint
+from riot_bus.zenoh.session import free_endpoint
 
 RIOT = [sys.executable, "-m", "riot_bus"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}

@@ -10,13 +10,13 @@ from typing import Any
 
 import zenoh
 
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.tally import TopicCounts
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.bus import Bus
+from riot_bus.router.counts import TopicCounts
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.zenoh.client import Client, open_client
+from riot_bus.zenoh.session import wait_until
 
 SEGMENTS: dict[str, list[str]] = {"system": [], "unit": []}
 ADD = "calc/add"

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
 from riot_bus.pipeline.event import Event
+from riot_bus.zenoh.session import wait_until
 from tests.integration.advanced_tools import (
     KEY,
     WAIT_S,

@@ -7,10 +7,10 @@ import threading
 
 import pytest
 
-from riot_bus.bus.advanced.relay import Relay
-from riot_bus.bus.advanced.standin import StandIn
-from riot_bus.bus.runtime import wait_until
 from riot_bus.pipeline.event import Event
+from riot_bus.router.advanced.proxy_publisher import StandIn
+from riot_bus.router.advanced.publisher_state import Relay
+from riot_bus.zenoh.session import wait_until
 from tests.integration.advanced_tools import (
     KEY,
     WAIT_S,

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.runtime import free_endpoint, wait_until
-from riot_bus.bus.transparency.security import make_certificates
+from riot_bus.doctor.conformance.security import make_certificates
 from riot_bus.log.reader import read_log
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.agent_tools import Cable, Process, agent, fleet
 from tests.integration.play_tools import BEGIN, MS, Listener, numbered, write
 from tests.integration.router_process import riot

@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.runtime import free_endpoint, wait_until
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from riot_bus_mavlink.frame import Frame, checksum_fits, parse_frame
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
 from tests.integration.mavlink_bridge import WAIT_S, MavlinkBridgeProcess, UdpEnd

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.runtime import free_endpoint, wait_until
 from riot_bus.log.reader import LogReader
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.mavlink_bridge import WAIT_S, MavlinkBridgeProcess, UdpEnd
 from tests.integration.router_process import riot
 from tests.unit.riot_bus_mavlink.bridge.frames import frame_of, unknown_frame

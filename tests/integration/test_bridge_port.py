@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.bus.bridge.port import Question, SegmentPort, open_port
-from riot_bus.bus.runtime import free_endpoint, wait_until
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.bridge.port import Question, SegmentPort, open_port
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration

@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from riot_bus.bus.runtime import wait_until
+from riot_bus.zenoh.session import wait_until
 from tests.bags import text
 from tests.integration.bridge_process import BridgeProcess
 from tests.integration.rclpy_node import BEST_EFFORT, LATCHED, RELIABLE, RclpyNode

@@ -15,9 +15,9 @@ from typing import Any
 import psutil
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.runtime import free_endpoint, release, wait_until
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import free_endpoint, release, wait_until
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.gid import gid_of
 from tests.bags import STRING_HASH, STRING_KEY, text

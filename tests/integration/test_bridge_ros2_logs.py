@@ -17,11 +17,11 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from riot_bus.bus.capture.options import CaptureOptions
-from riot_bus.bus.capture.service import CaptureService
-from riot_bus.bus.playing.options import PlayOptions
-from riot_bus.bus.playing.service import PlayService
-from riot_bus.bus.runtime import wait_until
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.service import PlayService
+from riot_bus.record.options import CaptureOptions
+from riot_bus.record.service import CaptureService
+from riot_bus.zenoh.session import wait_until
 from tests.foxglove_env import foxglove_messages
 from tests.integration.bridge_process import BridgeProcess
 from tests.integration.rclpy_node import BEST_EFFORT, LATCHED, RELIABLE, RclpyNode

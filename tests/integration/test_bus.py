@@ -11,21 +11,21 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus import lane
-from riot_bus.bus.client import open_client
-from riot_bus.bus.network import Network
-from riot_bus.bus.recorder import Recorder
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.settings import SegmentSettings
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.config.router_settings import SegmentSettings
 from riot_bus.inject.interceptor import Injector
-from riot_bus.injection import Injection
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router import forwarder as lane
+from riot_bus.router.bus import Bus
+from riot_bus.router.recorder import Recorder
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.network import Network
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 
 pytestmark = pytest.mark.integration

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.bus.bypass import Bypass, BypassFinder, BypassWatch, find_bypasses
-from riot_bus.bus.doctor import check
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.scouting import Scouting, scout
+from riot_bus.control.bypass import Bypass, BypassFinder, BypassWatch, find_bypasses
+from riot_bus.doctor.checks import check
+from riot_bus.router.bus import Bus
+from riot_bus.zenoh.scouting import Scouting, scout
+from riot_bus.zenoh.session import wait_until
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -101,7 +101,7 @@ def test_a_direct_link_is_seen_without_any_admin_space(bus: Bus) -> None:
 
 
 def test_a_direct_link_between_processes_is_seen_in_their_connections(bus: Bus) -> None:
-    from riot_bus.bus.runtime import free_endpoint
+    from riot_bus.zenoh.session import free_endpoint
 
     locator = free_endpoint()
     with (

@@ -14,13 +14,13 @@ from typing import Any, Self
 import pytest
 import zenoh
 
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.graph.history import replay
-from riot_bus.bus.remote import Remote, ask, find_routers
-from riot_bus.bus.runtime import free_endpoint, wait_until
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.control.remote import Remote, ask, find_routers
+from riot_bus.graph.history import replay
 from riot_bus.log.reader import LogReader
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import Client, open_client
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.router_process import RouterProcess, riot
 
 pytestmark = pytest.mark.integration

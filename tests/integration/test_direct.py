@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.libraries import library_of
-from riot_bus.bus.network import Network
-from riot_bus.bus.recorder import Recorder
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import release, wait_until
-from riot_bus.bus.sockets import _ends, hang_up
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
+from riot_bus.router.bus import Bus
+from riot_bus.router.recorder import Recorder
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.network import Network
+from riot_bus.zenoh.session import release, wait_until
+from riot_bus.zenoh.sockets import _ends, hang_up
 from tests.integration.bus_puppet import Puppet
 
 pytestmark = pytest.mark.integration
@@ -141,7 +141,7 @@ def test_a_junction_parts_from_its_segments_before_it_is_closed(monkeypatch: pyt
         neighbours.append([str(each.zid) for each in session.info.transports()])
         release(session)
 
-    monkeypatch.setattr("riot_bus.bus.junction.release", closing_one)
+    monkeypatch.setattr("riot_bus.zenoh.junction.release", closing_one)
     for config in ({}, {"access_control": {"enabled": False}}):  # it connects to segments, or they do to it
         with Network({"a": (), "b": ()}, config=config) as network:
             assert network.junction is not None
@@ -163,14 +163,14 @@ def test_a_junction_that_is_interrupted_or_cannot_be_replaced_leaves_nothing_ope
         assert junction is not None
         junction.open(["1/**"])
         with monkeypatch.context() as broken:
-            broken.setattr("riot_bus.bus.junction.open_session", fail)
+            broken.setattr("riot_bus.zenoh.junction.open_session", fail)
             with pytest.raises(KeyboardInterrupt):
                 junction.open(["2/**"])
         assert linked_to(network, junction.zid) == {"a", "b"}  # it goes on as before
         junction.open(["3/**"])
         last = junction.zid
         with monkeypatch.context() as broken:
-            broken.setattr("riot_bus.bus.junction.wait_until", lambda *arguments: fail(wait_until(*arguments)))
+            broken.setattr("riot_bus.zenoh.junction.wait_until", lambda *arguments: fail(wait_until(*arguments)))
             with pytest.raises(KeyboardInterrupt):
                 junction.close()
         assert wait_until(lambda: linked_to(network, last) == set(), 10)

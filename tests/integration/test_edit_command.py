@@ -13,7 +13,7 @@ import pytest
 
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 from tests.integration.router_process import ENVIRONMENT, RIOT, riot
 from tests.unit.log.editing.edit_tools import json_log, raw
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.remote import ask
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import free_endpoint, wait_until
+from riot_bus.control.remote import ask
+from riot_bus.router.bus import Bus
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import (
     MIB,

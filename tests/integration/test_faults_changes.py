@@ -7,9 +7,9 @@ import gc
 import psutil
 import pytest
 
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.message import Message
+from riot_bus.router.bus import Bus
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import MIB, SEGMENTS, assert_balanced, received, rss, subscribed
 

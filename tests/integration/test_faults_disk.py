@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.remote import Remote
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import ConfigError
+from riot_bus.control.remote import Remote
 from riot_bus.log.reader import LogReader
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import assert_rows_balance, crosses, everything
 from tests.integration.router_process import RouterProcess, failing

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Event
+from riot_bus.router.bus import Bus
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import SEGMENTS, assert_balanced, everything, payloads, pipeline, subscribed
 

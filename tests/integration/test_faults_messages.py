@@ -11,16 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.heap import trim_heap
-from riot_bus.bus.remote import Remote
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.status import count_rows, loss_rows
-from riot_bus.errors import RiotError
+from riot_bus.control.heap import trim_heap
+from riot_bus.control.remote import Remote
+from riot_bus.control.status import count_rows, loss_rows
 from riot_bus.inject.interceptor import Injector
-from riot_bus.injection import Injection
 from riot_bus.pipeline.runner import MOST_TOPICS, OTHER_TOPICS
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import (
     MIB,

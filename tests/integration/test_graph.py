@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from riot_bus.bus.graph.declarations import Declared, declarations
-from riot_bus.bus.graph.model import Change, Graph
-from riot_bus.bus.graph.render import changes_json, dot, graph_json, mermaid, text
-from riot_bus.bus.graph.watch import GraphWatch
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.graph.declarations import Declared, declarations
+from riot_bus.graph.model import Change, Graph
+from riot_bus.graph.render import changes_json, dot, graph_json, mermaid, text
+from riot_bus.graph.watch import GraphWatch
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration

@@ -9,13 +9,13 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from riot_bus.bus import held_keys
-from riot_bus.bus.ear import Ear
-from riot_bus.bus.held_keys import hold
-from riot_bus.bus.libraries import library_of
-from riot_bus.bus.network import Network
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import release, wait_until
+from riot_bus.router.bus import Bus
+from riot_bus.zenoh import keyexpr_pins as held_keys
+from riot_bus.zenoh.attachment_probe import Ear
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.network import Network
+from riot_bus.zenoh.session import release, wait_until
 from tests.integration.advanced_tools import KEY, WAIT_S, Prefix, changed, component, running
 from tests.integration.fault_tools import assert_balanced, received, subscribed
 

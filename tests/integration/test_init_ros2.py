@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.runtime import free_endpoint, wait_until
 from riot_bus.sut.context import open_system
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode, install

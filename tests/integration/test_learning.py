@@ -14,16 +14,16 @@ import zenoh
 import zenoh.ext
 from mcap.reader import make_reader
 
-from riot_bus.bus import learner as learner_module
-from riot_bus.bus.capture.options import CaptureOptions
-from riot_bus.bus.capture.service import CaptureService
-from riot_bus.bus.client import open_client
-from riot_bus.bus.flags import RouterFlags, merged
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.service import RouterService
-from riot_bus.bus.settings import RouterSettings
-from riot_bus.log.table import columns
+from riot_bus.config.router_settings import RouterSettings
+from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_service import RouterService
+from riot_bus.log.columns.table import columns
+from riot_bus.record.options import CaptureOptions
+from riot_bus.record.service import CaptureService
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.zenoh import type_learner as learner_module
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import wait_until
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import parse_msg

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.playing.options import PlayOptions
-from riot_bus.bus.playing.service import PlayService
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import ConfigError, EnvironmentFaultError
-from riot_bus.message import Message, Qos
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.service import PlayService
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.play_tools import BEGIN, MS, SECOND, Listener, numbered, play, write
 from tests.integration.zenoh_process import ZenohProcess

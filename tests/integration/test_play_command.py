@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.play_tools import BEGIN, MS, SECOND, Listener, numbered, write
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess, riot

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.playing.options import PlayOptions
-from riot_bus.bus.playing.service import PlayService
-from riot_bus.bus.runtime import release, wait_until
 from riot_bus.log.reader import LogReader
+from riot_bus.play.options import PlayOptions
+from riot_bus.play.service import PlayService
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import release, wait_until
 from riot_bus_ros2.attachment import parse_attachment
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.store import TypeStore
@@ -314,7 +314,7 @@ def test_attachments_are_new_and_tokens_fit_them(router: str, tmp_path: Path) ->
 
 
 def test_what_was_recorded_from_the_bus_gets_new_attachments_too(router: str, tmp_path: Path) -> None:
-    from riot_bus.message import Message
+    from riot_bus.vocabulary.message import Message
     from riot_bus_ros2.attachment import Attachment, build_attachment
 
     key = f"3/chatter/{STRING_KEY}"

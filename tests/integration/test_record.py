@@ -15,17 +15,17 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from riot_bus.bus.capture.options import CaptureOptions
-from riot_bus.bus.capture.service import CaptureService
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.graph.history import replay
-from riot_bus.bus.remote import Remote
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import ConfigError
+from riot_bus.control.remote import Remote
+from riot_bus.graph.history import replay
 from riot_bus.log.account import LOST, account_of
-from riot_bus.log.mcap_file import McapFile
+from riot_bus.log.engine.mcap_file import McapFile
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.message import Message, Qos
+from riot_bus.record.options import CaptureOptions
+from riot_bus.record.service import CaptureService
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import Client, open_client
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.zenoh_process import ZenohProcess
 

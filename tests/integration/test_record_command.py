@@ -23,10 +23,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import LogReader, read_log
-from riot_bus.message import Message, Qos
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import Client, open_client
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess, riot
 from tests.integration.zenoh_process import ZenohProcess

@@ -12,8 +12,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import read_log
+from riot_bus.zenoh.session import wait_until
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess
 from tests.integration.third_party.sdk import RosNode, install
 from tests.integration.zenoh_process import ZenohProcess

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
+from riot_bus.zenoh.session import wait_until
 from riot_bus_ros2.attachment import Attachment, parse_attachment
 from riot_bus_ros2.keys import DataKey, action_parts, build_data_key
 from riot_bus_ros2.store import TypeStore

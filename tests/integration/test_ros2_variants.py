@@ -12,8 +12,8 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import read_log
+from riot_bus.zenoh.session import wait_until
 from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.keys import DataKey, build_data_key
 from riot_bus_ros2.qos import AnnouncedQos

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.remote import ask
-from riot_bus.bus.runtime import wait_until
+from riot_bus.control.remote import ask
 from riot_bus.log.reader import LogReader
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, failing, riot
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from riot_bus.bus.config import router_config
-from riot_bus.bus.environment import (
+from riot_bus.config.router_settings import SegmentSettings, load_router
+from riot_bus.control.environment import (
     client_settings,
     environment,
     environment_lines,
@@ -23,10 +23,10 @@ from riot_bus.bus.environment import (
     reachable,
     session_file,
 )
-from riot_bus.bus.flags import RouterFlags, merged
-from riot_bus.bus.runtime import open_session, release, wait_until
-from riot_bus.bus.settings import SegmentSettings, load_router
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import open_session, release, wait_until
+from riot_bus.zenoh.session_config import router_config
 
 pytestmark = pytest.mark.integration
 

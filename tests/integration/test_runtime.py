@@ -13,7 +13,7 @@ pytestmark = pytest.mark.integration
 
 ENDING = """
 import sys, threading, time
-from riot_bus.bus.runtime import open_session, release
+from riot_bus.zenoh.session import open_session, release
 
 class Slow:
     def __del__(self, sleep=time.sleep):

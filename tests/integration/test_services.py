@@ -12,22 +12,22 @@ from typing import Any
 import pytest
 import zenoh
 
-from riot_bus.bus.client import Client, open_client
-from riot_bus.bus.flags import RouterFlags, merged
-from riot_bus.bus.recorder import Recorder
-from riot_bus.bus.router import Bus
-from riot_bus.bus.runtime import release, wait_until
-from riot_bus.bus.service import RouterService
-from riot_bus.bus.services.lane import Limits
-from riot_bus.bus.settings import RouterSettings
-from riot_bus.bus.transparency.run import PLAIN, compare, run_scenario
-from riot_bus.bus.transparency.scenario import PREFIX, find
+from riot_bus.config.router_settings import RouterSettings
+from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_service import RouterService
+from riot_bus.doctor.conformance.run import PLAIN, compare, run_scenario
+from riot_bus.doctor.conformance.scenario import PREFIX, find
 from riot_bus.interceptors.copies import Tee
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Event
+from riot_bus.router.bus import Bus
+from riot_bus.router.recorder import Recorder
+from riot_bus.router.services.forwarder import Limits
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request
+from riot_bus.zenoh.client import Client, open_client
+from riot_bus.zenoh.session import release, wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.service_tools import (
     ADD,

@@ -6,12 +6,12 @@ import itertools
 
 import pytest
 
-from riot_bus.bus.client import open_client
-from riot_bus.bus.convert import Converter
-from riot_bus.bus.network import Network
-from riot_bus.bus.runtime import wait_until
-from riot_bus.bus.tap import Tap
-from riot_bus.message import Message, Qos
+from riot_bus.router.tap import Tap
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.convert import Converter
+from riot_bus.zenoh.network import Network
+from riot_bus.zenoh.session import wait_until
 
 pytestmark = pytest.mark.integration
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
 from riot_bus.log.reader import LogReader
+from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode, install

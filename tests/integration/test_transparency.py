@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.router import Bus
-from riot_bus.bus.transparency.run import OURS, Difference, Outcome, compare, run_scenario, run_suite
-from riot_bus.bus.transparency.scenario import Scenario, find, load
-from riot_bus.errors import ConfigError
+from riot_bus.doctor.conformance.run import OURS, Difference, Outcome, compare, run_scenario, run_suite
+from riot_bus.doctor.conformance.scenario import Scenario, find, load
+from riot_bus.router.bus import Bus
+from riot_bus.vocabulary.errors import ConfigError
 
 SCENARIOS = load()
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.router import Bus
 from riot_bus.inject.interceptor import Injector
-from riot_bus.injection import Injection
+from riot_bus.router.bus import Bus
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.injection import Injection
 from tests.integration.bus_puppet import Puppet
 from tests.integration.fault_tools import SEGMENTS, assert_balanced, pipeline, subscribed
 

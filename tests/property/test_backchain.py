@@ -10,8 +10,8 @@ from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.fir import standardise
 from riot_bus.backchain.graph import Component, TopicGraph
 from riot_bus.backchain.permeability import Drive, Run, analyse
-from riot_bus.injection import Signal
-from riot_bus.trial import Series
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Series
 
 numbers = st.floats(-1e6, 1e6)
 topics = st.sampled_from("abcdef")

@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap_ros2")
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import parse_path
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import parse_msg

@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import Schema
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
 
 ROS2 = Ros2Adapter()

@@ -13,17 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.clock import ManualClock
-from riot_bus.errors import ConfigError
 from riot_bus.log.editing.edit import edit
 from riot_bus.log.editing.options import EditOptions
+from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.reader import LogReader
-from riot_bus.log.sources import LogSource, MergedSource, PipedSource
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.clock import ManualClock
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Qos
 from tests.unit.log.editing.edit_tools import Raw, metadata, raw
 
 TOPICS = ("/a", "/b/c", "/b/d")

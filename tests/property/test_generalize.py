@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.features import FEATURE_KINDS, FLAGS, Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.minimize import minimize
@@ -14,7 +13,8 @@ from riot_bus.generalize.numbers import between, simplest
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
 from riot_bus.generalize.rule import Rule
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Scalar
 
 NUMBERS = st.one_of(st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False))
 

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from riot_bus.interceptors.catalogue import build, describe
 from riot_bus.interceptors.copies import Duplicate, Tee
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
+from riot_bus.interceptors.parsing import parse
 from riot_bus.interceptors.payloads import ClockOffset, Corrupt, Freeze, SetField, Truncate
-from riot_bus.interceptors.spelling import parse
 from riot_bus.interceptors.timing import Delay, Jitter, Reorder
-from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Counts, Pipeline
 from riot_bus.types.model import wrap_integer
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.message import Message
 
 TOPICS = ("a", "b/c", "d")
 SECOND = 10**9
@@ -214,7 +214,7 @@ def test_stamps_carry(sec, nanosec, offset):
 @settings(deadline=None)
 @given(st.text())
 def test_spelling_raises_nothing_but_config_errors(text):
-    from riot_bus.errors import ConfigError
+    from riot_bus.vocabulary.errors import ConfigError
 
     try:
         use, options = parse(text)

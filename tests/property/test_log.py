@@ -4,12 +4,12 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.clock import ManualClock
-from riot_bus.errors import ConfigError
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
+from riot_bus.vocabulary.clock import ManualClock
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Qos
 
 keys = st.sampled_from(["a", "rover/odom", "ü/€", "0/x/std_msgs::msg::dds_::String_/TypeHashNotSupported"]) | st.text(
     st.characters(exclude_categories=["Cs"]), min_size=1, max_size=8

@@ -7,7 +7,7 @@ import os
 import random
 from typing import NamedTuple
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import KIND, Frame, Framer, checksum_fits, pack_frame
 from riot_bus_mavlink.message_type import PREFIX

@@ -3,10 +3,10 @@ import json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.message import Message
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Counts, Pipeline
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 ACTIONS = ("pass", "read", "set", "drop", "delay", "duplicate", "add", "raise", "spoil")
 TOPICS = ("a", "b/c", "d")

@@ -4,10 +4,10 @@ import shlex
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.bus.endpoints import PROTOCOLS, overlap, parse_endpoint, split_endpoints
-from riot_bus.bus.environment import client_settings, environment_lines, override, session_file
-from riot_bus.bus.flags import parse_cfg, parse_endpoints
-from riot_bus.errors import ConfigError
+from riot_bus.config.endpoints import PROTOCOLS, overlap, parse_endpoint, split_endpoints
+from riot_bus.control.environment import client_settings, environment_lines, override, session_file
+from riot_bus.control.router_flags import parse_cfg, parse_endpoints
+from riot_bus.vocabulary.errors import ConfigError
 
 words = st.text("abz019._-=,;:?#/ '\"|é", max_size=12).map(str.strip)
 hosts = st.sampled_from(["127.0.0.1", "0.0.0.0", "localhost", "robot.local", "[::1]", "[::]", "[fe80::1]"])

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
 
 rosbags = pytest.importorskip("rosbags")

@@ -28,9 +28,9 @@ from riot_bus_mavlink.links.opening import open_link
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from riot_bus.errors import RiotError
+    from riot_bus.types.port import Port
+    from riot_bus.vocabulary.errors import RiotError
     from riot_bus_mavlink.bridge.options import BridgeOptions
-    from riot_bus_mavlink.bridge.port import Port
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import Batching, Link
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from riot_bus.types.port import Outlet
     from riot_bus_mavlink.bridge.losses import SourceCount
-    from riot_bus_mavlink.bridge.port import Outlet
     from riot_bus_mavlink.links.end import End
 
 __all__ = ["MOST_FLOWS", "Flow"]

@@ -13,14 +13,14 @@ import json
 import struct
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import PayloadError, did_you_mean
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 from riot_bus_mavlink.frame import Frame, pack_frame, parse_frame
 from riot_bus_mavlink.message_type import MavlinkType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import FieldText, MessageTable
     from riot_bus_mavlink.dialect import Dialect
 

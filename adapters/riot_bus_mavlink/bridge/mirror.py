@@ -9,13 +9,13 @@ from collections import Counter
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from riot_bus.types.port import Closeable, Outlet, Port
     from riot_bus_mavlink.bridge.json_form import JsonForm
-    from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
 

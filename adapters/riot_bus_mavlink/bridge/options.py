@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.bridge.url import parse_links
 from riot_bus_mavlink.dialect import DEFAULT, load_dialect
 from riot_bus_mavlink.keys import TEMPLATE, KeyTemplate

@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.bridge.flows import MOST_FLOWS, Flow
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, origin_of
 from riot_bus_mavlink.frame import KIND, LONGEST, V2, is_plain, parse_frame
@@ -16,7 +16,7 @@ from riot_bus_mavlink.signing import Renewer
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from riot_bus_mavlink.bridge.port import Closeable, Outlet, Port
+    from riot_bus.types.port import Closeable, Outlet, Port
     from riot_bus_mavlink.bridge.routing import Routes
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame

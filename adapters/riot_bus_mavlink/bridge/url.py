@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
-from riot_bus.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus_mavlink.bridge.filters import FILTER_NAMES, Filter, filter_of
 
 if TYPE_CHECKING:

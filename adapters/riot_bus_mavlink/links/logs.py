@@ -8,7 +8,7 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_mavlink.links.udp import reason
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
 

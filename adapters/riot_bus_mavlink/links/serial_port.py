@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import MissingExtraError
+from riot_bus.vocabulary.errors import MissingExtraError
 from riot_bus_mavlink.links.stream import Stream
 
 if TYPE_CHECKING:

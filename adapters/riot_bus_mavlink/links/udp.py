@@ -12,7 +12,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_mavlink.links.end import Batching
 from riot_bus_mavlink.links.names import look_up, place_of, text_of
 from riot_bus_mavlink.links.packets import Packets

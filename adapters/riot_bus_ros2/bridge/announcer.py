@@ -11,8 +11,8 @@ from riot_bus_ros2.tokens import Endpoint, Node, build_token
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from riot_bus.types.port import Closeable, Port
     from riot_bus_ros2.bridge.plan import Announcement
-    from riot_bus_ros2.bridge.port import Closeable, Port
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 

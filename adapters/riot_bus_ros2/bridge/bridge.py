@@ -11,7 +11,7 @@ from collections import Counter
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus_ros2.bridge.announcer import Announcer
 from riot_bus_ros2.bridge.graph import DomainGraph
 from riot_bus_ros2.bridge.node import NodeProcess
@@ -27,10 +27,10 @@ from riot_bus_ros2.tokens import Endpoint, parse_token
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from riot_bus.errors import RiotError
+    from riot_bus.types.port import Port
+    from riot_bus.vocabulary.errors import RiotError
     from riot_bus_ros2.bridge.options import BridgeOptions
     from riot_bus_ros2.bridge.plan import Announcement, Up
-    from riot_bus_ros2.bridge.port import Port
     from riot_bus_ros2.keys import DataKey
 
 __all__ = ["Ros2Bridge"]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import riot_bus_ros2
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_ros2.rclpy_node.frames import Frame, Kind, Wire
 
 if TYPE_CHECKING:

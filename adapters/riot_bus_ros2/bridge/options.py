@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError
-from riot_bus.selector import key_matches
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import key_matches
 from riot_bus_ros2.keys import action_of
 
 if TYPE_CHECKING:

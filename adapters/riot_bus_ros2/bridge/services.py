@@ -7,14 +7,14 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, renew_attachment
 from riot_bus_ros2.keys import build_data_key
 from riot_bus_ros2.rclpy_node.frames import Frame, Kind
 
 if TYPE_CHECKING:
+    from riot_bus.types.port import Closeable, Port, Question
     from riot_bus_ros2.bridge.node import NodeProcess
-    from riot_bus_ros2.bridge.port import Closeable, Port, Question
     from riot_bus_ros2.keys import DataKey
 
 __all__ = ["OfferedService", "WantedService"]

@@ -12,9 +12,9 @@ from riot_bus_ros2.rclpy_node.frames import Kind
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from riot_bus.types.port import Closeable, Port
     from riot_bus_ros2.bridge.node import NodeProcess
     from riot_bus_ros2.bridge.plan import Down, Up
-    from riot_bus_ros2.bridge.port import Closeable, Port
     from riot_bus_ros2.keys import DataKey
 
 __all__ = ["DownRoute", "UpRoute"]

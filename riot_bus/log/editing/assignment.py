@@ -11,15 +11,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.log.editing.selection import Selection, parse_clauses
 from riot_bus.types.model import parse_path
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Assignment", "parse_assignment"]
 

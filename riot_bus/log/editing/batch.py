@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.blocks import HEAD, SHORTEST_MESSAGE
+from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.editing.inputs import InputLog
-    from riot_bus.log.scan import Block
+    from riot_bus.log.engine.scan import Block
 
 __all__ = ["MESSAGE_HEAD", "Batch", "gathered", "heads_of", "pack_message", "shifted"]
 

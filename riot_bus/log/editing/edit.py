@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
+from riot_bus.log.editing.channel_table import Roster
 from riot_bus.log.editing.inputs import InputLog
 from riot_bus.log.editing.latched import Latched
-from riot_bus.log.editing.part import Ready
+from riot_bus.log.editing.output_file import Ready
+from riot_bus.log.editing.output_set import Product
 from riot_bus.log.editing.piping import Piping
-from riot_bus.log.editing.product import Product
 from riot_bus.log.editing.result import EditResult
-from riot_bus.log.editing.roster import Roster
 from riot_bus.log.editing.sorting import Sorter
 from riot_bus.log.naming import parse_time
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.log.scan import Block
+    from riot_bus.log.engine.scan import Block
 
 __all__ = ["edit"]
 

@@ -12,13 +12,13 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Schema
 
-from riot_bus.errors import ConfigError
 from riot_bus.log import layout
-from riot_bus.log.blocks import HEAD, Records, read_block, records_of
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, heads_of, shifted
+from riot_bus.log.engine.blocks import HEAD, Records, read_block, records_of
+from riot_bus.log.engine.salvage import Salvage, salvage
+from riot_bus.log.engine.scan import define, learn_block, load_extras, parse, read_metadata, scan_file
 from riot_bus.log.reader import Loss
-from riot_bus.log.salvage import Salvage, salvage
-from riot_bus.log.scan import define, learn_block, load_extras, parse, read_metadata, scan_file
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.editing.targets import Target
+    from riot_bus.log.engine.scan import Block, Span
     from riot_bus.log.layout import Role
-    from riot_bus.log.scan import Block, Span
 
 __all__ = ["InputLog"]
 

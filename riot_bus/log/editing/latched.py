@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.editing.batch import Batch, gathered, shifted
 from riot_bus.types.offer import Offering
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.editing.course import Course
+    from riot_bus.log.editing.channel_edit import Course
     from riot_bus.types.model import Adapter
 
 __all__ = ["Latched"]

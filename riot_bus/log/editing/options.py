@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.editing.assignment import Assignment, parse_assignment
 from riot_bus.log.editing.selection import Selection, parse_selection
+from riot_bus.log.engine.packing import check_compression
 from riot_bus.log.naming import parse_remaps
-from riot_bus.log.packing import check_compression
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

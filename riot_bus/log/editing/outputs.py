@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,13 +10,13 @@ import numpy as np
 
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, heads_of, pack_message
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.log.editing.course import Course
-    from riot_bus.log.editing.roster import Roster
+    from riot_bus.log.editing.channel_edit import Course
+    from riot_bus.log.editing.channel_table import Roster
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission, Pipeline
 

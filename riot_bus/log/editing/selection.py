@@ -10,15 +10,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.log.naming import parse_time
-from riot_bus.predicate import Predicate, parse_predicate
-from riot_bus.selector import parse_selector
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.predicate import Predicate, parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Condition", "Selection", "parse_clauses", "parse_selection"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from riot_bus.log.editing.part import Part
+from riot_bus.log.editing.output_file import Part
 from riot_bus.log.editing.result import WrittenFile
 
 if TYPE_CHECKING:
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from riot_bus.log.editing.batch import Batch
     from riot_bus.log.editing.options import EditOptions
+    from riot_bus.log.editing.output_file import Ready
     from riot_bus.log.editing.outputs import Outputs
-    from riot_bus.log.editing.part import Ready
     from riot_bus.log.editing.targets import Target
 
 __all__ = ["FileSink", "NullSink", "Sink"]

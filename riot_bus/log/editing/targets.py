@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from mcap.records import Channel, Schema
 
-from riot_bus.errors import ConfigError
 from riot_bus.log import layout
+from riot_bus.log.engine.mcap_file import record_bytes
 from riot_bus.log.layout import Constants, Role
-from riot_bus.log.mcap_file import record_bytes
 from riot_bus.types.offer import Offering
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from riot_bus.errors import PayloadError, did_you_mean
 from riot_bus.types.model import (
     REBUILD,
     Leaf,
@@ -38,16 +37,17 @@ from riot_bus.types.protobuf.walk import (
     whole,
 )
 from riot_bus.types.protobuf.wire import BYTES, GROUP, decode, encode, tag, varint
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from riot_bus.trial import Scalar
     from riot_bus.types.bulk import Payloads
     from riot_bus.types.fields import FieldType
     from riot_bus.types.protobuf.layout import Definitions, Field, Layout
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["ProtobufType"]
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.errors import MissingExtraError, PayloadError
 from riot_bus.types.protobuf.wire import KINDS, Kind
 from riot_bus.types.units import unit_in
+from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Definitions", "Field", "Layout", "load_set"]
 

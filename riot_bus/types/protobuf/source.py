@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions, load_set
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +77,7 @@ def require_protobuf() -> None:
     """Raise MissingExtraError if the library is not installed."""
     from importlib.util import find_spec
 
-    from riot_bus.errors import MissingExtraError
+    from riot_bus.vocabulary.errors import MissingExtraError
 
     try:
         found = find_spec("google.protobuf")

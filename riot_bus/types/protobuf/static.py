@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

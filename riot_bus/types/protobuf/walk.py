@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.protobuf.wire import BYTES, GROUP, entries, read_varint
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator, Sequence

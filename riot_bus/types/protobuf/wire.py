@@ -9,13 +9,13 @@ import math
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import wrap_integer
+from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator
 
-    from riot_bus.trial import Scalar
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = [
     "BYTES",

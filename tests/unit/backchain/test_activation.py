@@ -7,7 +7,7 @@ import pytest
 
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
-from riot_bus.errors import MissingExtraError
+from riot_bus.vocabulary.errors import MissingExtraError
 
 
 def rover_fields(irrelevant=0):

@@ -5,8 +5,8 @@ import pytest
 
 from riot_bus.backchain.fir import Columns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.permeability import Drive, Run, analyse
-from riot_bus.injection import Signal
-from riot_bus.trial import Series
+from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.trial import Series
 
 SAMPLES = 60
 

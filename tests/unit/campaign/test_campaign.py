@@ -11,11 +11,11 @@ from riot_bus.campaign.campaign import run_campaign
 from riot_bus.campaign.schedule import Schedule, targets_of
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.campaign.triage import finding_id
-from riot_bus.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.message import Message
-from riot_bus.trial import Outcome, Series, TestCase, Verdict, Violation
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violation
 
 LOG = tuple(
     Message(10**9 + n, "cmd", json.dumps({"seq": n, "speed": 1.5, "mode": "auto", "header": {"stamp": n}}).encode())

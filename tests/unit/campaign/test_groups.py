@@ -6,12 +6,12 @@ import pytest
 
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule, targets_of
-from riot_bus.errors import ConfigError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
-from riot_bus.injection import Formula, Injection
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Formula, Injection
+from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
 
 ADAPTER = Ros2Adapter()

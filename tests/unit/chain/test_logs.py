@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 from riot_bus.chain.logs import FailingLog, NamedFields
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 
 def message(**values: Any) -> Message:

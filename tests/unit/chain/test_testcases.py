@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from riot_bus.chain.testcases import load_challenge
-from riot_bus.errors import ConfigError
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
-from riot_bus.injection import Formula, Injection, Signal
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.message import Message
 
 INJECTIONS = (
     Injection("a", "v", math.inf, first=2, last=4, seed=7),

@@ -7,11 +7,11 @@ import typer
 from typer.testing import CliRunner
 
 from riot_bus.cli import archives, logs
-from riot_bus.errors import ConfigError, DataLossError
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, DataLossError
+from riot_bus.vocabulary.message import Message
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
 from riot_bus_mavlink.tlog import tlog_record

@@ -7,10 +7,10 @@ import typer
 from typer.testing import CliRunner
 
 from riot_bus.cli import logs
-from riot_bus.errors import ConfigError, DataLossError, RiotError
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.errors import ConfigError, DataLossError, RiotError
+from riot_bus.vocabulary.message import Message
 from tests.log_mutants import COUNT, MESSAGES, channel, chunk, foreign, note, ours, whole
 
 APP = typer.Typer()

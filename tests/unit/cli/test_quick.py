@@ -10,10 +10,10 @@ import typer
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.cli import quick
+from riot_bus.cli import fastpath as quick
+from riot_bus.cli.fastpath import OPTIONS, parse
 from riot_bus.cli.main import make_app
 from riot_bus.cli.options import OutputFormat
-from riot_bus.cli.quick import OPTIONS, parse
 
 SWITCHES = ["--bypass-watch", "--no-bypass-watch"]
 

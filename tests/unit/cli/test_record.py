@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.cli.record import _command, _notes
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def test_passwords_do_not_get_into_the_log() -> None:

@@ -14,12 +14,12 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
 from riot_bus.inject.formula import parse_formula
 from riot_bus.inject.mutations import Mutation, mutate
-from riot_bus.injection import Injection
-from riot_bus.message import Message
-from riot_bus.trial import Scalar
 from riot_bus.types.model import MessageType
 from riot_bus.types.parts import Composed
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Scalar
 from tests.unit.dictionaries.sound import ADAPTER, MAVLINK, SOUND, accept, blank, sound, type_named
 
 DICTIONARY = load_dictionary()

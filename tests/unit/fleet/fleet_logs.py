@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 SECOND = 10**9
 BEGIN = 1_700_000_000 * SECOND

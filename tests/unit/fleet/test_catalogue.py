@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.fleet.catalogue import Catalogue, default_catalogue
 from riot_bus.fleet.entry import LATEST, LogEntry, TopicEntry
 from riot_bus.fleet.query import Query, parse_query
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 EVERYTHING = Query(condition="1")
 

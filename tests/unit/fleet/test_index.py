@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
 from riot_bus.fleet.query import Query, parse_query
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 from tests.unit.fleet.fleet_logs import BEGIN, SECOND, write
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
 from riot_bus.fleet.objects import ObjectStore
 from riot_bus.fleet.query import Query
 from riot_bus.fleet.stores import copied
 from riot_bus.log.info import log_info
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 from tests.unit.fleet.fleet_logs import write
 
 fsspec = pytest.importorskip("fsspec")
@@ -38,7 +38,7 @@ def large(path: Path) -> Path:
     import random
 
     from riot_bus.log.writer import LogWriter
-    from riot_bus.message import Message
+    from riot_bus.vocabulary.message import Message
 
     path.parent.mkdir(parents=True, exist_ok=True)
     draw = random.Random(1)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.entry import LogEntry, TopicEntry
 from riot_bus.fleet.query import parse_query
+from riot_bus.vocabulary.errors import ConfigError
 
 NOW = 1_700_100_000.0
 SECOND = 10**9

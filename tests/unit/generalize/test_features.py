@@ -5,11 +5,11 @@ from operator import ge, gt, le, lt
 import numpy as np
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.generalize.features import FEATURE_KINDS, Feature, features_of, numeric
 from riot_bus.generalize.margins import boundary_distance
 from riot_bus.generalize.numbers import between, number_bits, number_text, simplest, step
 from riot_bus.generalize.table import Candidate, concrete
+from riot_bus.vocabulary.errors import ConfigError
 
 MIN64, MAX64 = -(2**63), 2**63 - 1
 LARGEST = sys.float_info.max

@@ -3,8 +3,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.minimize import minimize
+from riot_bus.vocabulary.errors import InconclusiveError
 
 Kept = tuple[int, ...]
 

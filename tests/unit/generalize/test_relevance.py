@@ -3,10 +3,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import pytest
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Scalar
 
 Values = Mapping[str, Scalar]
 INT = (0, 1, -1, 7, 100, 2**31 - 1, -(2**31), 35, 120, 240, 300)

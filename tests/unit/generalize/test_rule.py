@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import FAR, Literal
 from riot_bus.generalize.rule import Rule
+from riot_bus.vocabulary.errors import ConfigError
 
 X, Y = "/map_updates:x", "/map_updates:y"
 PRODUCT = Feature("mul", (X, Y))

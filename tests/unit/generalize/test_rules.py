@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from riot_bus.errors import InconclusiveError
 from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
 from riot_bus.generalize.validate import proportion
+from riot_bus.vocabulary.errors import InconclusiveError
 
 Values = Mapping[str, Any]
 INT_MAX, INT_MIN = 2**31 - 1, -(2**31)

@@ -1,10 +1,10 @@
 import pytest
 
-from riot_bus.errors import RiotError
 from riot_bus.inject import apply
-from riot_bus.injection import Injection
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
 
 
 def test_nothing_to_inject_gives_the_log_back():

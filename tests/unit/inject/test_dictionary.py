@@ -2,9 +2,9 @@ import math
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.inject import dictionary as module
 from riot_bus.inject.dictionary import Dictionary, Entry, eligible, load_dictionary
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def added(text, **more):

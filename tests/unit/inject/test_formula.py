@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
-from riot_bus.injection import Formula
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.injection import Formula
 
 FIELDS = {"w": 4, "h": 3, "len(data)": 12, "x": 0.5, "name": "home", "a.b[2].c": -3, "len(a.b[2].d)": 7, "on": True,
           "bad": math.nan, "len": 1}  # fmt: skip

@@ -5,16 +5,16 @@ import struct
 
 import pytest
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject import interceptor as module
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector, set_elements
-from riot_bus.injection import Injection, Signal
-from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.message import Message
 
 SECOND = 10**9
 

@@ -2,15 +2,15 @@ import json
 
 import pytest
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import Dictionary
 from riot_bus.inject.interceptor import Injector
 from riot_bus.inject.mutations import mutate
-from riot_bus.injection import Formula, Injection
-from riot_bus.message import Message
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.injection import Formula, Injection
+from riot_bus.vocabulary.message import Message
 
 IMAGE = """
 [[message]]

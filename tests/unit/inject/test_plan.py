@@ -2,9 +2,9 @@ import math
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.inject.plan import plan_to_toml, read_plan
-from riot_bus.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@ import json
 
 import pytest
 
-from riot_bus.message import Message
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 START = 1_700_000_000_000_000_000
 

@@ -3,12 +3,12 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors import catalogue
 from riot_bus.interceptors.catalogue import build, describe, names
 from riot_bus.interceptors.losses import Drop
 from riot_bus.interceptors.timing import Delay
 from riot_bus.pipeline.conditions import Selective, When
+from riot_bus.vocabulary.errors import ConfigError
 
 MINE = """
 from __future__ import annotations

@@ -1,12 +1,12 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.copies import Duplicate, Tee
 from riot_bus.interceptors.timing import Delay
-from riot_bus.message import Message
 from riot_bus.pipeline.runner import Counts, Pipeline
 from riot_bus.types.model import TopicName
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 
 def test_duplicate_at_once(bench):

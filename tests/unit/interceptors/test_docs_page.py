@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.gate import BUDGET_S
-from riot_bus.errors import ConfigError
-from riot_bus.message import Message
 from riot_bus.pipeline.event import Event
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.pipeline_executor import BUDGET_S
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 PAGE = (Path(__file__).parents[3] / "docs" / "interceptors.md").read_text(encoding="utf-8")
 OURS = {"branch", "branches", "digest", "interceptor", "new_payload", "patched", "provenance", "restore", "seed"}

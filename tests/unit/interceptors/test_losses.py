@@ -1,12 +1,12 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
 from riot_bus.interceptors.timing import Delay
-from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 
 def runs(flags):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.interceptors.catalogue import _BUILT_IN, _CONDITIONS, describe
-from riot_bus.interceptors.spelling import from_tables, from_text
+from riot_bus.interceptors.parsing import from_tables, from_text
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "interceptors.md").read_text(encoding="utf-8")

@@ -4,12 +4,12 @@ import struct
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.payloads import ClockOffset, Corrupt, Freeze, SetField, Truncate
-from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 
 def numbers(run):

@@ -1,9 +1,9 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.catalogue import build
 from riot_bus.interceptors.plan import Inject
 from riot_bus.pipeline.conditions import Selective
+from riot_bus.vocabulary.errors import ConfigError
 
 PLAN = """
 [[inject]]

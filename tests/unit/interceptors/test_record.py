@@ -2,14 +2,14 @@ import threading
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.payloads import SetField
 from riot_bus.interceptors.record import Record
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 
 def recorded(path):

@@ -2,11 +2,11 @@ import math
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.losses import Drop
-from riot_bus.interceptors.spelling import from_tables, from_text, parse
+from riot_bus.interceptors.parsing import from_tables, from_text, parse
 from riot_bus.interceptors.timing import Delay
 from riot_bus.pipeline.conditions import Selective, When
+from riot_bus.vocabulary.errors import ConfigError
 
 
 @pytest.mark.parametrize(

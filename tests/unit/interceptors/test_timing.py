@@ -1,9 +1,9 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.losses import Bandwidth
 from riot_bus.interceptors.timing import Delay, Jitter, Reorder
 from riot_bus.pipeline.conditions import Selective, When
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def test_delay(bench):

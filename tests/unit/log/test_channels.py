@@ -3,7 +3,7 @@ from mcap.writer import Writer
 from riot_bus.log.channels import recorded_topics, span_of
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 from tests.bags import LATCHED, STRING_HASH, VOLATILE, write_bag
 
 

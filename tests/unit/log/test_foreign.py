@@ -1,8 +1,8 @@
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.attachment import parse_attachment
 from tests.bags import STRING_HASH, STRING_KEY, VOLATILE, write_bag
 

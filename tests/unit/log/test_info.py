@@ -1,7 +1,7 @@
 from riot_bus.log.info import log_info
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 
 
 def test_counts_per_topic(tmp_path):

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.naming import in_full, means, parse_remaps, parse_time, renamed
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import RecordedTopic
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 
 ODOM = RecordedTopic("/robot1/odom", "0/robot1/odom/nav::O_/H", True, Schema("", "", b""), "cdr")

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.reader import LogReader, Loss, read_log
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.model import Schema
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 

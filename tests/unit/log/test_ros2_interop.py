@@ -14,8 +14,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.rosbag2 import RECORD, BagFile, BagTopic, bag_file, bag_record, bag_text, files_of, write_metadata
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 KEY = f"0/chatter/std_msgs::msg::dds_::String_/{HASH}"

@@ -7,19 +7,19 @@ from collections import Counter
 import pytest
 from mcap.reader import make_reader
 
-from riot_bus.clock import ManualClock
-from riot_bus.errors import ConfigError
 from riot_bus.log import layout
 from riot_bus.log import writer as module
-from riot_bus.log.mcap_file import McapFile
-from riot_bus.log.packing import COMPRESSIONS
+from riot_bus.log.engine.mcap_file import McapFile
+from riot_bus.log.engine.packing import COMPRESSIONS
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter, LostMessagesError
-from riot_bus.message import Message, Qos
 from riot_bus.pipeline.event import Change
 from riot_bus.types.model import Schema
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import Request
+from riot_bus.vocabulary.clock import ManualClock
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message, Qos
 
 ODD = [
     Message(10, "a", b"1", sequence=1),
@@ -157,7 +157,7 @@ def test_a_disk_that_is_full_for_good_leaves_whole_records(tmp_path):
     code = """
 import resource, signal, sys, os
 from riot_bus.log.writer import LogWriter, LostMessagesError
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
@@ -272,7 +272,7 @@ def test_threads_may_share_a_writer(tmp_path):
 WRITER = """
 import sys
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 writer = LogWriter(sys.argv[1], chunk_bytes=2000, metadata={"seed": "7"})
 n = 0

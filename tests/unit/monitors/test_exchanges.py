@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
-from riot_bus.message import Message
 from riot_bus.monitors.exchanges import Answered, Gapless, Never, Values
 from riot_bus.monitors.model import ComponentView, TrialView, judge
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 SECOND = 10**9
 

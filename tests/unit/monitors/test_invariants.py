@@ -3,12 +3,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from riot_bus.message import Message
 from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
 from riot_bus.monitors.model import ComponentView, TrialView, judge
-from riot_bus.trial import Violation
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Violation
 
 
 def view(*payloads: bytes, settled: bool = True, status: int | None = None, stalled: Sequence[str] = ()) -> TrialView:

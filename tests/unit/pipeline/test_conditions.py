@@ -2,12 +2,12 @@ import json
 
 import pytest
 
-from riot_bus.errors import ConfigError
-from riot_bus.message import Message
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.model import TopicName
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 
 SECOND = 10**9
 

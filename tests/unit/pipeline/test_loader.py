@@ -1,7 +1,7 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.pipeline.loader import load_interceptor
+from riot_bus.vocabulary.errors import ConfigError
 
 ONE = """
 from dataclasses import dataclass

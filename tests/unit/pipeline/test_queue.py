@@ -1,6 +1,6 @@
-from riot_bus.message import Message
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Emission
+from riot_bus.vocabulary.message import Message
 
 
 def emission(due, name):

@@ -1,10 +1,10 @@
 import pytest
 
-from riot_bus.errors import ConfigError, PayloadError
-from riot_bus.message import Message
 from riot_bus.pipeline.event import Change
 from riot_bus.pipeline.runner import Counts, Pipeline
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.message import Message
 
 JSON = b'{"speed": 1.5, "mode": 2}'
 

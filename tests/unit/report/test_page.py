@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.report.page import write_report
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 SECTIONS = {
     "minimal.json": "minimal",

@@ -6,10 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from riot_bus.errors import MissingExtraError
 from riot_bus.findings.records import PointRecord, ProportionRecord, RegionRecord, RuleRecord, RuleSample
 from riot_bus.report.plots import Plot, region_plots, rule_plot
 from riot_bus.report.svg import COLOURS
+from riot_bus.vocabulary.errors import MissingExtraError
 
 RATE = ProportionRecord(value=1, low=0.9, high=1)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
+from riot_bus.report.format import clean, exact_interval, number, plural, seconds, share, value
 from riot_bus.report.text import summary
-from riot_bus.report.words import clean, exact_interval, number, plural, seconds, share, value
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def test_whole_chain(finding: Path) -> None:

@@ -1,9 +1,9 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.listing import describe_named
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import pack_frame
 from riot_bus_mavlink.keys import KeyTemplate, Parsed

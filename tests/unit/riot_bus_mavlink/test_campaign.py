@@ -6,8 +6,8 @@ from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule, targets_of
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_mavlink.frame import Framer, pack_frame
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import SIGNATURE, Framer, checksum_fits, pack_frame, parse_frame, trimmed
 

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
 from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
 from riot_bus.types.bulk import BulkType, Payloads, gather
 from riot_bus.types.exceptional import Exceptions, Guarded
 from riot_bus.types.fields import Described
 from riot_bus.types.model import Leaf
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
 from riot_bus_mavlink.message_type import MavlinkType

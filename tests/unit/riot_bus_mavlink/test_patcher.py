@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from riot_bus.errors import PayloadError
-from riot_bus.trial import Scalar
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.trial import Scalar
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame
 from riot_bus_mavlink.message_type import MavlinkType

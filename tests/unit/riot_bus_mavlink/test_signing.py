@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from riot_bus.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import SIGNATURE, Framer, pack_frame, parse_frame
 from riot_bus_mavlink.message_type import MavlinkType

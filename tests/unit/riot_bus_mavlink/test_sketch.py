@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
 from riot_bus.sut.system import SystemFile
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_mavlink.bridge.url import parse_links
 from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_toml
 from riot_bus_mavlink.survey import Survey

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_mavlink.survey import Survey, listen
 from riot_bus_mavlink.tlog import tlog_record
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame

@@ -1,8 +1,8 @@
 import pytest
 
-from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus_ros2 import adapter as adapter_module
 from riot_bus_ros2 import store as store_module
 from riot_bus_ros2.adapter import Ros2Adapter

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment, renew_attachment
 
 GID = bytes(range(16))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import REBUILD, Leaf, MessageType
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2 import cdr
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType

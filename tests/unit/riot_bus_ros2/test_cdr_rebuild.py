@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import MOST_BYTES
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import parse_msg
 from riot_bus_ros2.store import TypeStore

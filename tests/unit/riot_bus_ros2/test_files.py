@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.files import load_files
 from riot_bus_ros2.store import TypeStore
 

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.selector import key_matches
+from riot_bus.vocabulary.selector import key_matches
 from riot_bus_ros2.keys import (
     ACTION_PARTS,
     DataKey,

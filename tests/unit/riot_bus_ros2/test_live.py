@@ -2,7 +2,7 @@ import pytest
 
 pytest.importorskip("mcap_ros2")
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import DefinitionError, fields_of, parse_msg

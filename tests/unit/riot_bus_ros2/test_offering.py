@@ -1,8 +1,8 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import Offering, RecordedTopic
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.gid import gid_of

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.qos import AnnouncedQos
 from riot_bus_ros2.ros2dds import (
     BridgeQos,

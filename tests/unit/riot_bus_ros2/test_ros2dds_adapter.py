@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.announcement import Announcing
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.offer import Offering, RecordedTopic
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.types.stamp import Stamping
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.qos import parse_offered
 from riot_bus_ros2.ros2dds_adapter import Ros2DdsAdapter

@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from riot_bus.errors import MissingExtraError, PayloadError
+from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
 from riot_bus_ros2 import store as store_module
 from riot_bus_ros2.definitions import DefinitionError, normal_name, parse_idl, parse_msg
 from riot_bus_ros2.store import TypeStore, require_rosbags

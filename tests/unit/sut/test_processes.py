@@ -12,11 +12,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import EnvironmentFaultError
 from riot_bus.sut.activity import activity, families
 from riot_bus.sut.launcher import Launcher, Process
 from riot_bus.sut.settling import wait_settled
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 
 Start = Callable[[str], Process]
 WAIT_S = 20.0

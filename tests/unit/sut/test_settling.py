@@ -11,9 +11,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
 from riot_bus.sut.activity import Idle, activity, idle_between, shares
 from riot_bus.sut.settling import wait_settled
+from riot_bus.zenoh.session import wait_until
 
 Start = Callable[[str], int]
 SPIN = "while True: pass"

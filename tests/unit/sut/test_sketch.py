@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.graph.survey import Started
-from riot_bus.errors import ConfigError, EnvironmentFaultError
-from riot_bus.sut.sketch import Sketch, sketch
-from riot_bus.sut.sketch_text import sketch_json, sketch_toml
+from riot_bus.graph.survey import Started
+from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
+from riot_bus.sut.system_draft import Sketch, sketch
 from riot_bus.types.announcement import Announcement
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 ODOMETRY, TWIST, SCAN, PATH = (
     "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist", "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Path",

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.sut.context import open_system
 from riot_bus.sut.system import load_system
+from riot_bus.vocabulary.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[3]
 GOOD = """

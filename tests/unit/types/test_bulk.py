@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.bulk import Gathered, Payloads, as_array, gather, join
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
+from riot_bus.vocabulary.errors import PayloadError
 
 BUSY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # as machines may be
 SCALARS = st.booleans() | st.integers(-(1 << 66), 1 << 66) | st.floats() | st.text(max_size=5)

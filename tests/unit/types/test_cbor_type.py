@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.cbor_type import CborType
 from riot_bus.types.model import Leaf, MessageType, member_path
+from riot_bus.vocabulary.errors import PayloadError
 
 CBOR = CborType()
 DOCUMENT = {"pose": {"x": 1.5, "n": 3}, "ranges": [1, 2.0, True], "odd key": "aé", "none": None, "raw": b"ab", 7: -1}

@@ -5,12 +5,12 @@ from pathlib import Path
 import cbor2
 import pytest
 
-from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.types import codecs
 from riot_bus.types.codecs import Codecs
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from tests.unit.types.proto_samples import SET, every
 
 SET_DATA = SET.SerializeToString()

@@ -3,9 +3,9 @@ import math
 
 import pytest
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Leaf, MessageType
+from riot_bus.vocabulary.errors import PayloadError
 
 JSON = JsonType()
 ODD = b'{ "pose" : {"x": 1.50, "n":3},\n "ranges":[1, 2.0 ,true],"odd key":"a\\u00e9", "none":null, "o":{}}'

@@ -1,9 +1,9 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.types.fields import FieldType
 from riot_bus.types.listing import describe_named
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.types.proto_samples import SET
 
 

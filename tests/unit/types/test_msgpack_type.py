@@ -3,9 +3,9 @@ import math
 import msgpack
 import pytest
 
-from riot_bus.errors import PayloadError
 from riot_bus.types.model import Leaf, MessageType
 from riot_bus.types.msgpack_type import MsgpackType, is_container
+from riot_bus.vocabulary.errors import PayloadError
 
 MSGPACK = MsgpackType()
 DOCUMENT = {"pose": {"x": 1.5, "n": 3}, "ranges": [1, 2.0, True], "odd key": "aé", "none": None, "raw": b"ab", 7: -1}

@@ -7,13 +7,13 @@ from google.protobuf import descriptor_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError, MissingExtraError, PayloadError
 from riot_bus.types.bulk import Payloads
 from riot_bus.types.fields import Described, FieldType
 from riot_bus.types.model import REBUILD, Leaf, MessageType, Schema, TypeSource
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions
 from riot_bus.types.protobuf.source import ProtobufTypes
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError
 from tests.unit.types.proto_samples import SCALARS, SET, cls, every, legacy
 
 DEFINITIONS = Definitions({each.name: each for each in SET.file})

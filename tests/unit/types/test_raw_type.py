@@ -3,11 +3,11 @@ import struct
 import numpy as np
 import pytest
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.types.bulk import Payloads
 from riot_bus.types.fields import Described, FieldType
 from riot_bus.types.model import Leaf, MessageType, TypeSource
 from riot_bus.types.raw_type import OpaqueType, RawType, StructType
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
 NAME = "raw(uint32 seq, float32[3] gyro, int16be temperature @20, bool on)"
 KIND = StructType(NAME)

@@ -5,11 +5,11 @@ from importlib.metadata import EntryPoint
 import msgpack
 import pytest
 
-from riot_bus.errors import ConfigError, MissingExtraError
 from riot_bus.types import registry
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 
 class Toy(JsonType):

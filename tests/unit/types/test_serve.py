@@ -3,10 +3,10 @@ from __future__ import annotations
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.message import Message, Qos
-from riot_bus.selector import key_matches
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.types.serve import ERROR, PARTS, REPLY, REQUEST, Request, Serving, part_of
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.vocabulary.selector import key_matches
 
 HASH = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
 ADD = f"0/add/example_interfaces::srv::dds_::AddTwoInts_/{HASH}"

@@ -16,7 +16,7 @@ from riot_bus.log.editing.edit import edit
 from riot_bus.log.editing.options import EditOptions
 from riot_bus.log.editing.result import EditResult, TopicCounts
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 SECOND = 10**9
 BEGIN = 1_700_000_000 * SECOND

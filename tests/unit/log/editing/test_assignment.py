@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError, PayloadError
 from riot_bus.log.editing.assignment import parse_assignment
 from riot_bus.types.json_type import JsonType
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from tests.unit.log.editing.edit_tools import NUMBER, cdr
 
 JSON = JsonType()

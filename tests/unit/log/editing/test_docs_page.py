@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import make_app
-from riot_bus.errors import RiotError
 from riot_bus.log.reader import read_log
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.message import Message
 
 PAGE = Path(__file__).parents[4] / "docs" / "edit.md"
 COMMANDS = [

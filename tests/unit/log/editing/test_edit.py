@@ -7,16 +7,16 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from riot_bus.errors import ConfigError
 from riot_bus.interceptors.losses import Drop
 from riot_bus.interceptors.timing import Delay
 from riot_bus.log.account import LOST, Account, account_of
 from riot_bus.log.layout import Provenance
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.pipeline.event import Change
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 from riot_bus_mavlink.frame import pack_frame
 from tests.unit.log.editing.edit_tools import (
     BEGIN,

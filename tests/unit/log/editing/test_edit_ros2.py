@@ -15,10 +15,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
 from tests.unit.log.editing.edit_tools import BEGIN, SECOND, chunk_sizes, counts, json_log, raw, run
 

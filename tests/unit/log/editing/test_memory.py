@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from riot_bus.log.writer import LogWriter
-from riot_bus.message import Message
+from riot_bus.vocabulary.message import Message
 
 SCRIPT = """
 import resource, sys

@@ -1,7 +1,7 @@
 import pytest
 
-from riot_bus.errors import ConfigError
 from riot_bus.log.editing.selection import Condition, parse_selection
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def condition(text: str, origin: int = 0) -> Condition:

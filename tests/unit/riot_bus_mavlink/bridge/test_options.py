@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.bridge.options import BridgeOptions
 
 LINK = ["udpin:1"]

@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.bus.bridge.port import put_one_by_one
+from riot_bus.bridge.port import put_one_by_one
 from riot_bus_mavlink.bridge.marks import INSERTED, Mark, new_mark, origin_of
 from riot_bus_mavlink.bridge.routing import Routes
 from riot_bus_mavlink.bridge.side import ENCODING, Side

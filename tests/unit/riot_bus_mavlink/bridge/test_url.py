@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.bridge.filters import Filter
 from riot_bus_mavlink.bridge.url import Direction, LinkKind, parse_link, parse_links
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.bus.runtime import wait_until
+from riot_bus.zenoh.session import wait_until
 from riot_bus_mavlink.links.udp import _alike
 from tests.unit.riot_bus_mavlink.links.hosts import WAIT_S, KeepingHost, address_of, udp_socket
 

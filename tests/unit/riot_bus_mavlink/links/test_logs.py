@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 from riot_bus_mavlink.tlog import TlogReader, tlog_record
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
 from tests.unit.riot_bus_mavlink.links.hosts import WAIT_S, KeepingHost

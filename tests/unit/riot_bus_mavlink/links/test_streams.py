@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 from tests.unit.riot_bus_mavlink.links.hosts import WAIT_S, KeepingHost, address_of
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.bus.runtime import wait_until
-from riot_bus.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 from tests.unit.riot_bus_mavlink.links.hosts import WAIT_S, KeepingHost, address_of, udp_socket
 
 FRAME = b"\xfd\x01\x00\x00\x00\x01\x01\x00\x00\x00\x01\x00\x00"

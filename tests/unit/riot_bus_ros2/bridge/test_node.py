@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from riot_bus.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_ros2.bridge.node import NodeProcess, interpreter
 from riot_bus_ros2.bridge.options import BridgeOptions
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.bridge.options import BridgeOptions, Names
 
 TOPICS = ["/odom", "/camera/left/image", "/camera/info", "/_hidden/x", "/rosout", "/parameter_events", "/tf_static"]

@@ -1,0 +1,91 @@
+"""`riot fleet play` and `record`: begins an operation on a robot, shows how it goes, and says what became of it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.agent.operation import FINAL
+from riot_bus.agent.remote_operation import Drive
+from riot_bus.agent.text import operation_line, silence_line
+from riot_bus.control.remote import error_from
+from riot_bus.control.signals import ended_by_signals
+from riot_bus.control.status_text import plain
+from riot_bus.vocabulary.errors import DataLossError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+__all__ = ["drive"]
+
+_LOSSES = ("lost", "problems", "unread")
+
+
+def drive(
+    endpoint: str,
+    robot: str,
+    kind: str,
+    arguments: Mapping[str, Any],
+    *,
+    config: Mapping[str, Any],
+    give_up: float,
+    detach: bool,
+    say: Callable[[str], None],
+    show: Callable[[str], None],
+    as_json: bool = False,
+) -> bool:
+    """Let a robot do something and follow it to its end.
+
+    Args:
+        endpoint: The fleet's router.
+        robot: The robot.
+        kind: `play` or `record`.
+        arguments: What its agent wants to know.
+        config: Further Zenoh configuration.
+        give_up: Seconds without an answer after which it is given up.
+        detach: Leave when it has begun.
+        say: Prints a line of the result.
+        show: Shows a line of progress in place of the one before.
+        as_json: Say it as lines of JSON.
+
+    Returns:
+        False if a signal has ended it.
+
+    Raises:
+        RiotError: It was refused, failed, was stopped by somebody else, or the robot was not heard for too long.
+        DataLossError: It ended, but messages were lost.
+    """
+    interrupted = threading.Event()
+
+    def told(status: dict[str, Any] | None, silent: float) -> None:
+        show(operation_line(status) if status is not None else silence_line(silent))
+
+    with ended_by_signals(interrupted.set), Drive(endpoint, robot, config=config) as wheel:
+        wheel.begin(kind, arguments, watched=not detach)
+        if detach:
+            status = wheel.follow(told, give_up=give_up, until=_begun, interrupted=interrupted.is_set)
+        else:
+            status = wheel.follow(told, give_up=give_up, interrupted=interrupted.is_set)
+    show("")
+    say(json.dumps(status, sort_keys=True) if as_json else operation_line(status))
+    _judge(robot, status, interrupted=interrupted.is_set())
+    return not interrupted.is_set()
+
+
+def _begun(status: Mapping[str, Any]) -> bool:
+    return status["state"] not in ("starting", "stopping")
+
+
+def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:
+    """Raise what an operation has come to, unless all is well."""
+    problem, result = status.get("problem"), status.get("result")
+    if isinstance(problem, dict):
+        raise error_from(problem)
+    if status["state"] == "stopped" and not interrupted:
+        raise EnvironmentFaultError(plain(f"ended before its end: {status.get('reason')}"), where=robot)
+    if status["state"] in FINAL and isinstance(result, dict):
+        tables = [table for part in _LOSSES if isinstance(table := result.get(part), dict)]
+        lost = [f"{name}: {what}" for table in tables for name, what in table.items()]
+        if lost:
+            raise DataLossError(plain("; ".join(lost[:5])), where=robot)

@@ -1,0 +1,185 @@
+"""The logs of one folder: what there is, and which file somebody means who is not to be trusted."""
+
+from __future__ import annotations
+
+import stat
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.fleet.catalogue import Catalogue
+from riot_bus.fleet.index import index
+from riot_bus.fleet.query import parse_query
+from riot_bus.fleet.stores import ENDING
+from riot_bus.log.rosbag2 import files_of
+from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from riot_bus.fleet.entry import LogEntry
+
+__all__ = ["Library"]
+
+_LONGEST_PATH = 1000
+_MOST_FILES = 500
+_MOST_ROWS = 500
+_WAIT_S = 1.0
+_END_S = 10.0
+_NAMES = 10_000
+
+
+class Library:
+    """The logs below a folder; they are looked at on a thread of its own, so that large ones hold nobody up.
+
+    Args:
+        folder: Nothing outside of it is ever opened.
+        robot: Whose the logs are that do not say so.
+        catalogue: Where to keep what is known; None for memory.
+        failed: Told in a line what could not be looked at.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        robot: str,
+        *,
+        catalogue: Path | None = None,
+        failed: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.folder = folder.resolve()
+        self._robot = robot
+        self._failed = failed
+        self._told: set[str] = set()
+        self._catalogue = Catalogue(catalogue)
+        self._bell = threading.Condition()
+        self._wanted = self._done = 0
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="riot-agent-logs", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+        self._look()
+
+    def close(self) -> None:
+        """Look no more."""
+        with self._bell:
+            self._closing = True
+            self._bell.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(_END_S)
+        if not self._thread.is_alive():
+            self._catalogue.close()
+
+    def logs(self, query: str = "", *, offset: int = 0, limit: int = 100) -> dict[str, Any]:
+        """Return what there is, as JSON values.
+
+        Args:
+            query: Which logs, in the language of `riot fleet list`.
+            offset: How many to leave out before.
+            limit: How many at most.
+
+        Raises:
+            ConfigError: The query is none.
+        """
+        wanted = parse_query(query)
+        limit = min(max(limit, 0), _MOST_ROWS)
+        number = self._look()
+        with self._bell:
+            complete = self._bell.wait_for(lambda: self._done >= number, _WAIT_S)
+        rows = self._catalogue.find(wanted, limit=limit, offset=max(offset, 0))
+        return {
+            "logs": [self._row(each) for each in rows],
+            "count": self._catalogue.count(wanted),
+            "complete": complete,
+        }
+
+    def resolve(self, name: str) -> list[Path]:
+        """Return the files that somebody means: a log, or a folder that holds the files of one recording.
+
+        Args:
+            name: Relative to the folder, or absolute and inside of it.
+
+        Raises:
+            ConfigError: It leads elsewhere, also through a link, or is no log.
+        """
+        where = "logs"
+        if not name or not name.isprintable() or len(name) > _LONGEST_PATH:
+            raise ConfigError(f"{name[:80]!r} is not a path", where=where, hint="such as run.mcap")
+        try:
+            path = self._inside(self.folder / name, name)
+            try:
+                files = files_of(path)
+            except ConfigError as error:
+                error.where = f"logs: {name}"  # whoever asks from afar shall not see where the folder is
+                raise
+            if len(files) > _MOST_FILES:
+                raise ConfigError(f"the folder {name!r} holds {len(files)} logs", where=where, hint="name one of them")
+            found = [self._inside(each, name) for each in files]
+            for each in found:
+                if not stat.S_ISREG(each.stat().st_mode) or each.suffix != ENDING:
+                    raise ConfigError(f"{name!r} is no log", where=where, hint=f"their names end with {ENDING}")
+        except OSError as error:
+            known = [self._name(each) for each in self._catalogue.find(parse_query(""), limit=_NAMES)]
+            hint = did_you_mean(name, known) or "riot fleet logs ROBOT lists what there is"
+            raise ConfigError(f"cannot open {name!r}: {error.strerror}", where=where, hint=hint) from None
+        return found
+
+    def resolve_all(self, names: Sequence[str]) -> list[Path]:
+        """Return the files of several names; raises ConfigError as `resolve` does, or if these are too many to open."""
+        found = [path for name in names for path in self.resolve(name)]
+        if len(found) > _MOST_FILES:
+            raise ConfigError(f"{len(found)} logs at once are too many", where="logs", hint=f"at most {_MOST_FILES}")
+        return found
+
+    def _inside(self, path: Path, name: str) -> Path:
+        found = path.resolve()
+        if not found.is_relative_to(self.folder):
+            raise ConfigError(
+                f"{name!r} is outside of the folder of logs", where="logs", hint="links that lead out are refused too"
+            )
+        return found
+
+    def _name(self, entry: LogEntry) -> str:
+        return entry.place.removeprefix(f"{self.folder}/")
+
+    def _row(self, entry: LogEntry) -> dict[str, Any]:
+        return {
+            "name": self._name(entry),
+            "size": entry.size,
+            "start": entry.start,
+            "end": entry.end,
+            "seconds": entry.seconds,
+            "messages": entry.messages,
+            "lost": entry.lost,
+            "readable": entry.readable,
+            "problem": entry.problem[:200],
+        }
+
+    def _look(self) -> int:
+        """Ask for a look; return its number."""
+        with self._bell:
+            self._wanted = self._done + (2 if self._wanted > self._done else 1)  # a look that has begun is too old
+            self._bell.notify_all()
+            return self._wanted
+
+    def _run(self) -> None:
+        while True:
+            with self._bell:
+                self._bell.wait_for(lambda: self._closing or self._wanted > self._done)
+                if self._closing:
+                    return
+            try:
+                report = index(
+                    self._catalogue, [str(self.folder)], robot=self._robot, jobs=1, stop=lambda: self._closing
+                )
+                problems = report.failures
+            except RiotError as error:
+                problems = [str(error)]
+            for each in set(problems) - self._told:
+                self._told.add(each)
+                self._failed(each)
+            with self._bell:
+                self._done += 1
+                self._bell.notify_all()

@@ -1,0 +1,145 @@
+"""The link of an agent to its fleet: opened as soon as the router answers, then kept by Zenoh through every break."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.agent.commands import AGENT_COMMANDS
+from riot_bus.agent.names import UNDER, agent_token, controller_token, progress_key
+from riot_bus.control.server import Control
+from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import client_config
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+__all__ = ["FleetLink"]
+
+_LOG = logging.getLogger(__name__)
+_RETRY_S = 1.0
+_ASK_S = 1.0
+_END_S = 15.0
+
+
+class FleetLink:
+    """Announces an agent, takes its commands and tells its progress.
+
+    Args:
+        service: Carries out the commands.
+        robot: The robot's name.
+        endpoint: The router.
+        config: Further Zenoh configuration.
+        say: Told in a line what happens to the link.
+        failed: Called with what cannot become better by waiting, such as a wrong configuration.
+    """
+
+    def __init__(
+        self,
+        service: Any,
+        robot: str,
+        endpoint: str,
+        config: Mapping[str, Any],
+        *,
+        say: Callable[[str], None],
+        failed: Callable[[RiotError], None],
+    ) -> None:
+        self._service, self._robot, self._endpoint, self._config = service, robot, endpoint, config
+        self._say, self._failed = say, failed
+        self._closing = threading.Event()
+        self._stack = ExitStack()
+        self._session: zenoh.Session | None = None
+        self._publisher: Any = None
+        self._thread = threading.Thread(target=self._run, name="riot-agent-link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to connect."""
+        prepare_runtime()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        import zenoh
+
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join(_END_S)
+        with suppress(zenoh.ZError):  # the link may hang
+            self._stack.close()
+
+    def publish(self, payload: bytes) -> None:
+        """Tell the progress; without a link nobody gets it."""
+        publisher = self._publisher
+        if publisher is not None and not self._closing.is_set():
+            publisher.put(payload, encoding="application/json")
+
+    def sees(self, controller: str) -> bool:
+        """Return whether a controller is there: asked of the router, so a link that hangs counts as no."""
+        session = self._session
+        if session is None:
+            return False
+        token = controller_token(self._robot, controller)
+        return any(reply.ok is not None for reply in session.liveliness().get(token, timeout=_ASK_S))
+
+    def others(self) -> int:
+        """Return how many other agents have the same robot's name."""
+        session = self._session
+        if session is None:
+            return 0
+        own = agent_token(self._robot, str(session.info.zid()))
+        found = session.liveliness().get(agent_token(self._robot, "*"), timeout=_ASK_S)
+        return len({str(reply.ok.key_expr) for reply in found if reply.ok is not None} - {own})
+
+    def _run(self) -> None:
+        told = False
+        while not self._closing.is_set():
+            try:
+                self._open()
+            except EnvironmentFaultError as error:
+                if not told:
+                    self._say(f"waiting for the fleet router: {error.message}")
+                    told = True
+                self._closing.wait(_RETRY_S)
+            except RiotError as error:
+                self._failed(error)
+                return
+            except Exception as error:
+                _LOG.exception("the link to the fleet failed")
+                self._failed(EnvironmentFaultError(f"the link to the fleet failed: {error!r}", where=self._endpoint))
+                return
+            else:
+                self._say(f"connected to the fleet router at {self._endpoint}")
+                return
+
+    def _open(self) -> None:
+        import zenoh
+
+        with ExitStack() as stack:
+            session = open_session(client_config(self._endpoint, extra=self._config), purpose="fleet")
+            stack.callback(release, session)
+            zid = str(session.info.zid())
+            publisher: Any = session.declare_publisher(
+                progress_key(self._robot), congestion_control=zenoh.CongestionControl.DROP
+            )
+            commands = Control(self._service, self._robot, {"": session}, commands=AGENT_COMMANDS, under=UNDER)
+            stack.enter_context(commands)
+            events: Any = session.info.declare_transport_events_listener(self._event)
+            stack.callback(release, events)
+            self._session, self._publisher = session, publisher
+            token: Any = session.liveliness().declare_token(agent_token(self._robot, zid))
+            stack.callback(release, token)
+            if self.others():
+                self._say(f"warning: another agent is called {self._robot!r} too; neither will play or record")
+            self._stack = stack.pop_all()
+
+    def _event(self, event: zenoh.TransportEvent) -> None:
+        import zenoh
+
+        if not self._closing.is_set():
+            back = event.kind == zenoh.SampleKind.PUT
+            self._say(f"the link to the fleet router {'is back' if back else 'broke; trying to connect again'}")

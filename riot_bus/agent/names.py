@@ -1,0 +1,47 @@
+"""Keys of agents, and what robots may be called."""
+
+from __future__ import annotations
+
+import re
+import socket
+
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.zenoh.session_config import OWN_CHUNK
+
+__all__ = ["ALL_AGENTS", "UNDER", "agent_token", "check_robot", "controller_token", "default_robot", "progress_key"]
+
+UNDER = "agent/**"
+"""The keys of an agent's commands, below the robot's own."""
+
+ALL_AGENTS = f"{OWN_CHUNK}/*/agent/*"
+"""The liveliness tokens of all agents."""
+
+_NAME = re.compile(r"[A-Za-z0-9._-]{1,100}")
+
+
+def agent_token(robot: str, zid: str) -> str:
+    """Return the liveliness token by which an agent announces itself."""
+    return f"{OWN_CHUNK}/{robot}/agent/{zid}"
+
+
+def controller_token(robot: str, controller: str) -> str:
+    """Return the liveliness token that a controller holds as long as it is there."""
+    return f"{OWN_CHUNK}/{robot}/agent/controller/{controller}"
+
+
+def progress_key(robot: str) -> str:
+    """Return the key on which an agent says how its operation goes."""
+    return f"{OWN_CHUNK}/{robot}/agent/progress"
+
+
+def check_robot(name: str, where: str = "--robot") -> str:
+    """Return the name; raises ConfigError if a robot cannot be called so."""
+    if not _NAME.fullmatch(name):
+        hint = f"letters, digits, '-', '_' and '.', at most 100: it is part of the key {OWN_CHUNK}/NAME/agent"
+        raise ConfigError(f"{name[:120]!r} is no name of a robot", where=where, hint=hint)
+    return name
+
+
+def default_robot() -> str:
+    """Return this machine's name, as far as a robot can be called so."""
+    return re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname())[:100] or "robot"

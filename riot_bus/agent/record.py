@@ -1,0 +1,129 @@
+"""An agent's recording: the recorder of `riot record`, told what to do from afar."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.agent.operation import Operation
+from riot_bus.record.service import CaptureService
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.agent.options import AgentOptions
+    from riot_bus.agent.request import RecordRequest
+    from riot_bus.record.options import CaptureOptions
+    from riot_bus.record.service import CaptureResult
+
+__all__ = ["Record", "check_room"]
+
+_LOOK_S = 0.1
+_MOST_ROWS = 20
+_LONGEST = 300
+_MIB = 1 << 20
+
+
+class Record(Operation):
+    """Records the robot's own bus into its folder of logs.
+
+    It ends by itself when the disk becomes too full.
+
+    Args:
+        request: What is wanted.
+        options: What the recorder is told.
+        agent: Whose bus.
+        changed: Called whenever there is news.
+    """
+
+    kind = "record"
+
+    def __init__(
+        self, request: RecordRequest, options: CaptureOptions, agent: AgentOptions, changed: Callable[[], None]
+    ) -> None:
+        super().__init__(request, changed)
+        self._options, self._agent = options, agent
+        self._lock = threading.Lock()
+        self._service: CaptureService | None = None
+
+    def pause(self) -> None:
+        """Record nothing for a while."""
+        self._recording().pause()
+        self.changed()
+
+    def resume(self) -> None:
+        """Go on recording."""
+        self._recording().resume()
+        self.changed()
+
+    def _work(self) -> dict[str, Any]:
+        check_room(self._agent)
+        service = CaptureService(self._options, warn=self.warn)
+        try:
+            service.start()
+            with self._lock:
+                self._service = service
+            if self._stopping.is_set():
+                service.stop()
+            self.changed()
+            while not service.wait(_LOOK_S):
+                self._look_at_disk()
+            with self._lock:
+                self._service = None
+                return {**self._row(service), "result": _result(service.result())}
+        finally:
+            service.close()
+
+    def _stop(self) -> None:
+        with self._lock:
+            if self._service is not None:
+                self._service.stop()
+
+    def _details(self) -> dict[str, Any] | None:
+        with self._lock:
+            return None if self._service is None else self._row(self._service)
+
+    def _row(self, service: CaptureService) -> dict[str, Any]:
+        status = service.status()
+        names = ("bytes", "connected", "state", "seconds", "lost", "reasons", "left_out", "files")
+        file = str(status["file"])
+        return {
+            **{name: status[name] for name in names},
+            "recorded": status["messages"],
+            "logs": [file.removeprefix(f"{self._agent.folder.resolve()}/")] if file else [],
+        }
+
+    def _look_at_disk(self) -> None:
+        try:
+            check_room(self._agent)
+        except EnvironmentFaultError as error:
+            self.stop(error.message)
+
+    def _recording(self) -> CaptureService:
+        with self._lock:
+            if self._service is None or self._stopping.is_set():
+                raise self._not_begun()
+            return self._service
+
+
+def check_room(agent: AgentOptions) -> None:
+    """Raise EnvironmentFaultError if the disk is too full to record."""
+    free = shutil.disk_usage(agent.folder).free
+    if free < agent.keep_free:
+        text = f"the disk has {free // _MIB} MiB left, and {agent.keep_free // _MIB} MiB are to be kept free"
+        raise EnvironmentFaultError(text, where=agent.robot, hint="delete logs there, or see riot agent --keep-free")
+
+
+def _result(result: CaptureResult) -> dict[str, Any]:
+    """Return what has become of it, within bounds."""
+    account = result.account
+    return {
+        "recorded": sum(account.recorded.values()),
+        "seconds": round(result.seconds, 3),
+        "lost": {name: sum(topics.values()) for name, topics in account.lost.items() if any(topics.values())},
+        "problems": {str(number): text[:_LONGEST] for number, text in enumerate(result.problems[:_MOST_ROWS], 1)},
+        "files": [Path(str(each.row().get("path", ""))).name for each in result.files[:_MOST_ROWS]],
+    }

@@ -1,0 +1,62 @@
+"""`riot agent`: runs until it is told to end."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from riot_bus.agent.service import AgentService
+from riot_bus.control.signals import ended_by_signals
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import client_config
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.agent.options import AgentOptions
+
+__all__ = ["run_agent"]
+
+_LOOK_S = 0.2
+
+
+def run_agent(
+    options: AgentOptions, *, say: Callable[[str], None], tell: Callable[[str], None], as_json: bool = False
+) -> None:
+    """Run until SIGINT or SIGTERM; what goes on then is stopped.
+
+    Args:
+        options: What the agent is, and may do.
+        say: Prints a line of the result.
+        tell: Prints a line for the journal.
+        as_json: Say it as lines of JSON.
+
+    Raises:
+        ConfigError: An option is wrong, or Zenoh refuses a configuration.
+        EnvironmentFaultError: The link to the fleet failed for good.
+    """
+    service = AgentService(options, say=tell)
+    with ended_by_signals(service.shutdown), service:
+        say(_ready(options, as_json=as_json))
+        _look_at_bus(options, tell)
+        while not service.stopping.wait(_LOOK_S):
+            pass  # a signal that comes just before an endless wait begins does not end it
+    if service.failure is not None:
+        raise service.failure
+
+
+def _ready(options: AgentOptions, *, as_json: bool) -> str:
+    if as_json:
+        return json.dumps({"event": "ready", "robot": options.robot, "logs": str(options.folder)}, sort_keys=True)
+    may = " and ".join(options.allow) or "only list its logs"
+    return f"ready: agent of {options.robot}, logs in {options.folder}; may {may}"
+
+
+def _look_at_bus(options: AgentOptions, tell: Callable[[str], None]) -> None:
+    """Say so if nobody answers on the robot's own bus; it may come later."""
+    prepare_runtime()
+    try:
+        release(open_session(client_config(options.endpoint, extra=options.config), purpose="bus of the robot"))
+    except EnvironmentFaultError as error:
+        tell(f"warning: {error.where}: {error.message}; it is tried again for each operation")

@@ -1,0 +1,290 @@
+"""An agent: one operation at a time, told from afar, and safe when nobody tells it anything any more."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import threading
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus import __version__
+from riot_bus.agent.library import Library
+from riot_bus.agent.link import FleetLink
+from riot_bus.agent.play import Play
+from riot_bus.agent.record import Record, check_room
+from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, parse_request
+from riot_bus.agent.watch import ControllerWatch
+from riot_bus.control.status_text import plain
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.agent.operation import Operation
+    from riot_bus.agent.options import AgentOptions
+    from riot_bus.vocabulary.errors import RiotError
+
+__all__ = ["AgentService"]
+
+_LOG = logging.getLogger(__name__)
+_PROGRESS_S = 0.5
+_LOOK_S = 0.1
+_WATCH_S = 0.5
+_END_S = 20.0
+
+
+class AgentService:
+    """Runs on a robot; a context manager that connects and, at the end, stops what goes on.
+
+    Args:
+        options: What it is, and may do.
+        say: Told in a line what it does, for a journal.
+
+    Raises:
+        ConfigError: An option is wrong.
+    """
+
+    def __init__(self, options: AgentOptions, *, say: Callable[[str], None] = _LOG.info) -> None:
+        options.check()
+        self.options = options
+        self.stopping = threading.Event()
+        self.failure: RiotError | None = None
+        self._sayer = say
+        self.library = Library(options.folder, options.robot, catalogue=options.catalogue, failed=self._say)
+        self._link = FleetLink(
+            self, options.robot, options.commanded_at, options.commanded_with, say=self._say, failed=self._failed
+        )
+        self._began = time.monotonic()
+        self._lock = threading.Lock()
+        self._operation: Operation | None = None
+        self._watch: ControllerWatch | None = None
+        self._held = False  # whether the watch has paused it
+        self._news = threading.Event()
+        self._closing = threading.Event()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.callback(self.library.close)
+            self.library.start()
+            stack.callback(self._link.close)
+            for target, name in ((self._tell, "riot-agent-progress"), (self._attend, "riot-agent-watch")):
+                thread = threading.Thread(target=target, name=name, daemon=True)
+                stack.callback(thread.join, _END_S)
+                thread.start()
+            stack.callback(self._closing.set)
+            stack.callback(self._end)
+            self._link.start()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def status(self) -> dict[str, Any]:
+        """Return all that there is to say, as JSON values."""
+        with self._lock:
+            operation, watch = self._operation, self._watch
+        row = None if operation is None else operation.status()
+        if row is not None and watch is not None and operation is not None and operation.active:
+            row["controller_away"] = round(watch.away(time.monotonic()), 1)
+        return {
+            "robot": self.options.robot,
+            "version": __version__,
+            "pid": os.getpid(),
+            "uptime": round(time.monotonic() - self._began, 3),
+            "bus": self.options.endpoint,
+            "allow": list(self.options.allow),
+            "busy": operation is not None and operation.active,
+            "operation": row,
+        }
+
+    def play(self, payload: bytes) -> dict[str, Any]:
+        """Begin to play.
+
+        Args:
+            payload: A `PlayRequest` as JSON.
+
+        Raises:
+            ConfigError: The request is wrong, or refused.
+            EnvironmentFaultError: The agent is busy.
+        """
+        request = parse_request(PlayRequest, payload)
+        self._allowed("play")
+        files = self.library.resolve_all(request.logs)
+        request.check_plan()
+        request.options(self.options, files, None)
+        return self._start(Play(request, request.logs, files, self.options, self._news.set))
+
+    def record(self, payload: bytes) -> dict[str, Any]:
+        """Begin to record.
+
+        Args:
+            payload: A `RecordRequest` as JSON.
+
+        Raises:
+            ConfigError: The request is wrong, or refused.
+            EnvironmentFaultError: The agent is busy, or the disk too full.
+        """
+        request = parse_request(RecordRequest, payload)
+        self._allowed("record")
+        check_room(self.options)
+        return self._start(Record(request, request.options(self.options), self.options, self._news.set))
+
+    def pause(self, who: str) -> None:
+        """Pause the operation."""
+        self._steered(who, "pauses").pause()
+
+    def resume(self, who: str) -> None:
+        """Let it go on."""
+        self._steered(who, "resumes").resume()
+
+    def seek(self, seconds: float, who: str) -> None:
+        """Go on from so many seconds after the beginning of what is played."""
+        self._steered(who, f"goes to {seconds:g} s of").seek(seconds)
+
+    def set_rate(self, rate: float, who: str) -> None:
+        """Go on at another speed."""
+        self._steered(who, f"sets the rate to {rate:g} of").set_rate(rate)
+
+    def stop(self, who: str) -> None:
+        """End the operation; nothing to end is fine."""
+        operation = self._operation
+        if operation is not None and operation.active:
+            operation.stop(f"stopped by {who}")
+
+    def shutdown(self) -> None:
+        """Ask whoever runs this agent to end."""
+        self.stopping.set()
+
+    # -- one operation at a time --------------------------------------------------------------------------------------
+
+    def _start(self, operation: Operation) -> dict[str, Any]:
+        lead = operation.lead
+        with self._lock:
+            present = self._operation
+            if present is None or present.lead.operation != lead.operation:  # else it was asked for twice
+                if present is not None and present.active:
+                    raise self._busy(present)
+                self._operation, self._held = operation, False
+                self._watch = self._watch_of(lead)
+                operation.start()
+                what = ", ".join(operation.status().get("logs", []))
+                self._say(f"{operation.kind} for {lead.who}{what and f': {what}'}")
+        self._news.set()
+        return self.status()
+
+    def _busy(self, present: Operation) -> EnvironmentFaultError:
+        status, lead = present.status(), present.lead
+        what = ", ".join(status.get("logs", [])) or status["kind"]
+        since = time.time() - status["since"]
+        return EnvironmentFaultError(
+            f"{self.options.robot} is busy: {status['kind']} of {what} for {lead.who}, {status['state']}, "
+            f"since {since:.0f} s",
+            where=self.options.robot,
+            hint=f"wait for its end, or end it: riot fleet stop {self.options.robot}",
+        )
+
+    @staticmethod
+    def _watch_of(lead: Lead) -> ControllerWatch | None:
+        if lead.controller is None:
+            return None
+        return ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
+
+    def _steered(self, who: str, what: str) -> Operation:
+        operation = self._operation
+        if operation is None or not operation.active:
+            raise ConfigError("nothing goes on", where=self.options.robot, hint="riot fleet play ROBOT LOG")
+        self._say(f"{who} {what} the {operation.kind}")
+        self._held = False
+        return operation
+
+    def _allowed(self, what: str) -> None:
+        if what not in self.options.allow:
+            allowed = ", ".join(self.options.allow) or "nothing"
+            raise ConfigError(f"this agent may not {what}", where=self.options.robot, hint=f"it may: {allowed}")
+        others = self._link.others()
+        if others:
+            text = f"{others + 1} agents are called {self.options.robot!r}, and all of them would {what}"
+            raise EnvironmentFaultError(text, where=self.options.robot, hint="give each its own name: --robot NAME")
+
+    def _end(self) -> None:
+        operation = self._operation
+        if operation is not None and operation.active:
+            operation.stop("the agent ends")
+            operation.wait(_END_S)
+
+    def _say(self, line: str) -> None:
+        self._sayer(plain(line))
+
+    def _failed(self, error: RiotError) -> None:
+        self.failure = error
+        self.shutdown()
+
+    # -- what goes on beside ------------------------------------------------------------------------------------------
+
+    def _tell(self) -> None:
+        """Publish the progress: about twice a second, and whenever the state has changed."""
+        last, told = "", 0.0
+        while not self._closing.is_set():
+            self._news.wait(_LOOK_S)
+            self._news.clear()
+            operation = self._operation
+            if operation is None:
+                continue
+            status = self.status()
+            state = f"{operation.lead.operation} {status['operation']['state']} {status['operation']['reason']}"
+            now = time.monotonic()
+            if state == last and (not operation.active or now - told < _PROGRESS_S):
+                continue
+            if state != last and not operation.active:
+                self._say(f"{operation.kind} {_outcome(status['operation'])}")
+            last, told = state, now
+            try:
+                self._link.publish(json.dumps(status, sort_keys=True).encode())
+            except Exception:
+                _LOG.exception("the progress could not be told")
+
+    def _attend(self) -> None:
+        """Watch the controller of the present operation."""
+        while not self._closing.wait(_WATCH_S):
+            with self._lock:
+                operation, watch = self._operation, self._watch
+            if operation is None or watch is None or not operation.active:
+                continue
+            try:
+                present = self._link.sees(operation.lead.controller or "")
+            except Exception:
+                _LOG.exception("the controller cannot be looked for")
+                present = False
+            self._act(operation, watch, present=present)
+
+    def _act(self, operation: Operation, watch: ControllerWatch, *, present: bool) -> None:
+        action = watch.look(time.monotonic(), present=present)
+        lost = f"the controller was lost for {operation.lead.grace:g} s"
+        try:
+            if action == "stop":
+                operation.stop(lost)
+            elif action == "pause" and operation.status()["state"] != "paused":
+                self._say(f"paused: {lost}")
+                operation.reason, self._held = lost, True
+                operation.pause()
+            elif action == "resume" and self._held:
+                self._say("resumed: the controller is back")
+                operation.reason, self._held = "", False
+                operation.resume()
+        except Exception as error:  # it has just begun or ended
+            self._say(f"could not {action} the {operation.kind}: {error}")
+            if operation.active:
+                operation.stop(lost)
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    problem = row["problem"] or {}
+    why = row["reason"] or ": ".join(filter(None, (problem.get("where"), problem.get("message"))))
+    return f"{row['state']}: {why}" if why else str(row["state"])

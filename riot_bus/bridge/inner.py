@@ -1,0 +1,180 @@
+"""A segment of a router in this process, for bridges: nothing is between them and the interceptors."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.bridge.port import message_of, put_one_by_one
+from riot_bus.router.advanced.proxy_publisher import StoreFilter
+from riot_bus.router.audience import Audience, Inner
+from riot_bus.vocabulary.message import Qos
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import zenoh
+
+    from riot_bus.router.audience import Take
+    from riot_bus.router.bus import Bus
+    from riot_bus.router.local_ingress import Track
+
+__all__ = ["InnerOutlet", "InnerPort"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class InnerOutlet:
+    """Publishes on one key; see `InnerPort.publisher`.
+
+    Attributes:
+        track: Takes what is published to the other segments.
+        echo: Publishes on this one.
+    """
+
+    def __init__(
+        self, audience: Audience, track: Track, *, owns: Callable[[str], bool], speaking: threading.local | None
+    ) -> None:
+        self.track, self.echo = track, audience.put
+        self._audience, self._owns, self._speaking = audience, owns, speaking
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish; waits for slow receivers if it is reliable."""
+        self.track.put(payload, attachment)
+        speaking = self._speaking
+        if speaking is None:
+            self.echo(payload, attachment)
+            return
+        speaking.now = True
+        try:
+            self.echo(payload, attachment)
+        finally:
+            speaking.now = False
+
+    def matched(self) -> bool:
+        """Return whether somebody elsewhere gets what is published."""
+        return self._owns(self.track.key) or self._audience.listens()
+
+    def close(self) -> None:
+        """Take it away."""
+        self.track.close()
+        self._audience.close()
+
+
+class _Listening:
+    """A subscription of a bridge in this process; see `InnerPort.subscribe`."""
+
+    def __init__(self, subscriber: Any, end: Callable[[], None]) -> None:
+        self._subscriber, self._end = subscriber, end
+
+    def close(self) -> None:
+        """Take it away."""
+        self._end()
+        release(self._subscriber)
+
+
+class InnerPort:
+    """A segment as a bridge in the router's own process sees it; it ends with the bus.
+
+    What is put on intercepted keys goes to the other segments on the thread that puts it, and there to who listens on
+    this thread, too, unless an interceptor has to look at it. Otherwise it is as `SegmentPort`.
+
+    Args:
+        bus: The bus, open.
+        segment: Name of the segment.
+    """
+
+    def __init__(self, bus: Bus, segment: str) -> None:
+        self._bus, self._segment = bus, segment
+        self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
+        self.endpoint = bus.endpoint(segment)
+        self._ramp = bus.ramp(segment)
+        # Who records a router of one segment listens on this very session, and so do we.
+        self._speaking = threading.local() if len(bus.sessions) == 1 else None
+
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> InnerOutlet:
+        """Return a new publisher.
+
+        Args:
+            key: Where to; one thread at a time publishes there.
+            reliable: Slow receivers hold it up, instead of losing messages.
+            changed: Called on a thread of Zenoh's when `matched` may have changed.
+            encoding: Zenoh's encoding string, empty for its default.
+        """
+        qos = Qos(congestion="block" if reliable else "drop")
+        speaking = self._speaking
+        audience = Audience(
+            self._session, key, qos=qos, encoding=encoding, changed=changed, everybody=speaking is not None
+        )
+        return InnerOutlet(audience, self._ramp.track(key, qos, encoding), owns=self._ramp.owns, speaking=speaking)
+
+    def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages; waits for slow receivers if they are reliable.
+
+        Args:
+            outlets: Of each message its publisher, one of this port's.
+            payloads: Of each message.
+            attachment: Of all of them.
+
+        Returns:
+            How many could not be published.
+        """
+        if self._speaking is not None:
+            return put_one_by_one(outlets, payloads, attachment)
+        self._ramp.put_all([outlet.track for outlet in outlets], payloads, attachment)
+        failed = 0
+        for outlet, payload in zip(outlets, payloads, strict=True):
+            try:
+                outlet.echo(payload, attachment)
+            except Exception:
+                failed += 1
+        return failed
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> _Listening:
+        """Subscribe to what others put.
+
+        Args:
+            key: Where.
+            take: Called with payload and attachment, once at a time, on whatever thread brings it: one of Zenoh's, or
+                of the router's, or who puts it on another segment.
+        """
+
+        def take_all(messages: list[tuple[bytes, bytes | None]]) -> None:
+            for message in messages:
+                try:
+                    take(*message)
+                except Exception:
+                    _LOG.exception("a message for %s was lost", key)
+
+        return self.collect(key, take_all)
+
+    def collect(self, expression: str, take: Take) -> _Listening:
+        """Subscribe to what others put; as `subscribe`, but for several messages at once."""
+        import zenoh
+
+        only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
+
+        def give(messages: list[tuple[bytes, bytes | None]]) -> None:
+            with lock:
+                try:
+                    take(messages)
+                except Exception:
+                    _LOG.exception("messages for %s were lost", expression)
+
+        def receive(sample: zenoh.Sample) -> None:
+            if speaking is not None and getattr(speaking, "now", False):
+                return  # it is ours
+            kind: Any = sample.kind
+            if int(kind) == 0 and not only_stored(sample):
+                give([message_of(sample)])
+
+        handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
+        hold(self._session, expression)
+        subscriber = self._session.declare_subscriber(expression, handler)
+        return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))

@@ -1,0 +1,76 @@
+"""A bridge that is its own router: frames go from link to link, through interceptors, in one process."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from riot_bus.bridge.inner import InnerPort
+from riot_bus.bridge.running import Bridge, run_bridge
+from riot_bus.control.router_process import Upkeep, router_of, say_end
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping
+
+    from riot_bus.bridge.program import Program
+    from riot_bus.control.router_options import RouterOptions
+    from riot_bus.control.router_service import RouterService
+    from riot_bus.types.announcement import BridgedLink
+
+__all__ = ["LinkedBridge", "run_own_router"]
+
+
+class LinkedBridge(Bridge, Protocol):
+    """A bridge that says what its links are."""
+
+    def links(self) -> Collection[BridgedLink]:
+        """Return the links as they are now; called on any thread."""
+
+
+BridgeT = TypeVar("BridgeT", bound=LinkedBridge)
+
+
+def run_own_router(
+    options: RouterOptions,
+    bridge_of: Callable[[Mapping[str, InnerPort]], BridgeT],
+    *,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+    as_json: bool = False,
+    program: Callable[[BridgeT], Program] | None = None,
+) -> int:
+    """Route and bridge until SIGINT, SIGTERM, or the end of the program behind the bridge.
+
+    Args:
+        options: What the router is to do.
+        bridge_of: Makes the bridge of the segments, by name.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        as_json: Say it as lines of JSON.
+        program: Starts the program behind the bridge, once that is ready.
+
+    Returns:
+        As `run_bridge`.
+
+    Raises:
+        RiotError: It does not start, has failed, or messages were lost.
+    """
+    with router_of(options, warn=warn) as service:
+        with service:
+            bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
+            service.bus.show(bridge.links)
+            looks = _looks(service, bridge)
+            start = None if program is None else partial(program, bridge)
+            status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
+        say_end(service, say, warn, as_json=as_json)
+    return status
+
+
+def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
+    service.watch()  # it takes longer than all the rest
+    upkeep = Upkeep()
+    while True:
+        upkeep()
+        if service.stopping.is_set():
+            bridge.stop()
+        yield

@@ -1,0 +1,409 @@
+"""A segment in terms of bytes, for bridges: an adapter knows keys, attachments and tokens, and nothing of Zenoh."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.keyexpr_pins import begin_holding, end_holding, hold
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import client_config
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import zenoh
+
+    from riot_bus.router.audience import Take
+
+__all__ = [
+    "Asked",
+    "Collector",
+    "Inlet",
+    "Outlet",
+    "Question",
+    "SegmentPort",
+    "message_of",
+    "open_port",
+    "put_one_by_one",
+]
+
+_LOG = logging.getLogger(__name__)
+_ANSWER_S = 2.0
+_AT_ONCE = 64
+_CHANNEL = 4096  # messages
+_HEARTBEAT_S = 0.5
+_PATIENCE_S = 24 * 3600.0  # rmw_zenoh waits for ever
+
+
+class Outlet:
+    """Publishes on one key; see `SegmentPort.publisher`."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        *,
+        reliable: bool,
+        latched: int | None = None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
+    ) -> None:
+        import zenoh
+        from zenoh import ext
+
+        settings: dict[str, Any] = {
+            "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            "allowed_destination": zenoh.Locality.REMOTE,
+        }
+        if encoding:
+            settings["encoding"] = zenoh.Encoding(encoding)
+        hold(session, key)
+        self._publisher: Any = session.declare_publisher(key, **settings)
+        self._put: Any = self._publisher.put
+        self._declared: list[Any] = [self._publisher]
+        if changed is not None:
+            handler: Any = zenoh.handlers.Callback(lambda status: changed(), indirect=False)  # else each has a thread
+            self._declared.insert(0, self._publisher.declare_matching_listener(handler))
+        if latched is not None:
+            beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+            latch: Any = ext.declare_advanced_publisher(
+                session,
+                key,
+                cache=ext.CacheConfig(latched),
+                sample_miss_detection=beats if reliable else None,
+                publisher_detection=True,
+                **settings,
+            )
+            self._put = latch.put
+            self._declared.append(latch)
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish; waits for slow receivers if it is reliable."""
+        self._put(payload, attachment=attachment)
+
+    def matched(self) -> bool:
+        """Return whether somebody elsewhere subscribes."""
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        """Take it away."""
+        release(*self._declared)
+
+
+class Inlet:
+    """Something that was declared, and can be taken away."""
+
+    def __init__(self, declared: Any) -> None:
+        self._declared = declared
+
+    def close(self) -> None:
+        """Take it away."""
+        release(self._declared)
+
+
+class Collector:
+    """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
+
+    def __init__(self, session: zenoh.Session, expression: str, take: Take) -> None:
+        import zenoh
+
+        self._expression, self._take, self._zenoh_error = expression, take, zenoh.ZError
+        hold(session, expression)
+        self._subscriber: Any = session.declare_subscriber(
+            expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._channel: Any = self._subscriber.handler
+        self._thread = threading.Thread(target=self._run, name="riot-port", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take it away, after what has come in."""
+        release(self._subscriber)
+        self._thread.join()
+
+    def _run(self) -> None:
+        receive, fetch = self._channel.recv, self._channel.try_recv
+        with contextlib.suppress(self._zenoh_error):  # the subscriber is closed, and nothing is left in its channel
+            while True:
+                samples = [receive()]
+                with contextlib.suppress(self._zenoh_error):
+                    while len(samples) < _AT_ONCE and (sample := fetch()) is not None:
+                        samples.append(sample)
+                try:
+                    self._take([message_of(each) for each in samples if int(each.kind) == 0])
+                except Exception:
+                    _LOG.exception("messages for %s were lost", self._expression)
+
+
+class Question:
+    """A query, to be answered once, by any thread.
+
+    Attributes:
+        payload: What is asked.
+        attachment: What was sent with it, None if nothing.
+    """
+
+    def __init__(self, key: str, query: zenoh.Query) -> None:
+        self._key, self._query = key, query
+        payload, attachment = query.payload, query.attachment
+        self.payload = b"" if payload is None else payload.to_bytes()
+        self.attachment = None if attachment is None else attachment.to_bytes()
+
+    def answer(self, payload: bytes, attachment: bytes | None) -> None:
+        """Answer."""
+        with contextlib.suppress(Exception):  # whoever has asked is gone
+            self._query.reply(self._key, payload, attachment=attachment)
+        self._end()
+
+    def fail(self, reason: str) -> None:
+        """Answer that there is no answer."""
+        with contextlib.suppress(Exception):  # whoever has asked is gone
+            self._query.reply_err(reason)
+        self._end()
+
+    def _end(self) -> None:
+        query: Any = self._query
+        query.drop()
+
+
+class Asked:
+    """A question that was asked; see `SegmentPort.ask`."""
+
+    def __init__(self, done: Callable[[bytes | None], None]) -> None:
+        import zenoh
+
+        self.token: Any = zenoh.CancellationToken()
+        self._done: Callable[[bytes | None], None] | None = done
+
+    def end(self, answer: bytes | None) -> None:
+        """Hand on the first answer."""
+        done, self._done = self._done, None  # Zenoh calls one at a time
+        if done is not None:
+            done(answer)
+
+    def close(self) -> None:
+        """Give up; safe to call twice."""
+        self._done = None
+        self.token.cancel()
+
+
+class SegmentPort:
+    """A client of a segment; a context manager that disconnects at its end.
+
+    Nothing that is published through a port comes back through it.
+
+    Args:
+        session: Owned by the port from now on.
+        endpoint: Where it is connected, for messages.
+    """
+
+    def __init__(self, session: zenoh.Session, endpoint: str) -> None:
+        self._session = session
+        self.endpoint = endpoint
+        self.zid = str(session.info.zid())
+        begin_holding(session)
+
+    def publisher(
+        self,
+        key: str,
+        *,
+        reliable: bool,
+        latched: int | None = None,
+        changed: Callable[[], None] | None = None,
+        encoding: str = "",
+    ) -> Outlet:
+        """Return a new publisher.
+
+        Args:
+            key: Where to.
+            reliable: Slow receivers hold it up, instead of losing messages.
+            latched: Late joiners get so many of the last messages; None if they get none.
+            changed: Called on a thread of Zenoh's when `matched` may have changed.
+            encoding: Zenoh's encoding string, empty for its default.
+        """
+        return Outlet(self._session, key, reliable=reliable, latched=latched, changed=changed, encoding=encoding)
+
+    def put_all(self, outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages.
+
+        Args:
+            outlets: Of each message its publisher.
+            payloads: Of each message.
+            attachment: Of all of them.
+
+        Returns:
+            How many could not be published.
+        """
+        return put_one_by_one(outlets, payloads, attachment)
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None], *, latched: int | None = None) -> Inlet:
+        """Subscribe to what others put.
+
+        Args:
+            key: Where.
+            take: Called with payload and attachment on a thread of Zenoh's; while it waits, so does the link.
+            latched: Fetch so many of the last messages of publishers that keep them.
+        """
+        import zenoh
+        from zenoh import ext
+
+        def receive(sample: zenoh.Sample) -> None:
+            kind: Any = sample.kind
+            if int(kind) == 0:
+                take(*message_of(sample))
+
+        handler: Any = zenoh.handlers.Callback(receive, indirect=False)
+        hold(self._session, key)
+        if latched is None:
+            return Inlet(self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE))
+        return Inlet(
+            ext.declare_advanced_subscriber(
+                self._session,
+                key,
+                handler,
+                allowed_origin=zenoh.Locality.REMOTE,
+                history=ext.HistoryConfig(detect_late_publishers=True, max_samples=latched),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                subscriber_detection=True,
+            )
+        )
+
+    def collect(self, expression: str, take: Take) -> Collector:
+        """Subscribe to what others put; for many small messages, this takes half the time of `subscribe`.
+
+        Args:
+            expression: Which.
+            take: Called with what has come, on one thread, none of Zenoh's; while it is busy, messages wait, and when
+                many wait, so does the link.
+        """
+        return Collector(self._session, expression, take)
+
+    def announce(self, token: str) -> Inlet:
+        """Show a liveliness token."""
+        return Inlet(self._session.liveliness().declare_token(token))
+
+    def watch(self, expression: str, take: Callable[[str, bool], None]) -> Inlet:
+        """Follow the liveliness tokens of a key expression, our own among them.
+
+        Args:
+            expression: Which.
+            take: Called with a token and whether it is there, on a thread of Zenoh's; with those that are there already
+                before this returns, and perhaps once more.
+        """
+        import zenoh
+
+        def receive(sample: zenoh.Sample) -> None:
+            kind: Any = sample.kind
+            take(str(sample.key_expr), int(kind) == 0)
+
+        def answered(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                receive(reply.ok)
+
+        # Both are called on the thread that reads the link: what goes after an answer is heard after it.
+        told, liveliness = threading.Event(), self._session.liveliness()
+        heard: Any = zenoh.handlers.Callback(receive, indirect=False)
+        listener = Inlet(liveliness.declare_subscriber(expression, heard, history=True))
+        answer: Any = zenoh.handlers.Callback(answered, drop=told.set, indirect=False)
+        liveliness.get(expression, answer, timeout=_ANSWER_S)
+        told.wait(2 * _ANSWER_S)
+        return listener
+
+    def serve(self, key: str, take: Callable[[Question], None]) -> Inlet:
+        """Answer the questions of others.
+
+        Args:
+            key: Which.
+            take: Called on a thread of Zenoh's; may answer later.
+        """
+        import zenoh
+
+        handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
+        hold(self._session, key)
+        return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
+
+    def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
+        """Ask the servers of a key.
+
+        Args:
+            key: Whom.
+            payload: What.
+            attachment: Sent with it.
+            done: Called once, on a thread of Zenoh's: with the first answer as soon as it is there, or with None when
+                it is sure that there is none. Not called after `close`, unless it is under way then.
+
+        Returns:
+            What `close` gives up.
+        """
+        import zenoh
+
+        asked = Asked(done)
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                asked.end(reply.ok.payload.to_bytes())
+
+        handler: Any = zenoh.handlers.Callback(take, drop=lambda: asked.end(None), indirect=False)
+        self._session.get(
+            key,
+            handler,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            payload=payload,
+            attachment=attachment,
+            timeout=_PATIENCE_S,
+            allowed_destination=zenoh.Locality.REMOTE,
+            cancellation_token=asked.token,
+        )
+        return asked
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        release(self._session)
+        end_holding(self._session)
+
+
+def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = None) -> SegmentPort:
+    """Connect to a segment.
+
+    Args:
+        endpoints: Where it listens; the first that answers is taken.
+        config: Further Zenoh configuration.
+
+    Raises:
+        ConfigError: Zenoh refuses the configuration.
+        EnvironmentFaultError: Nobody answers there.
+    """
+    prepare_runtime()
+    extra = {"timestamping/enabled": True, **(config or {})}
+    failure: EnvironmentFaultError | None = None
+    for endpoint in endpoints:
+        try:
+            return SegmentPort(open_session(client_config(endpoint, extra=extra), purpose="bridge"), endpoint)
+        except EnvironmentFaultError as error:
+            failure = failure or error
+    raise failure or EnvironmentFaultError("the segment has no endpoint", where="bridge")
+
+
+def put_one_by_one(outlets: Sequence[Any], payloads: Sequence[bytes], attachment: bytes) -> int:
+    """Publish messages, each with its publisher and all with one attachment; return how many could not be published."""
+    failed = 0
+    for outlet, payload in zip(outlets, payloads, strict=True):
+        try:
+            outlet.put(payload, attachment)
+        except Exception:  # the segment is gone
+            failed += 1
+    return failed
+
+
+def message_of(sample: zenoh.Sample) -> tuple[bytes, bytes | None]:
+    """Return payload and attachment."""
+    attachment = sample.attachment
+    return sample.payload.to_bytes(), None if attachment is None else attachment.to_bytes()

@@ -1,1 +1,0 @@
-"""Segments, junction and router: the only room that imports zenoh."""

@@ -1,1 +1,0 @@
-"""Playing logs into a network: the Zenoh side of `riot_bus.log.player`."""

@@ -1,0 +1,1 @@
+"""Configuration that people write: riot.toml, endpoints, quantities; nothing here starts or imports Zenoh."""

@@ -1,0 +1,115 @@
+"""Reading TOML files that people write: what is wrong is said with file, line, table and suggestion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from pydantic import ValidationError
+
+__all__ = ["MistakeError", "explained", "line_of", "place_of", "read_toml"]
+
+
+class MistakeError(ValueError):
+    """What a table must not say; `explained` finds it in pydantic's error.
+
+    Args:
+        message: What is wrong, with the value.
+        hint: What to do.
+        place: Keys below the table.
+    """
+
+    def __init__(self, message: str, *, hint: str | None = None, place: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.message, self.hint, self.place = message, hint, list(place)
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Return a file's document and its text.
+
+    Raises:
+        ConfigError: It cannot be read, or is not TOML.
+    """
+    import tomllib
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read the system file: {error.strerror}",
+            where=str(path),
+            hint="name one with --system, or see examples/rover/riot.toml",
+        ) from None
+    try:
+        return tomllib.loads(text), text
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(str(error), where=str(path), hint="this is not valid TOML") from None
+
+
+def explained(
+    error: ValidationError,
+    path: Path,
+    text: str,
+    known_keys: Callable[[list[str]], Iterable[str]],
+    *,
+    prefix: Sequence[str] = (),
+) -> ConfigError:
+    """Turn pydantic's error into one with file, line, table and hint.
+
+    Args:
+        error: What validation found.
+        path: The file.
+        text: Its text.
+        known_keys: Returns the keys that a table may have.
+        prefix: Tables above what was validated.
+    """
+    problem: Any = error.errors()[0]
+    place = [*prefix, *(str(part) for part in problem["loc"])]
+    hint = None
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, MistakeError):
+        message, hint = cause.message, cause.hint
+        place += cause.place
+    elif problem["type"] == "value_error":
+        dotted, message, hint = (str(problem["msg"]).removeprefix("Value error, ") + "||").split("|")[:3]
+        place = dotted.split(".")
+    elif problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        message = f"unknown key {place[-1]!r}"
+        hint = did_you_mean(place[-1], known_keys(place[:-1]))
+    elif problem["type"] == "missing":
+        message = f"key {place[-1]!r} is missing"
+    else:
+        message = f"{problem['msg']} (got {problem.get('input')!r})"
+    return ConfigError(message, where=place_of(path, text, place), hint=hint or None)
+
+
+def place_of(path: Path, text: str, place: list[str]) -> str:
+    """Return `file:line: [table]` of a key."""
+    where = f"{path}:{line_of(text, place)}"
+    return f"{where}: [{'.'.join(place[:-1])}]" if len(place) > 1 else where
+
+
+def line_of(text: str, place: list[str]) -> int:
+    """Return the line that a key most likely stands on: its table's header first, then the key itself."""
+    lines = text.splitlines()
+    names = [part for part in place if not part.isdigit()]
+    at = 0
+    for depth in range(len(names), 0, -1):
+        header = ".".join(names[:depth])
+        for number, line in enumerate(lines):
+            if line.strip().strip("[]").strip().replace('"', "") == header:
+                at = number
+                break
+        else:
+            continue
+        break
+    if names:
+        for number in range(at, len(lines)):
+            if lines[number].split("=")[0].strip().strip("\"'") == names[-1]:
+                return number + 1
+    return at + 1

@@ -1,0 +1,1 @@
+"""A running router as people and programs see it: commands, status, options and the foreground process."""

@@ -1,0 +1,116 @@
+"""What a component is given so that it uses a segment: `riot router env`, and options of clients."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.environment import (
+    client_settings,
+    environment_lines,
+    missing_for_clients,
+    reachable,
+    session_file,
+)
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.zenoh.config_files import absolute_file
+from riot_bus.zenoh.config_keys import leaves, value_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.control.environment import Flavour
+
+__all__ = ["client_cfg", "component_environment", "segment_endpoints"]
+
+
+def client_cfg(texts: Sequence[str], *, cwd: Path | None = None) -> dict[str, Any]:
+    """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.
+
+    Args:
+        texts: As written; a value is JSON5, or text where Zenoh takes it as such.
+        cwd: Where relative paths start from, by default the working folder.
+
+    Raises:
+        ConfigError: A text is not of this form, or Zenoh refuses it.
+    """
+    config: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not key or not equals:
+            hint = "write KEY=VALUE, such as transport/link/tls/root_ca_certificate=ca.pem"
+            raise ConfigError(f"{text!r} is not a Zenoh setting", where="--cfg", hint=hint)
+        parts = leaves({key.strip("/"): value_of(key.strip("/"), value, where="--cfg")})
+        config |= {leaf: absolute_file(leaf, each, cwd or Path.cwd(), where="--cfg") for leaf, each in parts.items()}
+    return config
+
+
+def component_environment(
+    segment: str,
+    flavour: Flavour,
+    *,
+    system: Path | None = None,
+    segments: Sequence[str] = (),
+    host: str | None = None,
+    cfg: Sequence[str] = (),
+    file: Path | None = None,
+) -> tuple[list[str], list[str]]:
+    """Return lines for a shell by which a component uses a segment, and hints for what is still missing.
+
+    For `zenoh` the configuration file is written, readable by its owner alone, since it may hold a password.
+
+    Args:
+        segment: Name of the segment.
+        flavour: Who reads the variables.
+        system: riot.toml; None for the one in the working folder, if there is one.
+        segments: As `--segment` of the router.
+        host: The router's machine, for components elsewhere.
+        cfg: `KEY=VALUE`, settings of the component.
+        file: Where to write the configuration.
+
+    Raises:
+        ConfigError: There is no such segment, or it cannot be reached.
+    """
+    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_options import settings_of
+
+    found = settings_of(system, RouterFlags(segments=segments)).segment(segment)
+    endpoints = reachable(found.listen, flavour=flavour, host=host)
+    config, hints = missing_for_clients(found, client_cfg(cfg))
+    if flavour == "zenoh":
+        file = file or Path(f"zenoh-{segment}.json5")
+        lines = environment_lines(segment, endpoints, flavour, config=config, file=file)
+        _write_private(file, session_file(client_settings(endpoints, config)))
+    else:
+        lines = environment_lines(segment, endpoints, flavour, config=config)
+    return lines, hints
+
+
+def segment_endpoints(
+    segment: str, config: dict[str, Any], *, system: Path | None = None
+) -> tuple[list[str], dict[str, Any]]:
+    """Return where a component of this machine connects to a segment, and its Zenoh configuration.
+
+    Args:
+        segment: Name of the segment.
+        config: What the user gives; wins.
+        system: riot.toml; None for the one in the working folder, if there is one.
+
+    Raises:
+        ConfigError: There is no such segment, or it cannot be reached.
+    """
+    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_options import settings_of
+
+    found = settings_of(system, RouterFlags()).segment(segment)
+    return reachable(found.listen), missing_for_clients(found, config)[0]
+
+
+def _write_private(file: Path, text: str) -> None:
+    try:
+        with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
+            os.fchmod(out.fileno(), 0o600)
+            out.write(text)
+    except OSError as error:
+        raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(file)) from error

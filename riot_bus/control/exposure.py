@@ -1,0 +1,35 @@
+"""Who can reach a router: warnings about listeners that are open to the network."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.config.endpoints import ENCRYPTED
+from riot_bus.zenoh.config_files import USERS
+
+if TYPE_CHECKING:
+    from riot_bus.config.router_settings import RouterSettings, SegmentSettings
+
+__all__ = ["exposure_warnings"]
+
+
+def exposure_warnings(settings: RouterSettings) -> list[str]:
+    """Return one line per listener that anybody in the network can use, reading and writing every key.
+
+    Loopback and socket files are not reachable from outside. Elsewhere TLS or QUIC, user names with passwords, or
+    access control count as a choice that was made.
+    """
+    return [
+        f"segment {name!r} listens on {endpoint}: who can reach this address can read and write everything; "
+        "use 127.0.0.1, or configure TLS, users or access control (docs/router.md)"
+        for name, segment in settings.segments.items()
+        if not _controlled(segment)
+        for endpoint in segment.listeners
+        if not endpoint.is_local and endpoint.protocol not in ENCRYPTED
+    ]
+
+
+def _controlled(segment: SegmentSettings) -> bool:
+    control = segment.config.get("access_control")
+    enabled = segment.config.get("access_control/enabled") or (isinstance(control, dict) and control.get("enabled"))
+    return bool(enabled or segment.config.get(f"{USERS}/dictionary_file"))

@@ -1,0 +1,207 @@
+"""Recordings of a running router: begun, ended and split while messages pass, in one folder, over no existing file."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.log_paths import claim
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.publisher_tokens import Announcements
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from riot_bus.graph.model import Graph
+    from riot_bus.log.writer import LogWriter
+    from riot_bus.router.bus import Bus
+    from riot_bus.router.recorder import Recorder
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Recordings"]
+
+_GRAPH = "riot_bus.graph"
+_OBSERVED_S = 2.0
+
+
+class Recordings:
+    """The present recording of a bus; not thread-safe but for `note` and `status`.
+
+    Args:
+        bus: Returns the bus, open.
+        registry: Names topics and knows their types.
+        folder: Where recordings may be written that are asked for from afar.
+        name: What files are called that nobody named.
+        metadata: Returns what goes into each file.
+        profile: MCAP profile.
+    """
+
+    def __init__(
+        self,
+        bus: Callable[[], Bus],
+        *,
+        registry: TypeRegistry,
+        folder: Path,
+        name: str,
+        metadata: Callable[[], Mapping[str, str]],
+        profile: str | None,
+    ) -> None:
+        self.folder = folder
+        self.path: Path | None = None
+        self._bus = bus
+        self._registry = registry
+        self._name = name
+        self._metadata = metadata
+        self._profile = profile
+        self._announcements = Announcements(registry, wanted=self._wanted, learnt=self._learnt)
+        self._recorder: Recorder | None = None
+        self._stem = name
+        self._since = 0.0
+        self._before = (0, 0)
+        self._noting = threading.Lock()
+        self._graph: Graph | None = None
+        self._noted: Graph | None = None
+
+    def begin(self, path: Path) -> Recorder:
+        """Open a file, over an existing one if need be; the caller hands the recorder to the bus."""
+        from riot_bus.router.recorder import Recorder
+
+        recorder = Recorder(self._writer(path), topic=self._registry.topic)
+        with self._noting:
+            self._recorder, self._stem = recorder, path.stem
+            self._begun(path, (0, 0))
+        return recorder
+
+    def start(self, text: str | None = None) -> Path:
+        """Begin a recording; return once natively routed messages are observed as well.
+
+        Args:
+            text: Path as somebody wrote it, relative to the folder; None for one with the present time.
+
+        Raises:
+            ConfigError: There is a recording already, or the path is refused.
+        """
+        if self._recorder is not None:
+            hint = "split it (riot ctl record split), or stop it first (riot ctl record stop)"
+            raise ConfigError(f"this router records already, to {self.path}", where="record/start", hint=hint)
+        path = claim(self.folder, text, f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}")
+        self._bus().set_recorder(self.begin(path))
+        self._await_observation()
+        return path
+
+    def split(self, text: str | None = None) -> tuple[Path, Path]:
+        """Go on in another file; each message is in one of both. Return the former and the new path.
+
+        Args:
+            text: As for `start`; None for the present name with a number.
+        """
+        recorder, former = self._present("record/split")
+        path = claim(self.folder, text, self._stem)
+        with self._noting:
+            self._begun(path, recorder.switch(self._writer(path)))
+        return former, path
+
+    def stop(self) -> tuple[Path, dict[str, Any]]:
+        """End the recording; return its path and figures."""
+        recorder, path = self._present("record/stop")
+        self._bus().set_recorder(None)
+        recorder.close()
+        figures = self.status() or {}
+        self._recorder, self.path = None, None
+        return path, figures
+
+    def close(self) -> None:
+        """Finish the file, after the bus has closed; safe to call twice."""
+        self._announcements.close()
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def watch(self) -> None:
+        """Take in who announces publishers: that goes into the log with their topics."""
+        for session in self._bus().sessions.values():
+            self._announcements.watch(session, wait=False)
+
+    def note(self, graph: Graph) -> None:
+        """Write what has changed in the graph since the log was told last."""
+        with self._noting:
+            self._graph = graph
+            self._note(graph)
+
+    def _note(self, graph: Graph) -> None:
+        recorder, former = self._recorder, self._noted
+        if recorder is not None and graph != former:
+            from riot_bus.graph.history import record
+
+            if recorder.note(_GRAPH, record(former, graph, time=time.time_ns())):
+                self._noted = graph
+
+    def _wanted(self, key: str) -> bool:
+        return self._recorder is not None or any(key_matches(each, key) for each in self._bus().intercepted)
+
+    def _learnt(self, key: str) -> None:
+        self._bus().renew()
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.renew(key)
+
+    def status(self) -> dict[str, Any] | None:
+        """Return file, messages, lost and seconds of the present recording, and why it has failed if it has."""
+        recorder, path = self._recorder, self.path
+        if recorder is None or path is None:
+            return None
+        messages, lost = recorder.totals()
+        return {
+            "file": str(path),
+            "messages": messages - self._before[0],
+            "lost": lost - self._before[1],
+            "seconds": round(time.monotonic() - self._since, 3),
+            "problem": recorder.problem,
+        }
+
+    def _present(self, where: str) -> tuple[Recorder, Path]:
+        if self._recorder is None or self.path is None:
+            raise ConfigError("this router does not record", where=where, hint="begin with: riot ctl record start")
+        return self._recorder, self.path
+
+    def _begun(self, path: Path, before: tuple[int, int]) -> None:
+        self.path, self._since, self._before, self._noted = path, time.monotonic(), before, None
+        if self._graph is not None:
+            self._note(self._graph)
+
+    def _writer(self, path: Path) -> LogWriter:
+        from riot_bus.log.rosbag2 import bag_epilogue
+        from riot_bus.log.run import run_facts
+        from riot_bus.log.writer import LogWriter
+
+        profile = self._profile or ("ros2" if self._announcements else None)
+        return LogWriter(
+            path,
+            registry=self._registry,
+            metadata={**run_facts(), **self._metadata()},
+            profile=profile,
+            channel_metadata=self._announcements.details,
+            epilogue=bag_epilogue if profile == "ros2" else None,
+            threaded=True,
+            durable=True,
+        )
+
+    def _await_observation(self) -> None:
+        """Wait until what is published in any segment would be observed; routes take about 100 ms."""
+        from riot_bus.zenoh.session import wait_until
+
+        sessions = self._bus().sessions
+        if len(sessions) < 2:
+            return
+        # Nobody subscribes to this key but those who subscribe to everything.
+        key = f"riot_bus/{next(iter(sessions.values())).info.zid()}"
+        publishers: list[Any] = [
+            each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
+            for each in sessions.values()
+        ]
+        wait_until(lambda: all(each.matching_status.matching for each in publishers), _OBSERVED_S)
+        for each in publishers:
+            each.undeclare()

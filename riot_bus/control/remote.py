@@ -1,0 +1,221 @@
+"""The other end of control: asks a running router, and turns its refusals into errors."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Literal
+
+from riot_bus.control.status_text import plain
+from riot_bus.vocabulary.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session_config import OWN_CHUNK, control_id
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    import zenoh
+
+    from riot_bus.graph.model import Graph
+    from riot_bus.zenoh.client import Client
+
+__all__ = ["Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
+
+_TIMEOUT_S = 30.0
+_FIND_S = 3.0
+_ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
+_VERSION = 1
+_STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
+_NOBODY = {
+    "router": "is it riot's, and may this segment control it (control)?",
+    "player": "is riot play running in this segment?",
+    "recorder": "is riot record running, and connected to this router?",
+    "agent": "is riot agent running there, and connected to this router? see riot fleet robots",
+}
+
+Kind = Literal["router", "player", "recorder", "agent"]
+
+
+class Remote:
+    """A connection to a router, for several questions; a context manager.
+
+    Args:
+        endpoint: Where one of its segments listens.
+        name: The router's name; None if it is the only one.
+        config: Further Zenoh configuration, such as certificates.
+        kind: What is asked instead of a router.
+
+    Raises:
+        EnvironmentFaultError: Nobody answers at the endpoint.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        name: str | None = None,
+        *,
+        config: Mapping[str, Any] | None = None,
+        kind: Kind = "router",
+    ) -> None:
+        self._endpoint = endpoint
+        self._name = name
+        self._kind = kind
+        self._client = open_client(endpoint, config={"id": control_id(), **(config or {})})
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        import zenoh
+
+        with suppress(zenoh.ZError):  # the link may hang
+            self._client.close()
+
+    @property
+    def client(self) -> Client:
+        """The connection, for what is no question."""
+        return self._client
+
+    def find(self) -> list[str]:
+        """Return the names of all routers (or what else is asked) that answer here."""
+        names = set()
+        for reply in self._get(f"{OWN_CHUNK}/*/{_STATUS[self._kind]}", timeout=_FIND_S):
+            if reply.ok is not None:
+                names.add(str(reply.ok.key_expr).split("/")[1])
+        return sorted(names)
+
+    def ask(
+        self, command: str, payload: bytes | None = None, *, parameters: str = "", timeout: float = _TIMEOUT_S
+    ) -> dict[str, Any]:
+        """Return what the router answers.
+
+        Args:
+            command: Such as `status` or `plan/load`.
+            payload: What the command wants besides.
+            parameters: `name=value` pairs, joined by `;`.
+            timeout: Seconds.
+
+        Raises:
+            EnvironmentFaultError: No router answers.
+            ConfigError: Several do, or the command is wrong.
+            RiotError: What else the router says.
+        """
+        name = self._name if self._name is not None else self._only()
+        selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
+        for reply in self._get(selector, payload=payload, timeout=timeout):
+            if reply.ok is not None:
+                return _result(reply.ok.payload.to_bytes())
+            if reply.err is not None:
+                document = _document(reply.err.payload.to_bytes())
+                if "exit_code" in document:  # else it is Zenoh's own, which says that the time is up
+                    raise error_from(document)
+        found = self.find()
+        if name in found:
+            raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
+        raise self._nobody(name, found)
+
+    def _only(self) -> str:
+        found = self.find()
+        if not found:
+            raise self._nobody(None, found)
+        if len(found) > 1:
+            hint = f"choose one: --{self._kind} NAME"
+            raise ConfigError(f"several {self._kind}s answer: {', '.join(found)}", where=self._endpoint, hint=hint)
+        return found[0]
+
+    def _nobody(self, name: str | None, found: list[str]) -> EnvironmentFaultError:
+        who = f"no {self._kind} {name!r}" if name is not None else f"no riot {self._kind}"
+        hint = f"there are {', '.join(found)}" if found else _NOBODY[self._kind]
+        return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
+
+    def _get(self, selector: str, *, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
+        import zenoh
+
+        try:
+            return list(
+                self._client.session.get(selector, payload=payload, timeout=timeout, target=zenoh.QueryTarget.ALL)
+            )
+        except zenoh.ZError as error:
+            raise ConfigError(f"{selector!r} cannot be asked: {error}", where=self._endpoint) from error
+
+
+def find_routers(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the names of all routers that answer at an endpoint; arguments as for `Remote`."""
+    with Remote(endpoint, config=config) as remote:
+        return remote.find()
+
+
+def ask(
+    endpoint: str,
+    name: str | None,
+    command: str,
+    payload: bytes | None = None,
+    *,
+    parameters: str = "",
+    config: Mapping[str, Any] | None = None,
+    kind: Kind = "router",
+) -> dict[str, Any]:
+    """Ask one question; arguments and errors as for `Remote` and `Remote.ask`."""
+    with Remote(endpoint, name, config=config, kind=kind) as remote:
+        return remote.ask(command, payload, parameters=parameters)
+
+
+def plan_payload(file: Path) -> tuple[bytes, str]:
+    """Return payload and parameters of `plan/load`; raises ConfigError if the file cannot be read."""
+    try:
+        return file.read_bytes(), f"name={re.sub(r'[^A-Za-z0-9._-]', '_', file.name)}"
+    except OSError as error:
+        raise ConfigError(f"cannot read the injection plan: {error.strerror}", where=str(file)) from error
+
+
+def graphs(remote: Remote, *, watch: bool = False, period: float = 1.0) -> Iterator[Graph]:
+    """Yield the present graph; then, if asked to watch, each one that is different.
+
+    Args:
+        remote: The router.
+        watch: Go on for ever.
+        period: Seconds between two questions.
+    """
+    from riot_bus.graph.history import graph_from
+
+    former = None
+    while True:
+        graph = graph_from(remote.ask("graph"))
+        if graph != former:
+            yield graph
+            former = graph
+        if not watch:
+            return
+        time.sleep(period)
+
+
+def _result(data: bytes) -> dict[str, Any]:
+    document = _document(data)
+    result = document.get("result")
+    if document.get("version") != _VERSION or not isinstance(result, dict):
+        text = f"the router answers in version {document.get('version')!r} of the format, not {_VERSION}"
+        raise EnvironmentFaultError(text, hint="use the same version of riot_bus on both sides")
+    return result
+
+
+def error_from(document: Mapping[str, Any]) -> RiotError:
+    """Return the error that a refusal tells of; what came from the network is shown without obeying it."""
+    code = document.get("exit_code")
+    kind = _ERRORS.get(code if isinstance(code, int) else ConfigError.exit_code, EnvironmentFaultError)
+    message, where, hint = (_text(document.get(name)) for name in ("message", "where", "hint"))
+    return kind(message or "it does not say why", where=where, hint=hint)
+
+
+def _document(data: bytes) -> dict[str, Any]:
+    try:
+        document = json.loads(data)
+    except ValueError:
+        document = None
+    return document if isinstance(document, dict) else {"message": data[:200].decode(errors="replace")}
+
+
+def _text(value: Any) -> str | None:
+    return "\n".join(map(plain, str(value).split("\n"))) if value else None

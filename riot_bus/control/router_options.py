@@ -1,0 +1,185 @@
+"""What `riot router` was asked to do, made into what a service needs: settings, interceptors, plan and types."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.config.router_settings import RouterSettings, load_router
+from riot_bus.config.toml_file import read_toml
+from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.router.interception import Plan
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = [
+    "RouterOptions",
+    "interceptor_list",
+    "interceptors_of",
+    "intercepts",
+    "parse_types",
+    "plan_of",
+    "registry_of",
+    "settings_of",
+]
+
+DEFAULT_SYSTEM = Path("riot.toml")
+
+
+@dataclass(frozen=True, slots=True)
+class RouterOptions:
+    """What `riot router` was asked to do, as written on the command line.
+
+    Attributes:
+        system: riot.toml; None for the one in the working folder, if there is one.
+        flags: What replaces its table `[router]`.
+        interceptors: Carried out after those of riot.toml.
+        inject: An injection plan.
+        types: `TOPIC=TYPE`.
+        definitions: Files that define message types.
+        seed: Seed of everything that is random.
+        bypass_watch: Whether to look for ways around the router.
+        adapters: Take the place of those of the same name, with options, as `mavlink:dialect=ardupilotmega`.
+        carried: Key expressions that are intercepted besides, for a bridge in the same process.
+    """
+
+    system: Path | None = None
+    flags: RouterFlags = field(default_factory=RouterFlags)
+    interceptors: Sequence[str] = ()
+    inject: Path | None = None
+    types: Sequence[str] = ()
+    definitions: Sequence[Path] = ()
+    seed: int = 0
+    bypass_watch: bool = True
+    adapters: Sequence[str] = ()
+    carried: Sequence[str] = ()
+
+
+def settings_of(system: Path | None, flags: RouterFlags) -> RouterSettings:
+    """Return the settings of riot.toml, as far as options do not replace them.
+
+    Args:
+        system: riot.toml; None for the one in the working folder, if there is one.
+        flags: The command line.
+
+    Raises:
+        ConfigError: The file or an option is wrong.
+    """
+    path = system if system is not None else DEFAULT_SYSTEM
+    found = load_router(path) if system is not None or path.is_file() else RouterSettings()
+    return merged(found, flags)
+
+
+def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
+    """Return whether something is intercepted from the beginning."""
+    wanted = (settings.intercept, settings.services, settings.interceptors, options.interceptors, options.inject)
+    return any(wanted) or bool(options.carried)
+
+
+def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:
+    """Build the interceptors of riot.toml and of the command line; files that they name are executed."""
+    if not settings.interceptors and not options.interceptors:
+        return []
+    from riot_bus.interceptors.catalogue import build
+    from riot_bus.interceptors.parsing import from_tables, parse
+
+    seed = {"seed": options.seed} if options.seed else {}  # what has a seed of its own keeps it
+    path = options.system or DEFAULT_SYSTEM
+    tables = [{**seed, **table} for table in settings.interceptors]
+    found = from_tables(tables, where=str(path), root=path.resolve().parent)
+    for text in options.interceptors:
+        use, own = parse(text)
+        found.append(build(use, {**seed, **own}, where="--interceptor"))
+    return found
+
+
+def interceptor_list() -> list[dict[str, Any]]:
+    """Return the interceptors that are known by name, and their options, as JSON values."""
+    from riot_bus.interceptors.catalogue import describe
+
+    return [
+        {
+            "name": each.name,
+            "summary": each.summary,
+            "options": [
+                {
+                    "name": option.name,
+                    "type": option.type,
+                    "doc": option.doc,
+                    "required": option.default in (MISSING, None),
+                    "default": None if option.default in (MISSING, None) else str(option.default),
+                }
+                for option in each.options
+            ],
+        }
+        for each in describe()
+    ]
+
+
+def plan_of(options: RouterOptions) -> Plan | None:
+    """Read the injection plan; None if there is none."""
+    if options.inject is None:
+        return None
+    from riot_bus.router.interception import Plan
+
+    try:
+        text = options.inject.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"cannot read the injection plan: {reason}", where=str(options.inject)) from error
+    return Plan.parse(text, str(options.inject), seed=options.seed)
+
+
+def registry_of(options: RouterOptions) -> TypeRegistry:
+    """Return what knows topics and types: adapters, definitions and declared types, those of riot.toml included.
+
+    Raises:
+        ConfigError: A type is unknown, or a file does not define one.
+    """
+    from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
+
+    path = options.system if options.system is not None else DEFAULT_SYSTEM
+    system: Any = {}
+    if options.system is not None or path.is_file():
+        system = read_toml(path)[0].get("system", {})
+    known = system if isinstance(system, dict) else {}
+    types, adapters, messages = known.get("types", {}), known.get("adapters"), known.get("messages", [])
+    texts = [list(types.values()) if isinstance(types, dict) else types, messages, adapters or []]
+    if known is not system or not all(map(_is_texts, texts)):
+        hint = "adapters and messages are lists of text, types is a table of text"
+        raise ConfigError("types, adapters or messages are not usable", where=f"{path}: [system]", hint=hint)
+    loaded = load_adapters(chosen_adapters(adapters))
+    if options.adapters:
+        replaced = {text.partition(":")[0] for text in options.adapters}
+        kept = [each for each in loaded if getattr(each, "name", "") not in replaced]
+        loaded = [*kept, *load_adapters(options.adapters)]
+    return TypeRegistry(
+        loaded,
+        declared={**types, **parse_types(options.types)},
+        definitions=[*(path.resolve().parent / name for name in messages), *options.definitions],
+    )
+
+
+def _is_texts(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(each, str) for each in value)
+
+
+def parse_types(texts: Sequence[str]) -> dict[str, str]:
+    """Parse `TOPIC=TYPE`.
+
+    Raises:
+        ConfigError: A text is not of this form.
+    """
+    types = {}
+    for text in texts:
+        topic, equals, type_name = text.rpartition("=")
+        if not topic or not equals or not type_name:
+            hint = "write TOPIC=TYPE, such as /odom=nav_msgs/msg/Odometry"
+            raise ConfigError(f"{text!r} is not a topic and its type", where="--type", hint=hint)
+        types[topic] = type_name
+    return types

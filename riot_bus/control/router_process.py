@@ -1,0 +1,175 @@
+"""`riot router`: a service that runs until it is told to stop, then says what happened."""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from riot_bus.control.heap import calm_collector, steady_heap, trim_heap
+from riot_bus.control.router_options import interceptors_of, intercepts, plan_of, registry_of, settings_of
+from riot_bus.control.scheduling import LoadScheduling
+from riot_bus.control.signals import ended_by_signals
+from riot_bus.vocabulary.errors import DataLossError
+from riot_bus.zenoh.network import Network
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from riot_bus.control.bypass import Bypass
+    from riot_bus.control.router_options import RouterOptions
+    from riot_bus.control.router_service import RouterService
+    from riot_bus.router.counts import Losses
+
+__all__ = ["Upkeep", "router_of", "run_router", "say_end"]
+
+_LOOK_S = 0.2
+_TRIM_S = 20.0
+
+
+class Upkeep:
+    """Called often, it keeps the threads of a busy process out of each other's way, and seldom gives memory back."""
+
+    def __init__(self) -> None:
+        self._schedule = LoadScheduling()
+        self._trimmed = time.monotonic()
+
+    def __call__(self) -> None:
+        """Do what it is time for."""
+        self._schedule()
+        if time.monotonic() - self._trimmed > _TRIM_S:
+            trim_heap()
+            self._trimmed = time.monotonic()
+
+
+def run_router(
+    options: RouterOptions, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool = False
+) -> None:
+    """Run until SIGINT, SIGTERM or `shutdown`, then print counts.
+
+    Args:
+        options: What to do.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        as_json: Say it as lines of JSON.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: An endpoint is in use.
+        DataLossError: It ran, but messages were lost.
+    """
+    with router_of(options, warn=warn) as service:
+        _run(service, say=say, warn=warn, as_json=as_json)
+
+
+@contextmanager
+def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterator[RouterService]:
+    """Yield a router whose segments are open; it is not itself.
+
+    Args:
+        options: What to do.
+        warn: Prints a line of diagnostics.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: An endpoint is in use.
+    """
+    settings = settings_of(options.system, options.flags)
+    if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
+        settings = replace(settings, intercept=(*options.carried, *settings.intercept))
+    with closing(Network(settings.segments)) as network:
+        known = not intercepts(settings, options)  # else all that says what is cut has to be read first
+        if known:
+            network.begin()
+        steady_heap()
+        registry, interceptors, plan = registry_of(options), interceptors_of(settings, options), plan_of(options)
+        if not known:
+            from riot_bus.router.interception import expressions_of
+
+            network.begin(*expressions_of(settings, interceptors=interceptors, plan=plan, registry=registry))
+        from riot_bus.control.router_service import RouterService  # while Zenoh draws its routes, which takes as long
+
+        service = RouterService(
+            settings,
+            interceptors=interceptors,
+            plan=plan,
+            registry=registry,
+            seed=options.seed,
+            alarm=_alarm(warn) if options.bypass_watch else None,
+            network=network,
+        )
+        for line in service.warnings:
+            warn(f"warning: {line}")
+        yield service
+
+
+def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[str], None], as_json: bool) -> None:
+    with ended_by_signals(service.shutdown):
+        with service:
+            say(_ready(service, as_json=as_json))
+            service.watch()
+            calm_collector()
+            upkeep = Upkeep()
+            while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
+                upkeep()
+        say_end(service, say, warn, as_json=as_json)
+
+
+def _ready(service: RouterService, *, as_json: bool) -> str:
+    endpoints, name = service.endpoints, service.settings.name
+    if as_json:
+        return json.dumps(
+            {"event": "ready", "router": name, "endpoints": endpoints, "intercepted": service.topics}, sort_keys=True
+        )
+    where = ", ".join(f"segment {segment} {' '.join(found)}" for segment, found in endpoints.items())
+    return f"ready: {where}; intercepting {', '.join(service.topics) or 'nothing'}"
+
+
+def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[str], None], *, as_json: bool) -> None:
+    """Say what happened to each topic.
+
+    Args:
+        service: The router, ended.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        as_json: Say it as a line of JSON.
+
+    Raises:
+        DataLossError: Messages were lost.
+    """
+    from riot_bus.control.status import count_rows, count_table, interceptor_rows, loss_rows
+    from riot_bus.control.status_text import plain
+
+    counts, losses = service.counts(), service.losses
+    if as_json:
+        rows = {"counts": count_rows(counts), "losses": loss_rows(losses)}
+        end = {"event": "ended", **rows, "interceptors": interceptor_rows(service.pipeline)}
+        say(json.dumps(end, sort_keys=True))
+    else:
+        for line in count_table(count_rows(counts)):
+            say(plain(line))
+    for name, errors in service.pipeline.errors.items():
+        warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
+    if losses:
+        raise DataLossError("; ".join(_lost(losses)), hint="see the column 'lost', by topic")
+
+
+def _lost(losses: Losses) -> list[str]:
+    lost = sum(losses.messages.values()) + sum(losses.recordings.values())
+    reasons = ", ".join(f"{reason}: {number}" for reason, number in losses.reasons.items())
+    why = f" ({reasons})" if reasons else ""
+    return [*([f"{lost} messages were lost{why}"] if lost else []), *map(str, losses.links)]
+
+
+def _alarm(warn: Callable[[str], None]) -> Callable[[list[Bypass]], None]:
+    def alarm(bypasses: list[Bypass]) -> None:
+        if not bypasses:
+            warn("bypass: the ways around the router are closed")
+        for each in bypasses:
+            who = " and ".join(f"{one.label} ({one.segment or 'no segment'})" for one in each.components)
+            what = "is used" if each.active else "is open"
+            warn(f"bypass: a way around the router {what}: {who}: {each.evidence}\n  hint: {each.cure}")
+
+    return alarm

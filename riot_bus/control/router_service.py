@@ -1,0 +1,213 @@
+"""All that one `riot router` is: a bus, its interceptors and plan, its recording, its watches, and its control."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus import __version__
+from riot_bus.control import status
+from riot_bus.control.exposure import exposure_warnings
+from riot_bus.control.operations import Operations
+from riot_bus.control.recordings import Recordings
+from riot_bus.control.watches import Watches
+from riot_bus.router.bus import Bus
+from riot_bus.router.interception import Interception, wanted_keys
+from riot_bus.router.pipeline_executor import end_interceptors
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.scouting import THIS_HOST
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus.config.router_settings import RouterSettings
+    from riot_bus.control.bypass import Bypass
+    from riot_bus.graph.model import Graph
+    from riot_bus.pipeline.runner import Pipeline
+    from riot_bus.router.bus import TopicCounts
+    from riot_bus.router.counts import Losses
+    from riot_bus.router.interception import Plan
+    from riot_bus.zenoh.network import Network
+    from riot_bus.zenoh.scouting import Scouting
+
+__all__ = ["RouterService"]
+
+
+def _silent(bypasses: list[Bypass]) -> None:
+    """Leave it at the list of bypasses."""
+
+
+class RouterService(Operations):
+    """A router that runs; a context manager. Its operations may be called by several threads.
+
+    Args:
+        settings: As `flags.merged` returns them, with at least one segment.
+        interceptors: Carried out in this order.
+        plan: Injections, carried out last.
+        registry: Knows topic names and types.
+        seed: Written into recordings, and the seed of plans that are loaded.
+        folder: Where recordings may be written that are asked for from afar; by default that of `settings.record`,
+            else the working folder.
+        alarm: Called with all ways around the router whenever they have changed; None not to look for them.
+        scouting: How to ask who answers multicast scouting; None not to ask.
+        network: The segments, if they are open already; it is closed with the router.
+    """
+
+    def __init__(
+        self,
+        settings: RouterSettings,
+        *,
+        interceptors: Sequence[object] = (),
+        plan: Plan | None = None,
+        registry: TypeRegistry | None = None,
+        seed: int = 0,
+        folder: Path | None = None,
+        alarm: Callable[[list[Bypass]], None] | None = _silent,
+        scouting: Scouting | None = THIS_HOST,
+        network: Network | None = None,
+    ) -> None:
+        from riot_bus.pipeline.runner import Pipeline
+
+        self.settings = settings
+        self.stopping = threading.Event()  # set by `shutdown`
+        self.warnings = exposure_warnings(settings)  # one line for each listener that is open to the network
+        self._registry = registry or TypeRegistry()
+        self._alarm, self._scouting = alarm, scouting
+        self._bus: Bus | None = None
+        self._network = network
+        self._began = time.monotonic()
+        self._watches: Watches | None = None
+        self._stack = ExitStack()
+        keys = wanted_keys(settings, self._registry)
+        interception = Interception(
+            self._open_bus, keys=keys, interceptors=interceptors, plan=plan, registry=self._registry
+        )
+        record = None if settings.record is None else Path(settings.record)
+        recordings = Recordings(
+            self._open_bus,
+            registry=self._registry,
+            folder=folder or (record.parent if record is not None else Path.cwd()),
+            name=settings.name,
+            metadata=self._metadata,
+            profile="ros2" if any(topic.startswith("/") for topic in interception.topics) else None,
+        )
+        super().__init__(interception, recordings, seed=seed)
+        self.pipeline: Pipeline = Pipeline(
+            interception.interceptors(plan), registry=self._registry, provenance=record is not None
+        )
+
+    def __enter__(self) -> Self:
+        """Open segments, recording and control; `watch` opens the rest.
+
+        Raises:
+            ConfigError: Zenoh refuses a configuration, or the recording cannot be written.
+            EnvironmentFaultError: An endpoint is in use.
+        """
+        from riot_bus.control.server import Control
+
+        with ExitStack() as stack:
+            stack.callback(end_interceptors, self.pipeline)
+            self.pipeline.start()
+            path = self.settings.record
+            recorder = self._recordings.begin(Path(path)) if path is not None else None
+            stack.callback(self._recordings.close)
+            self._bus = Bus(
+                self._network or self.settings.segments,
+                intercept=self._interception.expressions,
+                services=self._interception.services,
+                pipeline=self.pipeline,
+                registry=self._registry,
+                recorder=recorder,
+                record=["**"] if recorder is not None else (),
+                budget_s=self.settings.budget,
+            )
+            stack.enter_context(self._bus)
+            sessions = {name: self._bus.sessions[name] for name in self.settings.controlled_from}
+            stack.enter_context(Control(self, self.settings.name, sessions))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def watch(self) -> None:
+        """Watch from now on who talks to whom and who gets around; apart from opening, since it takes longer."""
+        watches = Watches(
+            self._open_bus(),
+            registry=self._registry,
+            changed=self._recordings.note,
+            alarm=self._alarm,
+            scouting=self._scouting,
+        )
+        self._stack.enter_context(watches)
+        self._watches = watches
+        self._recordings.watch()
+
+    def shutdown(self) -> None:
+        """Ask whoever runs this router to end."""
+        self.stopping.set()
+
+    @property
+    def bus(self) -> Bus:
+        """The bus, while it is open."""
+        return self._open_bus()
+
+    @property
+    def endpoints(self) -> dict[str, tuple[str, ...]]:
+        """Where components of each segment connect."""
+        bus = self._open_bus()
+        return {name: bus.segment(name).endpoints for name in self.settings.segments}
+
+    def status(self) -> dict[str, Any]:
+        """Return all that there is to say, as JSON values."""
+        bus = self._open_bus()
+        counts = status.count_rows(bus.counts())  # first: interceptors are told of some messages only then
+        return {
+            "name": self.settings.name,
+            "version": __version__,
+            "pid": os.getpid(),
+            "uptime": round(time.monotonic() - self._began, 3),
+            "segments": status.segment_rows(bus, self.graph()),
+            "controlled_from": list(self.settings.controlled_from),
+            "intercepted": [self._registry.topic(each) for each in bus.intercepted],
+            "services": [self._registry.topic(each) for each in bus.services],
+            "interceptors": status.interceptor_rows(bus.gate.pipeline),
+            "plan": status.plan_row(self._interception.plan),
+            "recording": self._recordings.status(),
+            "counts": counts,
+            "losses": status.loss_rows(bus.losses),
+            "departures": bus.departures,
+            "bypasses": status.bypass_rows(self._watches.bypasses if self._watches is not None else ()),
+            "warnings": self.warnings,
+        }
+
+    def counts(self) -> dict[str, TopicCounts]:
+        """Return what happened to each topic so far."""
+        return self._open_bus().counts()
+
+    @property
+    def losses(self) -> Losses:
+        """What was lost so far against everybody's will."""
+        return self._open_bus().losses
+
+    def graph(self) -> Graph:
+        """Return who talks to whom; an empty graph before `watch`."""
+        from riot_bus.graph.model import Graph
+
+        return self._watches.graph if self._watches is not None else Graph()
+
+    def _open_bus(self) -> Bus:
+        if self._bus is None:
+            raise EnvironmentFaultError("this router is not open", hint="use it in a with statement")
+        return self._bus
+
+    def _metadata(self) -> dict[str, str]:
+        segments = (f"{name}={','.join(each.listen)}" for name, each in self.settings.segments.items())
+        metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
+        plan = self._interception.plan
+        return metadata | ({"plan": plan.text} if plan is not None else {})

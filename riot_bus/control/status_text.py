@@ -1,0 +1,116 @@
+"""A router's answers as lines for people; pure. What came from the network is shown without obeying it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.status import count_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["answer_lines", "counts_lines", "plain", "status_lines"]
+
+
+def plain(text: object) -> str:
+    """Replace what a terminal would obey."""
+    return "".join(each if each.isprintable() else "\ufffd" for each in str(text))
+
+
+def status_lines(status: Mapping[str, Any]) -> list[str]:
+    """Return what `status` answers, most important things first."""
+    lines = [
+        f"router {status['name']}, riot_bus {status['version']}, process {status['pid']}, "
+        f"up for {status['uptime']:.0f} s",
+        *(f"warning: {each}" for each in status["warnings"]),
+        *_bypasses(status),
+        *_losses(status["losses"]),
+    ]
+    for name, segment in status["segments"].items():
+        control = " (control)" if name in status["controlled_from"] else ""
+        lines.append(f"segment {name}{control}: {' '.join(segment['endpoints'])}")
+        lines += [
+            f"  {each['mode'] or 'component'} {each['zid']} {each['name']}".rstrip() for each in segment["components"]
+        ]
+    lines.append(f"intercepted: {', '.join(status['intercepted']) or 'nothing'}")
+    if status.get("services"):
+        lines.append(f"intercepted services: {', '.join(status['services'])}")
+    lines += [line for each in status["interceptors"] for line in _interceptor(each)]
+    lines += _plan(status["plan"])
+    lines.append(_recording(status["recording"]))
+    return [plain(line) for line in [*lines, *_table(status["counts"])]]
+
+
+def counts_lines(answer: Mapping[str, Any]) -> list[str]:
+    """Return what `counts` answers: a table by topic, and what was lost."""
+    return [plain(line) for line in [*count_table(answer["counts"]), *_losses(answer["losses"])]]
+
+
+def answer_lines(answer: Mapping[str, Any]) -> list[str]:
+    """Return what a command answers that changes something."""
+    lines = []
+    if "intercepted" in answer:
+        lines.append(f"intercepted: {', '.join(answer['intercepted']) or 'nothing'}")
+    if "plan" in answer:
+        lines += _plan(answer["plan"]) or ["no plan"]
+    if "former" in answer and isinstance(answer["former"], str):
+        lines.append(f"finished: {answer['former']}")
+    if "messages" in answer:
+        lines.append(_recording(answer).replace("recording:", "recorded:", 1))
+    elif "file" in answer:
+        lines.append(f"recording: {answer['file']}")
+    return [plain(line) for line in lines]
+
+
+def _bypasses(status: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for each in status["bypasses"]:
+        who = " and ".join(f"{one['name']} ({one['segment'] or 'no segment'})" for one in each["components"])
+        state = "is used" if each["active"] else "is open"
+        lines += [f"bypass: a way around the router {state}: {who}: {each['evidence']}", f"  hint: {each['cure']}"]
+    return lines
+
+
+def _losses(losses: Mapping[str, Any]) -> list[str]:
+    lines = []
+    if losses["messages"]:
+        reasons = ", ".join(f"{reason}: {number}" for reason, number in losses["reasons"].items())
+        lines.append(f"lost: {losses['messages']} messages ({reasons})")
+    if losses["recordings"]:
+        lines.append(f"lost: {losses['recordings']} messages were not recorded")
+    return lines + [
+        f"lost: segment {each['segment']}: link to {each['peer']} broke ({each['reason']})" for each in losses["links"]
+    ]
+
+
+def _interceptor(each: Mapping[str, Any]) -> list[str]:
+    conditions = " ".join(f"{key}={value}" for key, value in each["conditions"].items())
+    topics = "" if each["topics"] is None else f"on {', '.join(each['topics'])}"
+    lines = [" ".join(filter(None, [f"interceptor {each['name']}", topics, conditions]))]
+    if each["bypassed"]:
+        lines.append(f"  {each['bypassed']}")
+    if each["errors"]:
+        lines.append(
+            f"  errors: {each['errors']}, last at {each['place'] or 'an unknown place'}; first: {each['error']}"
+        )
+    return lines
+
+
+def _plan(plan: Mapping[str, Any] | None) -> list[str]:
+    if plan is None:
+        return []
+    line = f"plan {plan['name']}: {plan['injections']} injections, carried out {plan['hits']} times"
+    skipped = f", {plan['skipped']} skipped" if plan["skipped"] else ""
+    return [line + skipped, *(f"  {topic}: {problem}" for topic, problem in plan["problems"].items())]
+
+
+def _recording(recording: Mapping[str, Any] | None) -> str:
+    if recording is None:
+        return "recording: no"
+    figures = f"{recording['messages']} messages, {recording['lost']} lost, {recording['seconds']:.0f} s"
+    problem = f"; {recording['problem']}" if recording.get("problem") else ""
+    return f"recording: {recording['file']} ({figures}){problem}"
+
+
+def _table(counts: Mapping[str, Any]) -> list[str]:
+    return ["", *count_table(counts)] if counts else []

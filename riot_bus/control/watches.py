@@ -1,0 +1,95 @@
+"""What a router watches while it runs: who is there and talks to whom, and ways around it."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+from riot_bus.router.advanced.worker import Worker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.control.bypass import Bypass, BypassWatch
+    from riot_bus.graph.model import Change, Component, Graph
+    from riot_bus.graph.watch import GraphWatch
+    from riot_bus.router.bus import Bus
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.zenoh.scouting import Scouting
+
+__all__ = ["Watches"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class Watches:
+    """The graph and the bypass alarm of a bus; a context manager.
+
+    Args:
+        bus: The bus, open.
+        registry: Names keys, and understands what components announce.
+        changed: Called with each new graph.
+        alarm: Called with all present ways around the router whenever they have changed; None not to look for them.
+        scouting: How to ask who answers multicast scouting; None not to ask.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        *,
+        registry: TypeRegistry,
+        changed: Callable[[Graph], None],
+        alarm: Callable[[list[Bypass]], None] | None,
+        scouting: Scouting | None,
+    ) -> None:
+        from riot_bus.graph.watch import GraphWatch
+
+        self._bus = bus
+        self._changed = changed
+        self._present: dict[tuple[str, str], Component] = {}
+        self._graph: GraphWatch = GraphWatch(bus, self._take, senders=bus.senders, registry=registry)
+        self._bypasses: BypassWatch | None = None
+        if alarm is not None:
+            from riot_bus.control.bypass import BypassWatch
+
+            self._bypasses = BypassWatch(bus, alarm, scouting=scouting)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._hooks = Worker("riot-hooks")
+            stack.callback(self._hooks.close)
+            stack.enter_context(self._graph)
+            if self._bypasses is not None:
+                stack.enter_context(self._bypasses)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    @property
+    def graph(self) -> Graph:
+        """The present graph."""
+        return self._graph.graph
+
+    @property
+    def bypasses(self) -> list[Bypass]:
+        """The present ways around the router."""
+        return self._bypasses.bypasses if self._bypasses is not None else []
+
+    def _take(self, graph: Graph, changes: tuple[Change, ...]) -> None:
+        former, self._present = self._present, {(each.segment, each.zid): each for each in graph.components}
+        for who in self._present.keys() - former.keys():
+            self._tell("joined", self._present[who])
+        for who in former.keys() - self._present.keys():
+            self._tell("left", former[who])
+        self._changed(graph)
+
+    def _tell(self, hook: str, component: Component) -> None:
+        gate, hooks = self._bus.gate, self._hooks
+        for stage in gate.pipeline.stages:
+            if stage.hook(hook) is not None:
+                hooks.do(partial(gate.call, stage, hook, component, holder=hooks))

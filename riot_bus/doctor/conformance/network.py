@@ -1,0 +1,133 @@
+"""What lies between two ends: one plain router, a bus, or a router that runs already."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, Self
+
+from riot_bus.router.bus import Bus
+from riot_bus.zenoh.segments import Segment
+from riot_bus.zenoh.session import prepare_runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.doctor.conformance.end import EndName
+    from riot_bus.doctor.conformance.security import Settings
+
+__all__ = ["BusNetwork", "Network", "PlainNetwork", "RunningNetwork"]
+
+_TIMEOUT_S = 10.0
+_UNUSED = "riot/unused"
+_ENDS: tuple[EndName, EndName] = ("left", "right")
+
+
+class Network(Protocol):
+    """Where two ends connect; a context manager."""
+
+    def endpoint(self, end: EndName) -> str:
+        """Return where an end connects."""
+
+    def restart(self) -> None:
+        """Close it, and open it again at the same endpoints."""
+
+    def report(self) -> list[str]:
+        """Return what it says about losses."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+
+class PlainNetwork:
+    """One plain Zenoh router."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._router: Segment | None = None
+        self._listen: Sequence[str] = (settings.listen,)
+
+    def endpoint(self, end: EndName) -> str:  # noqa: D102 - see Network
+        return self._listen[0]
+
+    def restart(self) -> None:  # noqa: D102
+        self.__exit__()
+        self.__enter__()
+
+    def report(self) -> list[str]:  # noqa: D102
+        return []
+
+    def __enter__(self) -> Self:
+        prepare_runtime()
+        self._router = Segment("plain", self._listen, config=self._settings.router)
+        self._listen = self._router.endpoints
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._router is not None:
+            self._router.close()
+
+
+class BusNetwork:
+    """A riot bus, one segment for each end.
+
+    Args:
+        settings: How it listens and is configured.
+        intercept: Keys that go through a pipeline without interceptors.
+        changed: Whether something else was intercepted before: then the segments are no longer linked directly.
+    """
+
+    def __init__(self, settings: Settings, intercept: Sequence[str] = (), *, changed: bool = False) -> None:
+        self._settings = settings
+        self._intercept = intercept
+        self._changed = changed
+        self._listen: dict[str, Sequence[str]] = dict.fromkeys(_ENDS, (settings.listen,))
+        self._bus: Bus | None = None
+
+    def endpoint(self, end: EndName) -> str:  # noqa: D102 - see Network
+        return self._listen[end][0]
+
+    def restart(self) -> None:  # noqa: D102
+        self.__exit__()
+        self.__enter__()
+
+    def report(self) -> list[str]:  # noqa: D102
+        losses = self._bus.losses if self._bus is not None else None
+        if not losses:
+            return []
+        lost = [f"{count} messages of {key} were lost" for key, count in losses.messages.items()]
+        return lost + [str(link) for link in losses.links]
+
+    def __enter__(self) -> Self:
+        first = [_UNUSED] if self._changed else self._intercept
+        self._bus = Bus(self._listen, intercept=first, config=self._settings.router, timeout=_TIMEOUT_S)
+        self._bus.open()
+        if self._changed:
+            self._bus.set_intercept(self._intercept)
+        self._listen = {name: self._bus.segment(name).endpoints for name in _ENDS}
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bus is not None:
+            self._bus.close()
+
+
+class RunningNetwork:
+    """A router that runs already, ours or not."""
+
+    def __init__(self, left: str, right: str) -> None:
+        self._endpoints = {"left": left, "right": right}
+
+    def endpoint(self, end: EndName) -> str:  # noqa: D102 - see Network
+        return self._endpoints[end]
+
+    def restart(self) -> None:  # noqa: D102
+        raise NotImplementedError("a running router is left alone: do not run scenarios that need to restart it")
+
+    def report(self) -> list[str]:  # noqa: D102
+        return []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        return

@@ -1,0 +1,124 @@
+"""What a scenario is: two ends that talk over a few keys, each in a process of its own, and say what they saw."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from riot_bus.doctor.conformance.end import End
+
+__all__ = ["PREFIX", "Need", "Observation", "Scenario", "find", "load", "scenario"]
+
+PREFIX = "riot_transparency"
+"""First chunk of every key, so that a suite on somebody's network disturbs nothing."""
+
+Observation = Any
+"""What an end saw, as JSON."""
+
+Need = Literal["router", "tls", "mtls", "password", "shm", "peer"]
+"""What a scenario needs of the network.
+
+`router`: a router that can be restarted; `tls`, `mtls`, `password`: a router that demands them; `shm`: shared memory;
+`peer`: routers that introduce peers to each other, as each does.
+"""
+
+
+class Ends(Protocol):
+    """The code of both ends; each is called in a process of its own."""
+
+    @staticmethod
+    def left(end: End) -> Observation:
+        """The end that mostly publishes and asks."""
+
+    @staticmethod
+    def right(end: End) -> Observation:
+        """The end that mostly subscribes and answers."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Something that components do with a router.
+
+    Attributes:
+        name: Unique name.
+        ends: The code of both ends.
+        needs: What it needs of the network.
+        settings: Zenoh configuration of the sessions of both ends.
+        limits: Documented differences: why the observations of a way differ from a plain router's.
+    """
+
+    name: str
+    ends: type[Ends]
+    needs: frozenset[Need] = frozenset()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    limits: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def summary(self) -> str:
+        """What it does, in one line."""
+        return (self.ends.__doc__ or "").strip().partition("\n")[0]
+
+    @property
+    def prefix(self) -> str:
+        """What all its keys start with."""
+        return f"{PREFIX}/{self.name}"
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The key expressions that it uses."""
+        return (f"{self.prefix}/**",)
+
+
+_REGISTRY: dict[str, Scenario] = {}
+
+
+def scenario(
+    name: str,
+    *,
+    needs: tuple[Need, ...] = (),
+    settings: Mapping[str, Any] | None = None,
+    limits: Mapping[str, str] | None = None,
+) -> Callable[[type[Ends]], type[Ends]]:
+    """Register a class with the static methods `left` and `right` as a scenario.
+
+    Args:
+        name: Unique name; also a chunk of its keys.
+        needs: What it needs of the network.
+        settings: Zenoh configuration of the sessions of both ends.
+        limits: Documented differences by way.
+    """
+
+    def register(ends: type[Ends]) -> type[Ends]:
+        if name in _REGISTRY:
+            raise ValueError(f"two scenarios are named {name!r}")
+        _REGISTRY[name] = Scenario(name, ends, frozenset(needs), settings or {}, limits or {})
+        return ends
+
+    return register
+
+
+def load() -> dict[str, Scenario]:
+    """Return all scenarios by name, in the order of their modules."""
+    from riot_bus.doctor.conformance import scenarios
+
+    for module in pkgutil.iter_modules(scenarios.__path__):
+        importlib.import_module(f"{scenarios.__name__}.{module.name}")
+    return dict(_REGISTRY)
+
+
+def find(name: str) -> Scenario:
+    """Return the scenario of this name; raises ConfigError if there is none."""
+    known = load()
+    if name not in known:
+        raise ConfigError(f"no scenario {name!r}", hint=did_you_mean(name, known))
+    return known[name]

@@ -1,0 +1,127 @@
+"""How a sample is carried, and what it says of its origin."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.doctor.conformance.helpers import (
+    finish,
+    put,
+)
+from riot_bus.doctor.conformance.scenario import Observation, scenario
+
+if TYPE_CHECKING:
+    from riot_bus.doctor.conformance.end import End
+
+_COMBINATIONS = 7 * 3 * 2
+
+
+@scenario("quality_of_service")
+class _QualityOfService:
+    """Every priority with every congestion control, express or not."""
+
+    @staticmethod
+    def left(end: End) -> Observation:
+        import zenoh
+
+        levels: Any = zenoh
+        end.meet()
+        number = 0
+        for priority in ("REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW"):
+            number += _each_control(end, getattr(levels.Priority, priority), number)
+        number += _each_control(end, levels.Priority.BACKGROUND, number)
+        finish(end)
+        return number
+
+    @staticmethod
+    def right(end: End) -> Observation:
+        inbox = end.subscribe("**")
+        end.meet()
+        for count in range(_COMBINATIONS):
+            inbox.take(count + 1)
+            end.signal("got")
+        return inbox.shown()
+
+
+def _each_control(end: End, priority: Any, number: int) -> int:
+    import zenoh
+
+    controls: Any = zenoh.CongestionControl
+    options = [(control, express) for control in ("DROP", "BLOCK", "BLOCK_FIRST") for express in (False, True)]
+    for index, (control, express) in enumerate(options):
+        text = f"{number + index:02}"
+        congestion = getattr(controls, control)
+        end.session.put(end.key("q"), text, priority=priority, congestion_control=congestion, express=express)
+        end.wait("got")  # DROP means what it says: without a pause a full queue would be an excuse
+    return len(options)
+
+
+@scenario("publisher_options")
+class _PublisherOptions:
+    """A publisher's own encoding and quality of service, best effort and reliable."""
+
+    @staticmethod
+    def left(end: End) -> Observation:
+        import zenoh
+
+        publishers = [
+            end.session.declare_publisher(
+                end.key(f"p/{reliability}"),
+                encoding="text/csv",
+                priority=zenoh.Priority.DATA_HIGH,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+                reliability=reliability,
+            )
+            for reliability in (zenoh.Reliability.BEST_EFFORT, zenoh.Reliability.RELIABLE)
+        ]
+        end.meet()
+        for publisher in publishers:
+            end.matched(publisher)
+            publisher.put("1")
+            publisher.put("2", encoding="text/plain")
+        end.wait("all")
+        finish(end)
+
+    @staticmethod
+    def right(end: End) -> Observation:
+        inbox = end.subscribe("**")
+        end.meet()
+        inbox.take(4)
+        end.signal("all")
+        return sorted(inbox.shown(), key=str)
+
+
+@scenario(
+    "stamps",
+    limits={
+        "intercepted": "stamps and sources are not copied: advanced subscribers would drop what is late or repeated"
+    },
+)
+class _Stamps:
+    """A publisher's own timestamp and source information."""
+
+    @staticmethod
+    def left(end: End) -> Observation:
+        import zenoh
+
+        publisher = end.session.declare_publisher(end.key("x"))
+        end.meet()
+        end.matched(publisher)
+        stamp = end.session.new_timestamp()
+        end.signal("stamp", str(stamp))
+        put(end, "x", "stamped", timestamp=stamp)
+        put(end, "x", "sourced", source_info=zenoh.SourceInfo(publisher.id, 7))
+        publisher.put("neither")
+        finish(end)
+
+    @staticmethod
+    def right(end: End) -> Observation:
+        inbox = end.subscribe("**")
+        end.meet()
+        stamp = end.wait("stamp")
+        samples = inbox.until_end()
+        return {
+            "same stamp": [sample.timestamp is not None and str(sample.timestamp) == stamp for sample in samples],
+            "sequence": [sample.source_info and sample.source_info.source_sn for sample in samples],
+        }

@@ -1,0 +1,59 @@
+"""What the transparency suite says of a running router, one scenario at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.doctor.conformance.run import PLAIN, Result, compare, run_scenario
+from riot_bus.doctor.conformance.scenario import load
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+__all__ = ["Verdict", "verdicts"]
+
+_ROUTER = "router"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one scenario showed.
+
+    Attributes:
+        scenario: Its name.
+        summary: What it does.
+        differences: Where the router was not like a plain one.
+        skipped: Why it was not tried.
+    """
+
+    scenario: str
+    summary: str
+    differences: tuple[str, ...] = ()
+    skipped: str | None = None
+
+    def __str__(self) -> str:
+        state = "differs" if self.differences else "skipped" if self.skipped else "same"
+        lines = [f"{state:8} {self.scenario}: {self.skipped or self.summary}"]
+        return "\n".join([*lines, *(f"         {each}" for each in self.differences)])
+
+
+def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None) -> Iterator[Verdict]:
+    """Run scenarios between two segments of a running router and through a plain router.
+
+    Args:
+        endpoints: Where the two segments listen.
+        only: Names of scenarios; None for all.
+    """
+    for name, scenario in load().items():
+        if only is not None and name not in only:
+            continue
+        ours = run_scenario(scenario, _ROUTER, endpoints)
+        if ours.skipped is not None:
+            yield Verdict(name, scenario.summary, skipped=ours.skipped)
+            continue
+        outcomes = (run_scenario(scenario, PLAIN), ours)
+        result = Result(scenario, outcomes, tuple(compare(outcomes)))
+        known = "native" in scenario.limits  # a documented difference of routers in a chain
+        differences = () if known else tuple(str(each) for each in result.unexpected)
+        yield Verdict(name, scenario.summary, differences, outcomes[0].skipped)

@@ -1,0 +1,79 @@
+"""Graphs over time as records for a log: the first is whole, each later one says what has come and what is gone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.graph.model import Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.render import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+__all__ = ["graph_from", "record", "replay"]
+
+_PARTS: dict[str, type[Any]] = {"components": Component, "topics": Topic, "edges": Edge, "unknown": Unknown}
+
+
+def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:
+    """Return what happened to a graph, as the mapping of a metadata record.
+
+    Args:
+        before: What the log knows already; None for a log that begins here.
+        after: The graph now.
+        time: Nanoseconds since the Unix epoch.
+    """
+    parts = {
+        "gone": {} if before is None else _missing(before, after),
+        "new": _missing(after, before or Graph()),
+    }
+    texts = {name: json.dumps({"version": VERSION, **part}, sort_keys=True) for name, part in parts.items()}
+    return {"time": str(time), "whole": "true" if before is None else "false", **texts}
+
+
+def replay(records: Iterable[Mapping[str, str]]) -> Iterator[tuple[int, Graph]]:
+    """Yield each graph and its time from the records of a log.
+
+    Args:
+        records: As `LogReader.notes` yields them.
+
+    Raises:
+        ValueError: One of them is damaged.
+    """
+    graph = Graph()
+    for each in records:
+        try:
+            time, whole = int(each["time"]), each["whole"] == "true"
+            gone, new = graph_from(json.loads(each["gone"])), graph_from(json.loads(each["new"]))
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"not a record of a graph: {error!r}") from error
+        base = Graph() if whole else graph
+        left = {name: set(getattr(base, name)) - set(getattr(gone, name)) for name in _PARTS}
+        graph = Graph.of(*([*left[name], *getattr(new, name)] for name in _PARTS))
+        yield time, graph
+
+
+def graph_from(document: Mapping[str, Any]) -> Graph:
+    """Return the graph of a document in the JSON format; raises TypeError or ValueError if it is none."""
+    if document.get("version") != VERSION:
+        raise ValueError(f"a graph of version {document.get('version')!r}, not {VERSION}")
+    parts: dict[str, list[Any]] = {}
+    for name, kind in _PARTS.items():
+        known = {each.name for each in fields(kind)}
+        parts[name] = [
+            kind(**{key: _frozen(value) for key, value in row.items() if key in known})
+            for row in document.get(name, ())
+        ]
+    return Graph.of(parts["components"], parts["topics"], parts["edges"], parts["unknown"])
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _missing(graph: Graph, other: Graph) -> dict[str, list[dict[str, Any]]]:
+    """Return what a graph has and the other has not."""
+    known = {name: set(getattr(other, name)) for name in _PARTS}
+    return {name: [asdict(each) for each in getattr(graph, name) if each not in known[name]] for name in _PARTS}

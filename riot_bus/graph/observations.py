@@ -1,0 +1,66 @@
+"""What the sources of a graph say at one moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    from riot_bus.graph.declarations import Declared
+    from riot_bus.graph.processes import Process
+    from riot_bus.types.announcement import Announcement, BridgedLink
+
+__all__ = ["Observations"]
+
+
+def _itself(key: str) -> str:
+    return key
+
+
+def _nothing(_: str) -> bool:
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """What the sources say at one moment.
+
+    Attributes:
+        segments: Names of all segments.
+        sessions: Mode of each connected session by segment and id, the bus's own left out.
+        addresses: Their ends of the links.
+        owners: Processes by address.
+        names: Names by id.
+        tokens: All announcements.
+        flows: Messages so far by key and source segment.
+        rates: Messages per second lately, by the same.
+        senders: Ids that stamped these messages, by the same.
+        matching: Segments and keys with somebody who would receive.
+        declared: A snapshot of declarations, if somebody asked for one.
+        bridged: Links of a bridge in the router's own process.
+        intercepted: Whether what is published on a key goes through the pipeline, so that matching is told by segment.
+        calls_intercepted: Whether requests and replies of a service do.
+        name: What people call a key.
+        skipped: Number of keys whose matching is not watched, because there are too many.
+        left_out: Whether there are more keys with traffic, which had less of it.
+    """
+
+    segments: tuple[str, ...] = ()
+    sessions: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    addresses: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
+    owners: Mapping[str, Process] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
+    tokens: Collection[Announcement] = ()
+    flows: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    rates: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    senders: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
+    matching: Collection[tuple[str, str]] = ()
+    declared: Collection[Declared] = ()
+    bridged: Collection[BridgedLink] = ()
+    intercepted: Callable[[str], bool] = _nothing
+    calls_intercepted: Callable[[str], bool] = _nothing
+    name: Callable[[str], str] = _itself
+    skipped: int = 0
+    left_out: bool = False

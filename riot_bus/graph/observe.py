@@ -1,0 +1,216 @@
+"""Gathers what all sources of a bus say, with what has to be remembered between two looks."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.graph.observations import Observations
+from riot_bus.graph.processes import owners
+from riot_bus.graph.sources import SegmentSource, admin_views
+from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.session_config import is_control
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    import zenoh
+
+    from riot_bus.graph.declarations import Declared
+    from riot_bus.graph.processes import Process
+    from riot_bus.types.announcement import BridgedLink
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Observer", "WatchedBus"]
+
+_MOST_WATCHED = 2_000
+_MOST_SELDOM = 200
+_FEW = 2
+_MOST_QUESTIONS = 5
+_MOST_FLOWS = 2_000
+_LEAST_RATE_S = 0.1
+
+Key = tuple[str, str]
+
+
+class WatchedBus(Protocol):
+    """What a graph needs of a bus."""
+
+    @property
+    def sessions(self) -> Mapping[str, zenoh.Session]:
+        """The segments' own sessions."""
+
+    @property
+    def ids(self) -> Collection[str]:
+        """Ids of the bus's present sessions."""
+
+    @property
+    def ids_ever(self) -> Collection[str]:
+        """Ids of all routers that were ever the junction."""
+
+    @property
+    def intercepted(self) -> Collection[str]:
+        """The key expressions that are intercepted."""
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """Links of a bridge in this process."""
+
+    @property
+    def services(self) -> Collection[str]:
+        """The key expressions of services whose requests and replies are intercepted."""
+
+    def flows(self) -> Mapping[tuple[str, str], int]:
+        """Messages so far by key and source segment."""
+
+
+class Observer:
+    """Looks at a bus.
+
+    Args:
+        bus: The bus, open.
+        changed: Called after each event of Zenoh's.
+        senders: Returns the ids that stamped messages, by key and source segment.
+        registry: Names keys, and understands tokens.
+        processes: Whether to look for the components' processes on this host.
+        clock: Seconds that only grow.
+    """
+
+    def __init__(
+        self,
+        bus: WatchedBus,
+        changed: Callable[[], None],
+        *,
+        senders: Callable[[], Mapping[Key, Collection[str]]],
+        registry: TypeRegistry,
+        processes: bool,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.declared: list[Declared] = []
+        self._bus = bus
+        self._sources = {
+            segment: SegmentSource(session, registry, changed) for segment, session in bus.sessions.items()
+        }
+        self._senders = senders
+        self._name = registry.topic
+        self._processes = processes
+        self._clock = clock
+        self._flows: dict[Key, int] = {}
+        self._left_out = False
+        self._looked = clock()
+        self._rates: dict[Key, float] = {}
+        self._owners: dict[str, Process | None] = {}
+        self._names: dict[str, str] = {}
+        self._questions: dict[str, int] = {}
+        self._watched: set[str] = set()
+
+    def start(self) -> None:
+        """Listen to all segments."""
+        for source in self._sources.values():
+            source.start()
+
+    def stop(self) -> None:
+        """Listen no more; safe to call twice."""
+        for source in self._sources.values():
+            source.stop()
+
+    def ours(self) -> set[str]:
+        """Return the ids of sessions that are no components."""
+        return {*self._bus.ids, *self._bus.ids_ever}
+
+    def observe(self) -> Observations:
+        """Return what all sources say now."""
+        ours = self.ours()
+        modes = {
+            (segment, zid): mode
+            for segment, source in self._sources.items()
+            for zid, mode in source.modes().items()
+            if zid not in ours and not is_control(zid)
+        }
+        ends = {(s, z): found for s, each in self._sources.items() for z, found in each.addresses().items()}
+        addresses = {who: found for who, found in ends.items() if who in modes}
+        tokens = {token for each in self._sources.values() for token in each.tokens() if token.zid not in ours}
+        self.declared = [each for each in self.declared if (each.segment, each.zid) in modes]
+        self._measure(self._busiest(self._bus.flows()))
+        keys = {key for (key, _), count in self._flows.items() if count > _FEW}
+        keys |= {token.key for token in tokens if token.role == "publishes"}
+        keys |= {each.key for each in self.declared if each.kind == "publisher"}
+        skipped = self._watch(keys, _MOST_WATCHED) + self._watch({key for key, _ in self._flows} - keys, _MOST_SELDOM)
+        return Observations(
+            segments=tuple(self._sources),
+            sessions=modes,
+            addresses=addresses,
+            owners=self._find_owners({address for found in addresses.values() for address in found}),
+            names=self._find_names({zid for _, zid in modes}),
+            tokens=tokens,
+            flows=self._flows,
+            rates=self._rates,
+            senders=self._senders(),
+            matching={(segment, key) for segment, each in self._sources.items() for key in each.matching()},
+            declared=self.declared,
+            bridged=self._bus.bridged,
+            intercepted=_any_of(self._bus.intercepted),
+            calls_intercepted=_any_of(self._bus.services),
+            name=self._name,
+            skipped=skipped,
+            left_out=self._left_out,
+        )
+
+    def _busiest(self, flows: Mapping[Key, int]) -> dict[Key, int]:
+        """Leave out what is too much: a graph of all keys that somebody invents would take the memory."""
+        self._left_out = len(flows) > _MOST_FLOWS
+        if not self._left_out:
+            return dict(flows)
+        shown = self._flows  # of keys with as many messages those stay, else the graph would change all the time
+        return dict(heapq.nlargest(_MOST_FLOWS, flows.items(), key=lambda each: (each[1], each[0] in shown)))
+
+    def _measure(self, flows: dict[Key, int]) -> None:
+        now = self._clock()
+        seconds = now - self._looked
+        if seconds >= _LEAST_RATE_S:
+            self._rates = {each: (count - self._flows.get(each, 0)) / seconds for each, count in flows.items()}
+            self._looked, self._flows = now, flows
+        else:  # too soon for a rate, but what is new must show at once
+            self._flows = {**flows, **{each: count for each, count in self._flows.items() if each in flows}}
+
+    def _watch(self, keys: set[str], most: int) -> int:
+        """Watch who would receive these keys, as long as not so many are watched; return how many are too many.
+
+        Each costs: whatever is published on a key that nobody has declared takes Zenoh the longer the more are declared
+        beside it.
+        """
+        new = sorted(key for key in keys - self._watched if key and "*" not in key)
+        room = max(0, most // max(1, len(self._sources)) - len(self._watched))
+        for source in self._sources.values():
+            source.watch_matching(new[:room])
+        self._watched.update(new[:room])
+        return len(new[room:])
+
+    def _find_owners(self, addresses: set[str]) -> dict[str, Process]:
+        if not self._processes:
+            return {}
+        self._owners = {each: owner for each, owner in self._owners.items() if each in addresses}
+        new = addresses - self._owners.keys()
+        if new:
+            found = owners(new)
+            self._owners.update({each: found.get(each) for each in new})
+        return {each: owner for each, owner in self._owners.items() if owner is not None}
+
+    def _find_names(self, zids: set[str]) -> dict[str, str]:
+        """Ask newcomers for their names; a few times, as their admin space may come up after their link."""
+        self._questions = {zid: self._questions.get(zid, 0) for zid in zids}
+        new = [zid for zid in zids if zid not in self._names and self._questions[zid] < _MOST_QUESTIONS]
+        if new:
+            self._names = {zid: name for zid, name in self._names.items() if zid in zids}  # who has gone is forgotten
+            # Every segment is asked: the junction may be away just now.
+            for source in self._sources.values():
+                self._names.update({zid: view.name for zid, view in admin_views(source.session).items()})
+            for zid in new:
+                self._questions[zid] += 1
+        return {zid: name for zid, name in self._names.items() if name}
+
+
+def _any_of(expressions: Collection[str]) -> Callable[[str], bool]:
+    present = list(expressions)
+    return lambda key: any(key_matches(expression, key) for expression in present)

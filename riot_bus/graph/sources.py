@@ -1,0 +1,202 @@
+"""Where the graph comes from: what one segment's session sees, without a question that could harm its router.
+
+Which questions are safe with Zenoh 1.10.2, by its sources, and tried while three clients declared and undeclared
+without a pause: transports, links and their events take no lock of the routing tables (1,100,000 questions). The root
+keys `@/<id>/<mode>`, which alone match `@/*/*`, let go of that lock before they reply (132,000 and 8,000 queries). All
+below them but `metrics` and `route/successor/**` reply while they hold it (`subscriber/**`, `publisher/**`,
+`queryable/**`, `querier/**`, `token/**`, `linkstate/*`): the router hung at the second query, for ever.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.graph.tokens import expressions, parse_token
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
+    import zenoh
+
+    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["AdminView", "SegmentSource", "admin_views"]
+
+_ANSWER_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AdminView:
+    """What a session with an enabled admin space says about itself.
+
+    Attributes:
+        zid: Its id.
+        mode: `client`, `peer` or `router`.
+        name: `metadata.name` of its configuration.
+        locators: Where it listens.
+        sessions: Ids and modes of the sessions that it is connected to.
+    """
+
+    zid: str
+    mode: str
+    name: str = ""
+    locators: tuple[str, ...] = ()
+    sessions: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def parse(cls, key: str, payload: bytes) -> AdminView | None:
+        """Read an answer of `@/*/*`; None if it is something else. Whatever runs in the network may answer.
+
+        Args:
+            key: Key of the reply.
+            payload: Its payload.
+        """
+        chunks = key.split("/")
+        try:
+            found = json.loads(payload)
+            if len(chunks) != 3 or found["zid"] != chunks[1]:
+                return None
+            metadata = found.get("metadata")
+            name = metadata.get("name") if isinstance(metadata, dict) else None
+            return cls(
+                zid=chunks[1],
+                mode=chunks[2],
+                name=name if isinstance(name, str) else "",
+                locators=tuple(str(each) for each in found.get("locators", ())),
+                sessions={str(each["peer"]): str(each["whatami"]) for each in found.get("sessions", ())},
+            )
+        except (ValueError, TypeError, KeyError, AttributeError):
+            return None
+
+
+def admin_views(session: zenoh.Session, *, timeout: float = _ANSWER_S) -> dict[str, AdminView]:
+    """Ask all sessions that can be reached and whose admin space is enabled about themselves, by id.
+
+    Args:
+        session: A segment's own session.
+        timeout: Seconds; how long an answer may take.
+    """
+    zenoh = library_of(session)
+    replies = session.get(
+        "@/*/*", timeout=timeout, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
+    )
+    views = {}
+    for reply in replies:
+        view = AdminView.parse(str(reply.ok.key_expr), reply.ok.payload.to_bytes()) if reply.ok is not None else None
+        if view is not None:
+            views[view.zid] = view
+    return views
+
+
+class SegmentSource:
+    """Keeps what a segment's session sees, by events: sessions, links and announcements.
+
+    Args:
+        session: The segment's own session.
+        registry: Understands tokens.
+        changed: Called on a thread of Zenoh's after each event; must return at once.
+    """
+
+    def __init__(self, session: zenoh.Session, registry: TypeRegistry, changed: Callable[[], None]) -> None:
+        self.session = session
+        self._registry = registry
+        self.zid = str(session.info.zid())
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._modes: dict[str, str] = {}
+        self._addresses: defaultdict[str, set[str]] = defaultdict(set)
+        self._tokens: dict[str, Announcement] = {}
+        self._publishers: dict[str, Any] = {}
+        self._listeners: list[Any] = []
+
+    def start(self) -> None:
+        """Take in what is there, and listen from now on."""
+        info, liveliness = self.session.info, self.session.liveliness()
+        self._listeners = [
+            info.declare_transport_events_listener(self._transport, history=True),
+            info.declare_link_events_listener(self._link, history=True),
+            *(liveliness.declare_subscriber(each, self._token, history=True) for each in expressions(self._registry)),
+        ]
+
+    def stop(self) -> None:
+        """Listen no more; safe to call twice."""
+        listeners, self._listeners = self._listeners, []
+        with self._lock:
+            publishers, self._publishers = list(self._publishers.values()), {}
+        release(*listeners, *publishers)
+
+    def modes(self) -> dict[str, str]:
+        """Return the mode of each connected session by id."""
+        with self._lock:
+            return dict(self._modes)
+
+    def addresses(self) -> dict[str, list[str]]:
+        """Return the far ends of the links of each connected session by id."""
+        with self._lock:
+            return {zid: sorted(ends) for zid, ends in self._addresses.items() if ends}
+
+    def tokens(self) -> list[Announcement]:
+        """Return what is announced, in this segment and whatever is joined to it."""
+        with self._lock:
+            return list(self._tokens.values())
+
+    def watch_matching(self, keys: Collection[str]) -> None:
+        """Ask from now on who would receive these keys; a publisher that never publishes is declared for each."""
+        zenoh = library_of(self.session)
+        for key in keys:
+            if key not in self._publishers:
+                hold(self.session, key)
+                publisher = self.session.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE)
+                with self._lock:
+                    self._publishers[key] = publisher
+
+    def matching(self) -> set[str]:
+        """Return the watched keys that somebody beyond this session would receive."""
+        # Asked instead of listened to: zenoh-python starts a thread for each listener, and asking takes 2 us.
+        with self._lock:
+            publishers = dict(self._publishers)
+        return {key for key, publisher in publishers.items() if publisher.matching_status.matching}
+
+    def _transport(self, event: zenoh.TransportEvent) -> None:
+        zid = str(event.transport.zid)
+        with self._lock:
+            if _appeared(event):
+                self._modes[zid] = str(event.transport.whatami)
+            else:
+                self._modes.pop(zid, None)
+                self._addresses.pop(zid, None)
+        self._changed()
+
+    def _link(self, event: zenoh.LinkEvent) -> None:
+        with self._lock:
+            zid = str(event.link.zid)
+            if _appeared(event):
+                self._addresses[zid].add(event.link.dst)
+            elif zid in self._addresses:  # else its session has gone before
+                self._addresses[zid].discard(event.link.dst)
+        self._changed()
+
+    def _token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        token = parse_token(key, self._registry)
+        if token is None:
+            return
+        with self._lock:
+            if _appeared(sample):
+                self._tokens[key] = token
+            else:
+                self._tokens.pop(key, None)
+        self._changed()
+
+
+def _appeared(event: zenoh.TransportEvent | zenoh.LinkEvent | zenoh.Sample) -> bool:
+    kind: Any = event.kind
+    return int(kind) == 0

@@ -1,0 +1,142 @@
+"""One look at a network from a client: who announces what, without a question that could harm a router."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.graph.processes import connections, endpoint_of
+from riot_bus.graph.tokens import expressions, parse_token
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import zenoh
+
+    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Started", "Survey", "survey"]
+
+_MOST_TOKENS = 50_000
+_ANSWER_S = 1.0
+
+Link = tuple[tuple[str, int], tuple[str, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """How a process of this host was started.
+
+    Attributes:
+        command: Program and arguments.
+        cwd: Its working folder now.
+    """
+
+    pid: int
+    command: tuple[str, ...]
+    cwd: str
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What was announced at the end of a look.
+
+    Attributes:
+        announcements: Sorted.
+        offered: What the publishers of a key offer, as a log's channel has it (`offered_qos_profiles`).
+        started: The processes behind sessions, by the sessions' ids; those of other hosts and users are left out.
+        skipped: Number of tokens that were too many.
+    """
+
+    announcements: tuple[Announcement, ...]
+    offered: Mapping[str, Mapping[str, str]]
+    started: Mapping[str, Started] = field(default_factory=dict)
+    skipped: int = 0
+
+
+def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Mapping[str, Any] | None = None) -> Survey:
+    """Look at the network for some seconds.
+
+    Args:
+        endpoint: Where a router listens.
+        registry: Its adapters understand the tokens.
+        seconds: How long to look; what goes meanwhile is forgotten.
+        config: Further Zenoh configuration.
+
+    Raises:
+        EnvironmentFaultError: Nobody answers there.
+    """
+    lock = threading.Lock()
+    tokens: set[str] = set()
+    skipped: set[str] = set()
+
+    def take(sample: zenoh.Sample) -> None:
+        import zenoh
+
+        key = str(sample.key_expr)
+        with lock:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                tokens.discard(key)
+                skipped.discard(key)
+            elif len(tokens) < _MOST_TOKENS:
+                tokens.add(key)
+            elif len(skipped) < _MOST_TOKENS:
+                skipped.add(key)
+
+    with open_client(endpoint, config=config) as client:
+        liveliness = client.session.liveliness()
+        listeners = [liveliness.declare_subscriber(each, take, history=True) for each in expressions(registry)]
+        threading.Event().wait(seconds)
+        with lock:
+            seen = sorted(tokens)
+        links = _links(client.session)
+        release(*listeners)
+    found = {each for token in seen if (each := parse_token(token, registry)) is not None}
+    offered = {}
+    for key in {each.key for each in found if each.role == "publishes"}:
+        stamping = registry.stamping(key)
+        if stamping is not None:
+            offered[key] = stamping.details(key, seen)
+    ordered = sorted(found, key=lambda each: (each.node, each.zid, each.role or "", each.topic, each.source))
+    return Survey(tuple(ordered), offered, _processes(links), len(skipped))
+
+
+def _links(session: zenoh.Session) -> dict[Link, str]:
+    """Return who is at the far end of the links of all routers; `graph.sources` says why this question is safe."""
+    import zenoh
+
+    found: dict[Link, str] = {}
+    replies = session.get(
+        "@/*/*", timeout=_ANSWER_S, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
+    )
+    for reply in replies:
+        if reply.ok is None:
+            continue
+        with suppress(ValueError, TypeError, KeyError, AttributeError):  # whatever runs in the network may answer
+            for each in json.loads(reply.ok.payload.to_bytes())["sessions"]:
+                for link in each["links"]:
+                    near, far = endpoint_of(link["dst"]), endpoint_of(link["src"])
+                    if near is not None and far is not None:
+                        found[near, far] = str(each["peer"])
+    return found
+
+
+def _processes(links: Mapping[Link, str]) -> dict[str, Started]:
+    import psutil
+
+    found = {}
+    for each in connections() if links else ():
+        zid = links.get((each.near, each.far))
+        if zid is not None and each.pid:
+            with suppress(psutil.Error, OSError):
+                process = psutil.Process(each.pid)
+                command = tuple(process.cmdline())
+                if command:
+                    found[zid] = Started(each.pid, command, process.cwd())
+    return found

@@ -1,0 +1,162 @@
+"""Keeps the graph of a bus up to date and calls back on each change."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+from riot_bus.graph.build import build
+from riot_bus.graph.declarations import declarations
+from riot_bus.graph.model import Graph
+from riot_bus.graph.observe import Observer
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    from riot_bus.graph.model import Change
+    from riot_bus.graph.observe import WatchedBus
+
+__all__ = ["GraphWatch"]
+
+_LOG = logging.getLogger(__name__)
+_LEAST_S = 0.02
+_MOST_S = 30.0
+_REST = 19
+"""How many times longer than a look the watch rests: traffic goes on meanwhile, on the same processor."""
+
+
+class GraphWatch:
+    """The present graph of a bus; a context manager.
+
+    Events of Zenoh (sessions, links, announcements) are taken in at once; what has no events (traffic, who would
+    receive) is looked at once in each period. Reads only; never asks a router what could hang it.
+
+    Args:
+        bus: The bus, open.
+        callback: Called with each new graph and what changed, one call at a time; what it raises is logged.
+        senders: Returns the ids that stamped messages, by key and source segment. A component stamps its messages if
+            its configuration says `timestamping/enabled`; each stamp holds its id.
+        registry: Names keys, and understands tokens.
+        period: Seconds.
+        processes: Whether to look for the components' processes on this host.
+    """
+
+    def __init__(
+        self,
+        bus: WatchedBus,
+        callback: Callable[[Graph, tuple[Change, ...]], None] | None = None,
+        *,
+        senders: Callable[[], Mapping[tuple[str, str], Collection[str]]] = dict,
+        registry: TypeRegistry | None = None,
+        period: float = 1.0,
+        processes: bool = True,
+    ) -> None:
+        self._bus = bus
+        self._callback = callback
+        self._period = period
+        self._observer = Observer(
+            bus, self._event, senders=senders, registry=registry or TypeRegistry(), processes=processes
+        )
+        self._graph = Graph()
+        self._new = threading.Condition()
+        self._wake = threading.Event()
+        self._updating = threading.RLock()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._last_change = time.monotonic()
+
+    def start(self) -> Self:
+        """Take in what is there, then follow the changes."""
+        self._observer.start()
+        self.refresh()
+        self._thread = threading.Thread(target=self._run, name="riot-graph", daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Stop; the last graph stays. Call it before the bus is closed; safe to call twice."""
+        self._stopping.set()
+        self._wake.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._observer.stop()
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    @property
+    def graph(self) -> Graph:
+        """The present graph."""
+        return self._graph
+
+    def refresh(self) -> Graph:
+        """Look at everything now and return the graph."""
+        with self._updating:
+            graph = build(self._observer.observe())
+            changes = graph.changes_since(self._graph)
+            with self._new:
+                self._graph = graph
+                self._new.notify_all()
+            if changes and self._callback is not None:
+                try:
+                    self._callback(graph, changes)
+                except Exception:
+                    _LOG.exception("what listens to changes of the graph failed")
+        return graph
+
+    def wait(self, condition: Callable[[Graph], bool], timeout: float) -> bool:
+        """Wait until the graph satisfies a condition; return whether it did in time.
+
+        Args:
+            condition: Asked at once and after each look.
+            timeout: Seconds.
+        """
+        with self._new:
+            return self._new.wait_for(lambda: condition(self._graph), timeout)
+
+    def read_declarations(self, *, rest_s: float = 1.0) -> Graph:
+        """Add what plain components have declared. DANGEROUS: see `declarations.declarations`.
+
+        The graph keeps this snapshot, less the components that leave, until it is read again.
+
+        Args:
+            rest_s: Seconds for which nothing may have come, left or been announced.
+
+        Raises:
+            EnvironmentFaultError: The bus is not at rest, or a router hangs now.
+        """
+        if time.monotonic() - self._last_change < rest_s:
+            raise EnvironmentFaultError(
+                f"components came, left or announced something within the last {rest_s:g} s",
+                where="graph",
+                hint="reading declarations now could hang the router for ever; wait until all have started",
+            )
+        with self._updating:
+            self._observer.declared = declarations(self._bus.sessions, ours=self._observer.ours())
+            return self.refresh()
+
+    def _event(self) -> None:
+        self._last_change = time.monotonic()
+        self._wake.set()
+
+    def _run(self) -> None:
+        rest = _LEAST_S  # at least: a system that starts announces a thousand things at once
+        while not self._stopping.wait(rest):
+            self._wake.wait(self._period)
+            self._wake.clear()
+            if self._stopping.is_set():
+                return
+            began = time.monotonic()
+            try:
+                self.refresh()
+            except Exception:
+                if not self._stopping.is_set():
+                    _LOG.exception("the graph could not be brought up to date")
+            rest = min(max(_LEAST_S, _REST * (time.monotonic() - began)), _MOST_S)

@@ -1,0 +1,90 @@
+"""How interceptors are written: `'drop every=5 select=/odom'` on a command line, tables in riot.toml."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.interceptors.catalogue import build
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+__all__ = ["from_tables", "from_text", "parse"]
+
+_KEY = re.compile(r"[A-Za-z_]\w*")
+
+
+def parse(text: str) -> tuple[str, dict[str, Any]]:
+    """Take `NAME key=value key=value` apart; an option that is given twice is a list.
+
+    Raises:
+        ConfigError: The text is not of this form.
+    """
+    hint = "write NAME key=value ..., such as 'drop every=5 select=/odom', or FILE.py[:NAME]"
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"{text!r}: {error}", where="--interceptor", hint=hint) from None
+    if not words:
+        raise ConfigError("no interceptor is named", where="--interceptor", hint=hint)
+    options: dict[str, Any] = {}
+    for word in words[1:]:
+        key, equals, value = word.partition("=")
+        if not equals or not _KEY.fullmatch(key):
+            raise ConfigError(f"{word!r} in {text!r} is not an option", where="--interceptor", hint=hint)
+        if key in options:
+            former = options[key]
+            options[key] = [*(former if isinstance(former, list) else [former]), _value(value)]
+        else:
+            options[key] = _value(value)
+    return words[0], options
+
+
+def from_text(text: str) -> object:
+    """Build what `--interceptor` names; a file's code is executed.
+
+    Raises:
+        ConfigError: It cannot be built.
+    """
+    use, options = parse(text)
+    return build(use, options, where="--interceptor")
+
+
+def from_tables(
+    tables: Iterable[Mapping[str, Any]], *, where: str = "riot.toml", root: Path | None = None
+) -> list[object]:
+    """Build what `[[router.interceptors]]` names, in this order.
+
+    Args:
+        tables: As written.
+        where: The file, for errors.
+        root: Folder that relative paths start from, by default the working folder.
+
+    Raises:
+        ConfigError: One cannot be built.
+    """
+    made = []
+    for number, table in enumerate(tables):
+        place = f"{where}: router.interceptors[{number}]"
+        options = dict(table)
+        use = options.pop("use", None)
+        if not isinstance(use, str):
+            hint = 'write use = "drop", or use = "FILE.py:NAME"'
+            raise ConfigError("which interceptor?", where=place, hint=hint)
+        made.append(build(use, options, where=place, root=root))
+    return made
+
+
+def _value(text: str) -> Any:
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+    value = document["value"]
+    plain = isinstance(value, bool | int | float) and "#" not in text  # else the rest would be a comment
+    return value if len(document) == 1 and (plain or isinstance(value, str | list | dict)) else text

@@ -1,0 +1,1 @@
+"""Fields of logs as arrays and tables, read from the bytes of chunks."""

@@ -1,0 +1,214 @@
+"""Blocks of a log as numpy arrays: decompressed ahead by threads, their records found without a loop over messages."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from riot_bus.log.engine.blocks import CHUNK, HEAD, SHORTEST_MESSAGE, Records, packed_size, read_block, records_of
+from riot_bus.log.layout import MAX_BLOCK
+from riot_bus.types.bulk import Payloads
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from concurrent.futures import Future
+
+    from numpy.typing import NDArray
+
+    from riot_bus.log.engine.blocks import Block
+    from riot_bus.log.reader import LogReader
+
+__all__ = ["LoadedBlock", "load_ahead"]
+
+_MESSAGE = np.dtype(
+    {
+        "names": ["length", "channel", "time", "published"],
+        "formats": ["<u8", "<u2", "<u8", "<u8"],
+        "offsets": [1, 9, 15, 23],
+        "itemsize": HEAD.size + SHORTEST_MESSAGE,
+    }
+)
+"""What stands before a payload."""
+_LATEST = (1 << 63) - 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedBlock:
+    """One block's messages, in the order of the file.
+
+    Attributes:
+        block: Which.
+        data: Its records.
+        places: Where each message's record begins, shape (n,).
+        heads: What stands before the payload of each, shape (n,).
+        times: Nanoseconds, shape (n,); those beyond the year 2262 are -1.
+        numbers: Place of each message in the block as it was written, shape (n,); None: 0, 1, 2 ...
+    """
+
+    block: Block
+    data: bytes
+    places: NDArray[np.int64]
+    heads: NDArray[Any]
+    times: NDArray[np.int64]
+    numbers: NDArray[np.int64] | None = None
+
+    @property
+    def channels(self) -> NDArray[np.uint16]:
+        """Channel of each message, shape (n,)."""
+        channels: NDArray[np.uint16] = self.heads["channel"]
+        return channels
+
+    def rows_of(self, channel: int, low: int, high: int) -> NDArray[np.int64]:
+        """Return the numbers of a channel's messages of times in [low, high)."""
+        chosen = self.channels == channel
+        if low > 0 or high <= _LATEST:
+            chosen &= (self.times >= low) & (self.times < high)
+        else:
+            chosen &= self.times >= 0
+        return np.flatnonzero(chosen)
+
+    def order(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the place of some messages in the file; grows with the file."""
+        return (self.block.number << 32) + (rows if self.numbers is None else self.numbers[rows])
+
+    def published(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the publish time of some messages as the file has it."""
+        return _as_times(self.heads["published"][rows])
+
+    def payloads(self, rows: NDArray[np.int64]) -> Payloads:
+        """Return the payloads of some messages."""
+        return Payloads(self.data, self.places[rows] + _MESSAGE.itemsize, self.lengths()[rows])
+
+    def lengths(self) -> NDArray[np.int64]:
+        """Return the bytes of the payloads of all messages, shape (n,)."""
+        lengths: NDArray[np.int64] = self.heads["length"].astype(np.int64) - SHORTEST_MESSAGE
+        return lengths
+
+
+def load_ahead(
+    reader: LogReader, blocks: Sequence[Block], *, memory: int, threads: int, largest: int | None = None
+) -> Iterator[LoadedBlock]:
+    """Yield blocks in this order, some of them loaded ahead; damaged ones are counted.
+
+    Those are left out, but for what is salvaged of them if the reader was told so.
+
+    Args:
+        reader: The log, open as long as this is used; counts what is lost.
+        blocks: Which.
+        memory: Bytes that blocks may take while they wait.
+        threads: How many blocks are decompressed at the same time; 0: none ahead.
+        largest: Bytes that a single one may take, if not `memory`; larger ones are counted as damaged.
+    """
+    limit = min(MAX_BLOCK, memory if largest is None else largest)
+    known = np.zeros(1 << 16, np.bool_)
+    known[list(reader.sources())] = True
+    if threads < 1 or len(blocks) < 2:
+        for block in blocks:
+            try:
+                loaded = _load(reader.file, block, limit)
+            except ValueError as error:
+                yield from _rest(reader, block, error, limit, known)
+            else:
+                yield _take(reader, *loaded, known)
+                del loaded
+        return
+    waiting: deque[tuple[Block, int, Future[tuple[LoadedBlock, Records]]]] = deque()
+    held, following = 0, 0
+    with ThreadPoolExecutor(threads, thread_name_prefix="riot-columns") as pool:
+        try:
+            while waiting or following < len(blocks):
+                while following < len(blocks) and len(waiting) <= 2 * threads:
+                    block = blocks[following]
+                    size = min(limit, _claimed(reader.file, block))
+                    if waiting and held + size > memory:
+                        break
+                    waiting.append((block, size, pool.submit(_load, reader.file, block, limit)))
+                    held += size
+                    following += 1
+                block, size, future = waiting.popleft()
+                try:
+                    loaded = future.result()
+                except ValueError as error:
+                    yield from _rest(reader, block, error, limit, known)
+                else:
+                    yield _take(reader, *loaded, known)
+                    del loaded
+                del future
+                held -= size
+        finally:
+            for _, _, future in waiting:
+                future.cancel()
+
+
+def _load(file: int, block: Block, limit: int) -> tuple[LoadedBlock, Records]:
+    data = read_block(file, block, limit=limit)
+    records = records_of(data, cut=block.cut)
+    return _arrays(block, data, records), records
+
+
+def _rest(
+    reader: LogReader, block: Block, error: ValueError, limit: int, known: NDArray[np.bool_]
+) -> Iterator[LoadedBlock]:
+    """Take note that a block is damaged, and yield what is salvaged of it."""
+    reader.count_damage(block, str(error))
+    rest = reader.rest_of(block, limit=limit)
+    if rest is not None:
+        yield _take(reader, _arrays(block, rest.data, rest.records, rest.places), rest.records, known)
+
+
+def _arrays(block: Block, data: bytes, records: Records, numbers: NDArray[np.int64] | None = None) -> LoadedBlock:
+    heads = _heads(data, records.messages)
+    return LoadedBlock(block, data, records.messages, heads, _as_times(heads["time"]), numbers)
+
+
+def _take(reader: LogReader, block: LoadedBlock, records: Records, known: NDArray[np.bool_]) -> LoadedBlock:
+    for opcode, start, end in records.others:
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            reader.define(opcode, block.data[start:end])
+    lost = ~known[block.channels] | (block.times < 0)
+    reader.count_unknown(block.block, int(np.count_nonzero(lost)))
+    return block
+
+
+def _claimed(file: int, block: Block) -> int:
+    """Return how many bytes a block claims to have once it is decompressed."""
+    if not block.chunked:
+        return block.body.length
+    try:
+        head = os.pread(file, CHUNK.size, block.body.offset)
+    except OSError:
+        return 0
+    return packed_size(head) if len(head) == CHUNK.size else 0
+
+
+def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[Any]:
+    """Return what stands before the payloads of the messages at these places, which need not be aligned."""
+    size = _MESSAGE.itemsize
+    stride = _stride(places)
+    if stride:
+        heads = np.ndarray((len(places),), f"V{size}", data, int(places[0]), (stride,)).copy()
+    elif len(places):
+        heads = np.ndarray((len(data) - size + 1,), f"V{size}", data, 0, (1,))[places]
+    else:
+        heads = np.empty(0, f"V{size}")
+    return heads.view(_MESSAGE)
+
+
+def _stride(places: NDArray[np.int64]) -> int:
+    """Return how far one place is from the next, 0 if that differs."""
+    steps = np.diff(places)
+    return int(steps[0]) if len(steps) and (steps == steps[0]).all() else 0
+
+
+def _as_times(numbers: NDArray[Any]) -> NDArray[np.int64]:
+    late = numbers > _LATEST
+    times = numbers.astype(np.int64)
+    if late.any():
+        times[late] = -1
+    return times

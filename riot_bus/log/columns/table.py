@@ -1,0 +1,319 @@
+"""Fields of a log as numpy arrays: `columns` at once, `iter_columns` piece by piece."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from riot_bus.log.columns.blocks import LoadedBlock, load_ahead
+from riot_bus.log.columns.plan import Feed, Wish, chosen_rows, log_registry, plan_columns
+from riot_bus.log.reader import LogReader, Loss
+from riot_bus.types.bulk import Gathered, gather, join
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Column", "Columns", "column_parts", "columns", "iter_columns"]
+
+MEMORY = 1 << 30
+_STREAM_MEMORY = 1 << 28
+_MOST_THREADS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One field of n messages, by time; those of equal time in the file's order.
+
+    Attributes:
+        selector: What was asked for.
+        field: Path of the field.
+        keys: The Zenoh keys of the messages (of a ROS bag the topics); more than one only if the selector has
+            wildcards, or a topic several keys.
+        times: Reception, nanoseconds since the Unix epoch, int64, shape (n,).
+        publish_times: Time at the source, likewise; where it is unknown, that of reception.
+        values: In the field's own type, shape (n,): bool, int8 ... uint64, float32, float64, or object for text, bytes
+            and mixtures.
+        valid: Where there is a value, shape (n,); elsewhere a float is NaN, a number 0, an object None.
+        key: Number of each message's key in `keys`, shape (n,).
+        order: Place of each message in the file, shape (n,): grows with the file, and is the same in all columns.
+    """
+
+    selector: str
+    field: str
+    keys: tuple[str, ...]
+    times: NDArray[np.int64]
+    publish_times: NDArray[np.int64]
+    values: NDArray[Any]
+    valid: NDArray[np.bool_]
+    key: NDArray[np.uint16]
+    order: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+class Columns(Mapping[str, Column]):
+    """Columns by selector; `loss` says what of the log could not be read (so far)."""
+
+    def __init__(self, found: Mapping[str, Column], loss: Loss) -> None:
+        self._found = dict(found)
+        self.loss = loss
+
+    def __getitem__(self, selector: str) -> Column:
+        return self._found[selector]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+
+class _Rows(NamedTuple):
+    """Some messages' values, in the order of the file."""
+
+    times: NDArray[np.int64]
+    order: NDArray[np.int64]
+    published: NDArray[np.int64]
+    found: Gathered
+    key: NDArray[np.uint16]
+
+    @property
+    def weight(self) -> int:
+        values = self.found.values
+        size = len(self.times) * (8 + 8 + 8 + 2 + 1 + values.itemsize)
+        if values.dtype == np.object_:
+            size += sum(map(sys.getsizeof, {id(value): value for value in values.tolist()}.values()))
+        return size
+
+    def take(self, rows: Any) -> _Rows:
+        found = Gathered(self.found.values[rows], self.found.valid[rows])
+        return _Rows(self.times[rows], self.order[rows], self.published[rows], found, self.key[rows])
+
+
+def columns(
+    path: Path | str,
+    selectors: Sequence[str],
+    *,
+    start: int | None = None,
+    end: int | None = None,
+    memory: int = MEMORY,
+    registry: TypeRegistry | None = None,
+    threads: int | None = None,
+    salvage: bool = False,
+) -> Columns:
+    """Read fields of a log's delivered messages into arrays.
+
+    Fields of fixed layout are decoded many at once; JSON and MessagePack message by message.
+
+    Args:
+        path: The log; damaged ones are read as far as they go.
+        selectors: Such as `/odom:pose.pose.position.x`, `/scan:len(ranges)` or `robot/*/state:speed where mode == 2`.
+        start: Earliest time, nanoseconds.
+        end: Latest time (exclusive), nanoseconds.
+        memory: Bytes that arrays and decompressed chunks may take together; the file may be larger. A chunk that is
+            larger is counted as damaged.
+        registry: Knows types that the log does not tell.
+        threads: Threads for decompression, 0: none; by default one per processor, four at most.
+        salvage: Take messages of damaged chunks as far as an index confirms them.
+
+    Returns:
+        A `Column` for each selector.
+
+    Raises:
+        ConfigError: The file is no log, a selector does not fit it, a type is unknown, or the arrays would need more
+            than `memory`.
+        PayloadError: A type has no such field.
+    """
+    with LogReader(path, salvage=salvage) as reader:
+        work = _Work(reader, selectors, registry)
+        held = 0
+        pending: list[list[_Rows]] = [[] for _ in work.wishes]
+        for block in work.blocks(start, end, memory, 4, threads):
+            for place, rows in work.rows(block):
+                held += rows.weight
+                pending[place].append(rows)
+            if 2 * held > memory:
+                raise ConfigError(
+                    f"these columns need more than memory = {memory} bytes",
+                    where=reader.path,
+                    hint="use iter_columns, give start and end, or more memory",
+                )
+        found = {}
+        for place, wish in enumerate(work.wishes):
+            found[wish.text] = work.column(wish, _sorted(pending[place]))
+            pending[place] = []
+        return Columns(found, reader.loss)
+
+
+def iter_columns(
+    path: Path | str,
+    selectors: Sequence[str],
+    *,
+    start: int | None = None,
+    end: int | None = None,
+    memory: int = _STREAM_MEMORY,
+    registry: TypeRegistry | None = None,
+    threads: int | None = None,
+    salvage: bool = False,
+) -> Iterator[Columns]:
+    """Yield what `columns` returns piece by piece, by time; for logs of any size.
+
+    The type of the values of JSON and MessagePack fields may differ from piece to piece. Where so many chunks overlap
+    in time that sorting them would need more than `memory`, messages come later than their time and are counted in
+    `loss.unsorted`.
+    """
+    with LogReader(path, salvage=salvage) as reader:
+        yield from column_parts(
+            reader, selectors, start=start, end=end, memory=memory, registry=registry, threads=threads
+        )
+
+
+def column_parts(
+    reader: LogReader,
+    selectors: Sequence[str],
+    *,
+    start: int | None = None,
+    end: int | None = None,
+    memory: int = _STREAM_MEMORY,
+    registry: TypeRegistry | None = None,
+    threads: int | None = None,
+) -> Iterator[Columns]:
+    """Yield what `iter_columns` yields, of a log that is open."""
+    work = _Work(reader, selectors, registry)
+    waiting: list[list[_Rows]] = [[] for _ in work.wishes]
+    held, bound = 0, 0
+    for block in work.blocks(start, end, memory, 2, threads):
+        late = [np.zeros(0, np.int64)]
+        for place, rows in work.rows(block):
+            held += rows.weight
+            waiting[place].append(rows)
+            late.append(rows.order[rows.times < bound])
+        reader.count_unsorted(block.block, len(np.unique(np.concatenate(late))))
+        following = work.following_start(block.block)
+        limit = None if following is None or 2 * held > memory else following
+        part, waiting = _split(work, waiting, limit)
+        held = sum(rows.weight for rows_of in waiting for rows in rows_of)
+        times = [rows.times[-1] for rows in part if len(rows.times)]
+        if times:
+            bound = max(bound, int(max(times)))
+            yield work.columns(part)
+    part, _ = _split(work, waiting, None)
+    yield work.columns(part)
+
+
+class _Work:
+    """What is read from a log, and how."""
+
+    def __init__(self, reader: LogReader, selectors: Sequence[str], registry: TypeRegistry | None) -> None:
+        self._reader = reader
+        self._registry = log_registry(reader) if registry is None else registry
+        self.wishes, self._feeds = plan_columns(reader, selectors, self._registry)
+        self._keys: list[dict[str, int]] = [{} for _ in self.wishes]
+        for feed in self._feeds:
+            for place in feed.wishes:
+                self._keys[place].setdefault(feed.source.key, len(self._keys[place]))
+        self._low, self._high = 0, 1 << 64
+        self._following: dict[int, int] = {}
+
+    def blocks(
+        self, start: int | None, end: int | None, memory: int, share: int, threads: int | None
+    ) -> Iterator[LoadedBlock]:
+        """Yield the blocks that may have what is wanted, by time; those that wait take a share of the memory."""
+        self._low, self._high = max(start or 0, 0), 1 << 64 if end is None else end
+        blocks = self._reader.blocks(self._low, self._high)
+        self._following = {one.number: other.start for one, other in pairwise(blocks)}
+        if threads is None:
+            threads = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
+        return load_ahead(self._reader, blocks, memory=memory // share, threads=threads, largest=memory)
+
+    def following_start(self, block: Any) -> int | None:
+        """Return the earliest time in blocks that are still to come; None if there are none."""
+        return self._following.get(block.number)
+
+    def rows(self, block: LoadedBlock) -> Iterator[tuple[int, _Rows]]:
+        """Yield the number of each wish and what a block has of it."""
+        for feed in self._feeds:
+            rows = block.rows_of(feed.number, self._low, self._high)
+            if len(rows):
+                yield from self._of_feed(block, feed, rows)
+
+    def column(self, wish: Wish, rows: _Rows) -> Column:
+        """Return a column of sorted rows."""
+        keys = tuple(self._keys[self.wishes.index(wish)])
+        found = rows.found
+        return Column(
+            wish.text, wish.path, keys, rows.times, rows.published, found.values, found.valid, rows.key, rows.order
+        )
+
+    def columns(self, part: Sequence[_Rows]) -> Columns:
+        """Return columns of sorted rows, one for each wish."""
+        pairs = zip(self.wishes, part, strict=True)
+        return Columns({wish.text: self.column(wish, rows) for wish, rows in pairs}, self._reader.loss)
+
+    def _of_feed(self, block: LoadedBlock, feed: Feed, rows: NDArray[np.int64]) -> Iterator[tuple[int, _Rows]]:
+        times, order, published = block.times[rows], block.order(rows), block.published(rows)
+        payloads = block.payloads(rows)
+        kind = feed.settle(payloads, self._registry)
+        for place in feed.wishes:
+            wish = self.wishes[place]
+            key = np.full(len(rows), self._keys[place][feed.source.key], np.uint16)
+            if kind is None:
+                nothing = Gathered(np.full(len(rows), np.nan), np.zeros(len(rows), np.bool_))
+                if wish.where is None:
+                    yield place, _Rows(times, order, published, nothing, key)
+            elif wish.where is None:
+                yield place, _Rows(times, order, published, gather(kind, payloads, wish.path), key)
+            else:
+                chosen = chosen_rows(kind, payloads, wish.where)
+                found = gather(kind, payloads.take(chosen), wish.path)
+                yield place, _Rows(times[chosen], order[chosen], published[chosen], found, key[chosen])
+
+
+def _joined(parts: Sequence[_Rows]) -> _Rows:
+    if len(parts) == 1:
+        return parts[0]
+    empty = np.zeros(0, np.int64)
+    return _Rows(
+        np.concatenate([empty, *(part.times for part in parts)]),
+        np.concatenate([empty, *(part.order for part in parts)]),
+        np.concatenate([empty, *(part.published for part in parts)]),
+        join([part.found for part in parts]),
+        np.concatenate([empty.astype(np.uint16), *(part.key for part in parts)]),
+    )
+
+
+def _sorted(parts: Sequence[_Rows]) -> _Rows:
+    rows = _joined(parts)
+    if (rows.times[1:] > rows.times[:-1]).all():
+        return rows
+    order = np.lexsort((rows.order, rows.times))
+    return rows if (order[1:] > order[:-1]).all() else rows.take(order)
+
+
+def _split(work: _Work, waiting: list[list[_Rows]], limit: int | None) -> tuple[list[_Rows], list[list[_Rows]]]:
+    """Return what is earlier than the limit, sorted, and what still waits."""
+    ready: list[_Rows] = []
+    rest: list[list[_Rows]] = []
+    for parts in waiting:
+        rows = _sorted(parts)
+        if limit is None or not len(rows.times):
+            ready.append(rows)
+            rest.append([])
+            continue
+        count = int(np.searchsorted(rows.times, limit))
+        ready.append(rows.take(slice(None, count)))
+        rest.append([rows.take(slice(count, None))] if count < len(rows.times) else [])
+    return ready, rest

@@ -1,0 +1,221 @@
+"""What happens to the messages of one channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+from riot_bus.log.editing.targets import Target
+from riot_bus.log.naming import means
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from riot_bus.log.editing.assignment import Assignment
+    from riot_bus.log.editing.result import TopicCounts
+    from riot_bus.log.editing.selection import Condition, Selection
+    from riot_bus.types.model import Adapter, MessageType
+    from riot_bus.types.offer import RecordedTopic
+
+__all__ = ["Course", "Kinds", "Step", "concerning"]
+
+_HOPELESS = 1000
+
+
+class Trouble:
+    """How often something could be done with the messages of a topic, and how often not.
+
+    Args:
+        name: What.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.succeeded = self.failed = 0
+        self.problem: PayloadError | None = None
+        """The first one."""
+
+    def fail(self, error: PayloadError) -> None:
+        """Count a failure; raises ConfigError when there is no hope that it ever succeeds."""
+        self.failed += 1
+        if self.problem is None:
+            self.problem = error
+        if self.failed >= _HOPELESS:
+            self.check()
+
+    def check(self) -> None:
+        """Raise ConfigError if it has failed for all messages."""
+        if self.problem is not None and not self.succeeded:
+            where = f"{self.name}: {self.problem.where}" if self.problem.where else self.name
+            raise ConfigError(self.problem.message, where=where, hint=self.problem.hint)
+
+
+class Step:
+    """One `--keep`, `--drop` or `--set`, and how it goes.
+
+    Args:
+        selection: Which messages are meant.
+        assignment: What is set, if it is such.
+
+    Attributes:
+        matched: Whether there is such a topic.
+        reading: How the fields of its predicate can be read.
+        setting: How its field can be set.
+    """
+
+    def __init__(self, selection: Selection, assignment: Assignment | None = None) -> None:
+        self.selection = selection
+        self.assignment = assignment
+        self.matched = False
+        self.name = f"{selection.option} {selection.text!r}"
+        self.reading = Trouble(self.name)
+        self.setting = Trouble(self.name)
+
+    def warnings(self) -> list[str]:
+        """Return what is to be said about it in the end; raises ConfigError if it has failed for all messages."""
+        found = []
+        for trouble, text in ((self.reading, "not selected"), (self.setting, "left as they are")):
+            trouble.check()
+            if trouble.failed:
+                found.append(f"{self.name}: {trouble.failed} messages are {text}; the first one: {trouble.problem}")
+        return found
+
+
+class Kinds:
+    """Finds the types of channels.
+
+    Args:
+        adapters: Returns the adapters; they are not loaded before.
+        declared: Type names by topic.
+        definitions: Files that define types.
+    """
+
+    def __init__(
+        self, adapters: Callable[[], Sequence[Adapter]], declared: dict[str, str], definitions: Sequence[Path]
+    ) -> None:
+        self._adapters = adapters
+        self._declared = declared
+        self._definitions = definitions
+
+    def of(self, topic: RecordedTopic, encoding: str, payload: bytes) -> MessageType:
+        """Return the type of a channel; raises PayloadError if nothing tells."""
+        registry = TypeRegistry(self._adapters(), declared=self._declared, definitions=self._definitions)
+        for name in {topic.key, topic.name}:
+            if topic.schema.name or topic.encoding:
+                registry.add_schema(name, topic.schema, topic.encoding)
+        found = registry.type_of(topic.key, payload=payload, encoding=encoding)
+        if found is None:
+            hint = "name it: --type TOPIC=TYPE"
+            raise PayloadError(
+                "the type of these messages is unknown, so its fields are too", where=topic.name, hint=hint
+            )
+        return found
+
+
+@dataclass(slots=True, eq=False)
+class Course:
+    """What happens to the messages of one channel.
+
+    Attributes:
+        topic: What was recorded.
+        target: Where they are written; None if all are dropped.
+        channel: The channel's number in its input, -1 if it has none.
+        counts: Of the topic.
+        original: Whether it holds originals.
+        shift: Nanoseconds that are added to their times.
+        keep: Conditions of which one must be met; None if all are kept.
+        drop: Conditions of which none must be met.
+        changes: What is set, under which conditions; None if always.
+        piped: Whether interceptors see them.
+        numbers: How many messages of the topic came before, in a list of one.
+    """
+
+    topic: RecordedTopic
+    target: Target | None
+    channel: int
+    counts: TopicCounts
+    kinds: Kinds
+    original: bool = False
+    shift: int = 0
+    keep: list[tuple[Step, Condition]] | None = None
+    drop: list[tuple[Step, Condition]] = field(default_factory=list)
+    changes: list[tuple[Step, Assignment, Condition | None]] = field(default_factory=list)
+    piped: bool = False
+    numbers: list[int] = field(default_factory=lambda: [0])
+    _kind: MessageType | None = None
+    _actions: dict[int, Callable[[bytes], bytes]] = field(default_factory=dict)
+
+    @property
+    def choosy(self) -> bool:
+        """Whether messages have to be looked at one by one, before interceptors see them."""
+        return self.target is not None and (self.chooses or bool(self.changes))
+
+    @property
+    def chooses(self) -> bool:
+        """Whether not all of them are kept."""
+        return self.keep is not None or bool(self.drop)
+
+    def kind(self, payload: bytes) -> MessageType:
+        """Return the type of the messages; raises PayloadError if nothing tells."""
+        if self._kind is None:
+            encoding = self.target.constants.encoding if self.target is not None else ""
+            self._kind = self.kinds.of(self.topic, encoding or self.topic.encoding, payload)
+        return self._kind
+
+    def chosen(self, time: int, number: int, payload: bytes) -> bool:
+        """Return whether a message stays."""
+        if self.keep is not None and not any(_holds(self, *each, time, number, payload) for each in self.keep):
+            return False
+        return not any(_holds(self, *each, time, number, payload) for each in self.drop)
+
+    def changed(self, time: int, number: int, payload: bytes) -> bytes:
+        """Return the payload with fields set; the same object if nothing is to be done."""
+        for place, (step, assignment, condition) in enumerate(self.changes):
+            if condition is not None and not _holds(self, step, condition, time, number, payload):
+                continue
+            try:
+                action = self._actions.get(place) or self._action(place, assignment, payload)
+                payload = action(payload)
+            except PayloadError as error:
+                step.setting.fail(error)
+            else:
+                step.setting.succeeded += 1
+        return payload
+
+    def _action(self, place: int, assignment: Assignment, payload: bytes) -> Callable[[bytes], bytes]:
+        kind = self.kind(payload)
+        found = assignment.shortcut(kind, payload) or partial(assignment.applied, kind)
+        self._actions[place] = found
+        return found
+
+
+def concerning(steps: Sequence[Step], topic: RecordedTopic) -> list[Step]:
+    """Return the steps that mean a topic."""
+    found = [step for step in steps if means(step.selection.topic, topic)]
+    for step in found:
+        step.matched = True
+    return found
+
+
+def _holds(course: Course, step: Step, condition: Condition, time: int, number: int, payload: bytes) -> bool:
+    if condition.where is None:
+        return condition.holds(time, number, _nothing)
+    try:
+        found = condition.holds(time, number, partial(_read, course, payload))
+    except PayloadError as error:
+        step.reading.fail(error)
+        return False
+    step.reading.succeeded += 1
+    return found
+
+
+def _read(course: Course, payload: bytes, path: str) -> bool | int | float | str | bytes:
+    return course.kind(payload).read(payload, path)
+
+
+def _nothing(path: str) -> bool:
+    raise PayloadError("nothing is read", where=path)

@@ -1,0 +1,239 @@
+"""Who is who in an edit: a course for each channel of the inputs, made when its first messages come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from mcap.records import Channel
+from mcap.records import Schema as SchemaRecord
+
+from riot_bus.log import layout
+from riot_bus.log.editing.channel_edit import Course, Kinds, Step, concerning
+from riot_bus.log.editing.result import TopicCounts
+from riot_bus.log.editing.targets import Target, Targets, new_identity
+from riot_bus.log.layout import Constants
+from riot_bus.log.naming import in_full, means, renamed
+from riot_bus.types.model import Schema
+from riot_bus.types.offer import RecordedTopic
+from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus.log.editing.inputs import InputLog
+    from riot_bus.log.editing.options import Design, EditOptions
+    from riot_bus.log.editing.selection import Selection
+    from riot_bus.types.model import Adapter
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Roster"]
+
+
+class Roster:
+    """Makes courses.
+
+    Args:
+        options: What is wanted.
+        design: What that means.
+        inputs: The logs.
+        origin: Returns when they begin, nanoseconds.
+
+    Attributes:
+        courses: By number.
+        steps: All selections and assignments.
+
+    Raises:
+        ConfigError: An option names a topic that the logs do not have, or a new name is none.
+    """
+
+    def __init__(
+        self, options: EditOptions, design: Design, inputs: Sequence[InputLog], origin: Callable[[], int]
+    ) -> None:
+        self.courses: list[Course] = []
+        self._options = options
+        self._design = design = self._in_full(design, inputs)
+        self._origin = origin
+        self._keep = [Step(each) for each in design.keep]
+        self._drop = [Step(each) for each in design.drop]
+        self._changes = [Step(each.selection, each) for each in design.changes]
+        self.steps = [*self._keep, *self._drop, *self._changes]
+        self._targets = Targets()
+        self._kinds = Kinds(lambda: self.adapters, dict(options.types), options.definitions)
+        self._counts: dict[str, TopicCounts] = {}
+        self._numbers: dict[str, list[int]] = {}
+        self._by_key: dict[str, int] = {}
+        self._definitions: list[tuple[Channel, SchemaRecord | None]] = []
+        self._by_channel: dict[tuple[int, int], int] = {}
+        for log in inputs:
+            for number in log.channels:
+                self.course_of(log, number)
+        self._check()
+
+    @cached_property
+    def adapters(self) -> list[Adapter]:
+        """All that are installed; they know the definitions that the user named."""
+        found = load_adapters()
+        TypeRegistry(found, definitions=self._options.definitions)
+        return found
+
+    @cached_property
+    def registry(self) -> TypeRegistry:
+        """Knows topics and types by the keys of the inputs."""
+        found = TypeRegistry(self.adapters, declared=self._options.types, definitions=self._options.definitions)
+        for course in self.courses:
+            topic = course.topic
+            for name in {topic.key, topic.name}:
+                if topic.schema.name or topic.encoding:
+                    found.add_schema(name, topic.schema, topic.encoding)
+        return found
+
+    def _in_full(self, design: Design, inputs: Sequence[InputLog]) -> Design:
+        """Return a design that names topics by their keys where it named them by short names."""
+        topics = [_recorded(channel, log.schema(channel)) for log in inputs for channel in log.channels.values()]
+
+        def full(text: str) -> str:
+            return in_full(text, topics, lambda: self.adapters)
+
+        def select(selection: Selection) -> Selection:
+            return replace(selection, topic=full(selection.topic))
+
+        return replace(
+            design,
+            keep=[*map(select, design.keep)],
+            drop=[*map(select, design.drop)],
+            changes=[replace(each, selection=select(each.selection)) for each in design.changes],
+            shifts=[each if each.topic is None else replace(each, topic=full(each.topic)) for each in design.shifts],
+        )
+
+    def pipe(self, is_wanted: Callable[[str], bool]) -> None:
+        """Let interceptors see the messages of some keys."""
+        for course in self.courses:
+            course.piped = not course.original and course.target is not None and is_wanted(course.topic.key)
+
+    def counts(self) -> list[TopicCounts]:
+        """Return what has become of the topics, by name."""
+        return sorted(self._counts.values(), key=lambda each: each.topic)
+
+    def targets(self) -> list[Target]:
+        """Return all channels of the output."""
+        found = {course.target.channel.id: course.target for course in self.courses if course.target is not None}
+        return [found[number] for number in sorted(found)]
+
+    def target_list(self) -> list[Target | None]:
+        """Return where messages are written, by number of the course."""
+        return [course.target for course in self.courses]
+
+    def course_of(self, log: InputLog, number: int) -> int:
+        """Return the number of the course of an input's channel."""
+        known = self._by_channel.get((log.number, number))
+        if known is None:
+            channel = log.channels[number]
+            known = self._by_channel[log.number, number] = self._add(channel, log.schema(channel))
+        return known
+
+    def course_of_key(self, message: Message) -> int:
+        """Return the number of the course of a message that an interceptor has made or put on another key."""
+        known = self._by_key.get(message.key)
+        if known is None or self.courses[known].target is None:  # what is dropped, is dropped before
+            known = self._by_key[message.key] = self._add(*self._made_channel(message, known), made=True)
+        return known
+
+    def _made_channel(self, message: Message, known: int | None) -> tuple[Channel, SchemaRecord | None]:
+        if known is not None:
+            return self._definitions[known]
+        registry = self.registry
+        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        topic = registry.topic(message.key)
+        channel = Channel(
+            id=0,
+            topic=topic,
+            message_encoding=kind.encoding if kind is not None else message.encoding,
+            metadata={
+                layout.KEY: message.key,
+                layout.TOPIC: topic,
+                layout.ROLE: "delivered",
+                **Constants.of(message).to_metadata(),
+            },
+            schema_id=0,
+        )
+        schema = kind.schema if kind is not None else None
+        if schema is None:
+            return channel, None
+        return channel, SchemaRecord(id=1, data=schema.data, encoding=schema.encoding, name=schema.name)
+
+    def _add(self, channel: Channel, schema: SchemaRecord | None, *, made: bool = False) -> int:
+        original = channel.metadata.get(layout.ROLE) == "original"
+        topic = _recorded(channel, schema)
+        counts = self._counts.setdefault(topic.key, TopicCounts(topic.name))
+        course = Course(topic, None, -1 if made else channel.id, counts, self._kinds, original)
+        course.numbers = self._numbers.setdefault(topic.key, [0])
+        if made or self._select(course):
+            shifts = (each.delta for each in self._design.shifts if each.topic is None or means(each.topic, topic))
+            course.shift = sum(shifts)
+            name = renamed(topic, self._design.remaps)
+            new = channel if name is None else new_identity(channel, topic, name, self.adapters)
+            course.target = self._targets.open(new, schema)
+            counts.written_as = counts.written_as if original else course.target.name
+        self.courses.append(course)
+        self._definitions.append((channel, schema))
+        number = len(self.courses) - 1
+        if not original:
+            self._by_key.setdefault(topic.key, number)
+        return number
+
+    def _select(self, course: Course) -> bool:
+        """Say which of a course's messages are kept and what is set in them; return whether any are kept."""
+        topic, original = course.topic, course.original
+        keeping, dropping = concerning(self._keep, topic), concerning(self._drop, topic)
+        changing = concerning(self._changes, topic)
+        if original:  # they follow topic and time alone
+            dropping = [step for step in dropping if step.selection.follows_time]
+            changing = []
+        if original and (not self._options.originals or self._options.folder):
+            return False
+        if (self._keep and not keeping) or any(step.selection.whole for step in dropping):
+            return False
+        if keeping and not any(each.whole or (original and not each.follows_time) for each in _selections(keeping)):
+            course.keep = [(step, step.selection.condition(self._origin)) for step in keeping]
+        course.drop = [(step, step.selection.condition(self._origin)) for step in dropping]
+        for step in changing:
+            assert step.assignment is not None
+            condition = step.selection.condition(self._origin)
+            course.changes.append((step, step.assignment, None if condition.always else condition))
+        return True
+
+    def _check(self) -> None:
+        topics = [course.topic for course in self.courses]
+        if not topics:
+            return
+        names = {topic.name for topic in topics}
+        for step in self.steps:
+            if not step.matched:
+                hint = did_you_mean(step.selection.topic, names)
+                raise ConfigError(f"the logs have no topic {step.selection.topic!r}", where=step.name, hint=hint)
+        asked = {each.topic: "--shift" for each in self._design.shifts if each.topic is not None}
+        for text in asked:
+            if not any(means(text, topic) for topic in topics):
+                raise ConfigError(f"the logs have no topic {text!r}", where="--shift", hint=did_you_mean(text, names))
+        for old in self._design.remaps:
+            if not any(renamed(topic, {old: "x"}) is not None for topic in topics):
+                raise ConfigError(f"the logs have no topic {old!r}", where="--remap", hint=did_you_mean(old, names))
+
+
+def _recorded(channel: Channel, schema: SchemaRecord | None) -> RecordedTopic:
+    metadata = channel.metadata
+    return RecordedTopic(
+        metadata.get(layout.TOPIC, channel.topic),
+        metadata.get(layout.KEY, channel.topic),
+        layout.KEY in metadata,
+        Schema(schema.name, schema.encoding, schema.data) if schema is not None else Schema("", "", b""),
+        channel.message_encoding,
+        dict(metadata),
+    )
+
+
+def _selections(steps: Sequence[Step]) -> list[Selection]:
+    return [step.selection for step in steps]

@@ -1,0 +1,306 @@
+"""One file of the output while it is written: chunks are packed and written on a thread of its own."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from riot_bus.log import layout
+from riot_bus.log.editing.batch import heads_of, runs_of
+from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.chunk import LARGE, MESSAGE_BYTES, Chunk
+from riot_bus.log.engine.mcap_file import McapFile
+from riot_bus.log.engine.packing import PackedChunk, worthwhile
+from riot_bus.log.layout import Provenance
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from concurrent.futures import Future
+    from pathlib import Path
+
+    from mcap.records import Attachment
+    from numpy.typing import NDArray
+
+    from riot_bus.log.editing.batch import Batch
+    from riot_bus.log.editing.targets import Target
+    from riot_bus.log.engine.mcap_file import McapFile as File
+
+__all__ = ["Part", "Ready"]
+
+_INDEX = struct.Struct("<BQHI")
+_MOST_WAITING = 4
+_SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
+
+
+class Ready(NamedTuple):
+    """A chunk that may be copied as it is: how it is compressed, and its data."""
+
+    compression: str
+    data: bytes
+
+
+class Part:
+    """Takes messages in.
+
+    Args:
+        path: File to create.
+        where: How the user calls it, for errors.
+        profile: MCAP profile.
+        compression: `zstd`, `lz4` or `none`.
+        chunk_bytes: Size of a chunk before compression.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+
+    def __init__(self, path: Path, where: str, *, profile: str, compression: str, chunk_bytes: int) -> None:
+        self.path = path
+        self.compression = compression
+        self._where = where
+        self._chunk_bytes = chunk_bytes
+        self._file: File = McapFile(path, profile=profile, library=layout.LIBRARY, compression=compression)
+        self._targets: dict[int, Target] = {}
+        self._definitions: list[bytes] = []
+        self._pieces: list[memoryview | bytes] = []
+        self._rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
+        self._extras: list[tuple[int, dict[str, Any]]] = []
+        self._notes: list[Provenance] = []
+        self._count = self._bytes = 0
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="riot-edit")
+        self._waiting: deque[Future[None]] = deque()
+        self.messages = 0
+
+    def size(self) -> int:
+        """Return how large the file is when all that was written so far is in it, the last chunk not compressed."""
+        self._collect(0)
+        return self._file.size + self._bytes
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Times of the earliest and the latest message, nanoseconds; known after `finish`."""
+        known = self._file.statistics
+        return known.message_start_time, known.message_end_time
+
+    def targets(self) -> list[tuple[Target, int]]:
+        """Return its channels and how many messages each has; known after `finish`."""
+        counts = self._file.statistics.channel_message_counts
+        return [(each, counts.get(number, 0)) for number, each in sorted(self._targets.items())]
+
+    def open(self, targets: Sequence[Target]) -> None:
+        """Define channels, whether messages come or not."""
+        for target in targets:
+            self._define(target)
+
+    def write(self, batch: Batch, targets: Sequence[Target | None]) -> None:
+        """Write messages.
+
+        Args:
+            batch: Whose records have the numbers of their channels already.
+            targets: By number of the course.
+
+        Raises:
+            EnvironmentFaultError: The disk is full or broken.
+        """
+        for number in np.unique(batch.course).tolist():
+            self._define(targets[number])
+        sizes = np.cumsum(batch.end - batch.start)
+        position, count = 0, len(batch)
+        while position < count:
+            done = int(sizes[position - 1]) if position else 0
+            room = max(1, self._chunk_bytes - self._bytes)
+            following = min(count, int(np.searchsorted(sizes, done + room, side="left")) + 1)
+            self._append(batch.take(slice(position, following)), targets)
+            if self._bytes >= self._chunk_bytes:
+                self._end_chunk()
+            position = following
+
+    def copy(self, batch: Batch, targets: Sequence[Target | None], ready: Ready) -> bool:
+        """Write a whole chunk as it stands; return whether that was done.
+
+        Args:
+            batch: All messages of the chunk, nothing else.
+            targets: By number of the course.
+            ready: Its data.
+        """
+        if 0 < self._bytes < self._chunk_bytes // _SMALL:
+            return False
+        if ready.compression != self.compression:
+            large = _large(batch.buffer, batch.start, batch.end - batch.start)
+            if ready.compression != worthwhile(self.compression, large, len(batch.buffer)):
+                return False
+        self._end_chunk()
+        for number in np.unique(batch.course).tolist():
+            self._define(targets[number])
+        heads = heads_of(batch.buffer, batch.start)
+        packed = PackedChunk(
+            ready.compression,
+            ready.data,
+            len(batch.buffer),
+            crc32(batch.buffer),
+            int(batch.time.min()),
+            int(batch.time.max()),
+            *_indexes(heads["channel"], batch.time, batch.start),
+        )
+        self._take_extras(batch, targets, heads)
+        definitions, self._definitions = b"".join(self._definitions), []
+        extras, notes, self._extras, self._notes = self._extras, self._notes, [], []
+        self._bytes = 0
+        self.messages += len(batch)
+        self._submit(self._store_packed, definitions, packed, extras, notes)
+        return True
+
+    def attachment(self, attachment: Attachment) -> None:
+        """Write an attachment of somebody else's; raises EnvironmentFaultError."""
+        self._submit(self._attach, attachment)
+
+    def metadata(self, name: str, mapping: dict[str, str]) -> None:
+        """Write a metadata record; raises EnvironmentFaultError."""
+        self._submit(self._file.metadata, name, mapping)
+
+    def drain(self) -> None:
+        """Return when all messages are in the file; raises EnvironmentFaultError."""
+        self._end_chunk()
+        self._collect(0)
+
+    def finish(self) -> None:
+        """Write the summary and make sure that all is on the disk; raises EnvironmentFaultError."""
+        self.drain()
+        targets = [each for _, each in sorted(self._targets.items())]
+        schemas = {each.schema.id: each.schema for each in targets if each.schema is not None}
+        ordered = [schemas[number] for number in sorted(schemas)]
+        if self._definitions:  # of channels without messages
+            self._file.define(b"".join(self._definitions))
+        self._submit(self._file.finish, ordered, [each.channel for each in targets])
+        self._submit(self._file.sync)
+        self._collect(0)
+
+    def close(self) -> None:
+        """Close the file as it is; safe to call twice."""
+        self._thread.shutdown(cancel_futures=True)
+        self._file.close()
+
+    def _define(self, target: Target | None) -> None:
+        assert target is not None
+        number = target.channel.id
+        if number not in self._targets:
+            self._targets[number] = target
+            self._definitions.append(target.definition())
+
+    def _append(self, batch: Batch, targets: Sequence[Target | None]) -> None:
+        view = memoryview(batch.buffer)
+        self._pieces += [view[begin:end] for begin, end in runs_of(batch)]
+        heads = heads_of(batch.buffer, batch.start)
+        self._rows.append((heads["channel"], batch.time, batch.end - batch.start))
+        self._take_extras(batch, targets, heads)
+        self._count += len(batch)
+        self._bytes += batch.weight
+        self.messages += len(batch)
+
+    def _take_extras(self, batch: Batch, targets: Sequence[Target | None], heads: NDArray[Any]) -> None:
+        if batch.extras is not None:
+            for row, extras in enumerate(batch.extras.tolist()):
+                if extras is not None:
+                    self._extras.append((self._count + row, extras))
+                    attachment = extras.get("a")
+                    self._bytes += len(attachment) if isinstance(attachment, bytes) else 0
+        if batch.notes is not None:
+            for row, changes in enumerate(batch.notes.tolist()):
+                if changes is not None:
+                    target = targets[int(batch.course[row])]
+                    assert target is not None
+                    number = batch.extras[row].get("n") if batch.extras is not None and batch.extras[row] else None
+                    sequence = number if isinstance(number, int) else int(heads["sequence"][row])
+                    note = Provenance(sequence, target.key, int(batch.time[row]), target.role, changes)
+                    self._notes.append(note)
+
+    def _end_chunk(self) -> None:
+        if not self._count:
+            return
+        definitions, pieces, rows = self._definitions, self._pieces, self._rows
+        extras, notes = self._extras, self._notes
+        self._definitions, self._pieces, self._rows, self._extras, self._notes = [], [], [], [], []
+        self._count = self._bytes = 0
+        self._submit(self._store, definitions, pieces, rows, extras, notes)
+
+    def _store(
+        self,
+        definitions: list[bytes],
+        pieces: list[memoryview | bytes],
+        rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]],
+        extras: list[tuple[int, dict[str, Any]]],
+        notes: list[Provenance],
+    ) -> None:
+        head = b"".join(definitions)
+        data = b"".join([head, *pieces])
+        channel, time, length = (np.concatenate([row[place] for row in rows]) for place in range(3))
+        offsets = np.cumsum(length) - length + len(head)
+        indexes, counts = _indexes(channel, time, offsets)
+        self._describe(extras, notes)
+        large = _large(data, offsets, length)
+        self._file.chunk(Chunk(data, int(time.min()), int(time.max()), indexes, counts, head, large))
+
+    def _store_packed(
+        self, definitions: bytes, chunk: PackedChunk, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]
+    ) -> None:
+        self._describe(extras, notes)
+        self._file.define(definitions)
+        self._file.packed(chunk)
+
+    def _describe(self, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]) -> None:
+        if extras:
+            self._file.attachment(layout.EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
+        if notes:
+            self._file.metadata(layout.PROVENANCE, {"changes": layout.pack_provenance(notes)})
+
+    def _attach(self, attachment: Attachment) -> None:
+        self._file.attachment(
+            attachment.name,
+            attachment.media_type,
+            attachment.data,
+            log_time=attachment.log_time,
+            create_time=attachment.create_time,
+        )
+
+    def _submit(self, action: Any, *arguments: Any) -> None:
+        self._waiting.append(self._thread.submit(action, *arguments))
+        self._collect(_MOST_WAITING)
+
+    def _collect(self, most: int) -> None:
+        while len(self._waiting) > most:
+            try:
+                self._waiting.popleft().result()
+            except OSError as error:
+                hint = "make room; nothing was changed"
+                text = f"the log cannot be written: {error.strerror or error}"
+                raise EnvironmentFaultError(text, where=self._where, hint=hint) from error
+
+
+def _large(data: bytes | bytearray, offsets: NDArray[Any], lengths: NDArray[Any]) -> tuple[memoryview, ...]:
+    """Return the large payloads among messages that begin at these offsets."""
+    view, least = memoryview(data), LARGE + MESSAGE_BYTES
+    large = zip(offsets[lengths >= least].tolist(), lengths[lengths >= least].tolist(), strict=True)
+    return tuple(view[begin + MESSAGE_BYTES : begin + length] for begin, length in large)
+
+
+def _indexes(
+    channel: NDArray[Any], time: NDArray[Any], offsets: NDArray[Any]
+) -> tuple[dict[int, bytes], dict[int, int]]:
+    """Return the message index record and the number of messages of each channel."""
+    order = np.argsort(channel, kind="stable")
+    entries = np.empty((len(channel), 2), "<u8")
+    entries[:, 0], entries[:, 1] = time, offsets
+    entries = entries[order]
+    numbers, places = np.unique(channel[order], return_index=True)
+    ends = [*places.tolist()[1:], len(channel)]
+    indexes: dict[int, bytes] = {}
+    counts: dict[int, int] = {}
+    for number, first, end in zip(numbers.tolist(), places.tolist(), ends, strict=True):
+        data = entries[first:end].tobytes()
+        indexes[number] = _INDEX.pack(7, 6 + len(data), number, len(data)) + data
+        counts[number] = end - first
+    return indexes, counts

@@ -1,0 +1,134 @@
+"""How a chunk is compressed, unless that would be in vain."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.chunk import LARGE
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from riot_bus.log.engine.chunk import Buffer, Chunk
+
+__all__ = ["COMPRESSIONS", "PackedChunk", "check_compression", "pieces_of", "worthwhile"]
+
+_LEAST_SHARE = _LEAST_GAIN = 32  # 1/32 of a chunk
+_FIRST, _SLICE, _MOST_SLICES = 1 << 12, 1 << 12, 256
+_LOOK = 64
+
+_PER_THREAD = threading.local()
+
+
+def _zstd(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
+    try:
+        compressor = _PER_THREAD.zstd
+    except AttributeError:
+        compressor = _PER_THREAD.zstd = zstandard.ZstdCompressor(level=1)  # its buffers are used again
+    frame = compressor.compressobj(size=sum(map(len, pieces)))
+    return (*map(frame.compress, pieces), frame.flush())
+
+
+def _lz4(pieces: Sequence[bytes]) -> tuple[bytes, ...]:
+    frame = lz4.frame.LZ4FrameCompressor()
+    return (frame.begin(sum(map(len, pieces))), *map(frame.compress, pieces), frame.flush())
+
+
+# In pieces: a chunk in one, and one more compressed, would be memory that the system gives and takes each time.
+COMPRESSIONS: dict[str, Callable[[Sequence[bytes]], tuple[bytes, ...]]] = {"zstd": _zstd, "lz4": _lz4, "none": tuple}
+
+
+def check_compression(name: str, where: str) -> None:
+    """Raise ConfigError if there is no such compression."""
+    if name not in COMPRESSIONS:
+        raise ConfigError(f"unknown compression {name!r}", where=where, hint=did_you_mean(name, COMPRESSIONS))
+
+
+def worthwhile(compression: str, payloads: Sequence[Buffer], size: int) -> str:
+    """Return this compression, or `none` where it would gain next to nothing: a sample tells.
+
+    To compress what is compressed already, such as images, takes longer than to write it. That a message stands twice
+    in a chunk, such as an original and what was delivered, no sample tells; that is looked for.
+
+    Args:
+        compression: One of `COMPRESSIONS`.
+        payloads: The large ones of a chunk (`riot_bus.log.engine.chunk.LARGE`).
+        size: All bytes of the chunk.
+    """
+    large = sum(map(len, payloads))
+    if compression == "none" or not payloads or _LEAST_SHARE * (size - large) > size:
+        return compression
+    if len({bytes(payload[len(payload) // 2 :][:_LOOK]) for payload in payloads}) < len(payloads):
+        return compression
+    stride = max(LARGE, large // _MOST_SLICES)
+    sample = b"".join(
+        payload[begin : begin + _SLICE] for payload in payloads for begin in range(_FIRST, len(payload), stride)
+    )
+    gain = len(sample) - sum(map(len, COMPRESSIONS[compression]((sample,))))
+    return compression if _LEAST_GAIN * gain >= len(sample) else "none"
+
+
+@dataclass(frozen=True, slots=True)
+class PackedChunk:
+    """A chunk as it will stand in a file.
+
+    Attributes:
+        compression: One of `COMPRESSIONS`.
+        data: Its records, compressed, whole or in pieces.
+        size: Their bytes before that.
+        checksum: CRC of these.
+        start: Time of the earliest message, nanoseconds.
+        end: Time of the latest message.
+        indexes: Message index record of each channel.
+        counts: Number of messages of each channel.
+    """
+
+    compression: str
+    data: bytes | tuple[bytes, ...]
+    size: int
+    checksum: int
+    start: int
+    end: int
+    indexes: dict[int, bytes]
+    counts: dict[int, int]
+
+    @classmethod
+    def of(cls, chunk: Chunk, compression: str) -> PackedChunk:
+        """Compress a chunk, if that makes it smaller."""
+        pieces = pieces_of(chunk.data)
+        checksum = 0
+        for piece in pieces:
+            checksum = crc32(piece, checksum)
+        size = sum(map(len, pieces))
+        compression = worthwhile(compression, chunk.large, size)
+        return cls(
+            compression,
+            COMPRESSIONS[compression](pieces),
+            size,
+            checksum,
+            chunk.start,
+            chunk.end,
+            chunk.indexes,
+            chunk.counts,
+        )
+
+    @property
+    def weight(self) -> int:
+        """Bytes in memory, about."""
+        return self.length + sum(map(len, self.indexes.values()))
+
+    @property
+    def length(self) -> int:
+        """Bytes of the compressed records."""
+        return sum(map(len, pieces_of(self.data)))
+
+
+def pieces_of(data: bytes | tuple[bytes, ...]) -> tuple[bytes, ...]:
+    """Return data that is whole or in pieces as pieces."""
+    return (data,) if isinstance(data, bytes) else data

@@ -1,0 +1,199 @@
+"""What is left of a damaged chunk: the messages that its index confirms.
+
+The checksum of a chunk says that something is wrong, not where. The index behind the chunk says of each message where
+it begins, its channel and its time. A message is taken if all of that is so, and if it ends where the next record
+begins. That its payload is as it was, nobody can say.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped]
+from mcap.opcode import Opcode
+
+from riot_bus.log.engine.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
+from riot_bus.log.layout import MAX_BLOCK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+__all__ = ["Salvage", "salvage"]
+
+_INDEX = struct.Struct("<HI")
+_MOST_MESSAGES = 1 << 20
+_STEP = 1 << 12  # what is decompressed at once: so much is lost before the place that cannot be
+_PACKED_STEP = 1 << 10
+_FIELDS = (("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"))
+
+
+class Salvage(NamedTuple):
+    """Messages of a damaged chunk.
+
+    Attributes:
+        data: Their records, and definitions before them, one after the other.
+        records: Where these stand in the data.
+        places: Number of each message in the chunk as it was written, ascending, shape (n,).
+        missing: How many messages there were besides.
+    """
+
+    data: bytes
+    records: Records
+    places: NDArray[Any]
+    missing: int
+
+    def extras(self, extras: Mapping[int, dict[str, Any]]) -> dict[int, dict[str, Any]]:
+        """Return extras by the places of messages in `data`, of those by the places in the chunk."""
+        return {new: extras[old] for new, old in enumerate(self.places.tolist()) if old in extras}
+
+
+def salvage(file: int, block: Block, *, limit: int = MAX_BLOCK) -> Salvage | None:
+    """Return what is left of a chunk that cannot be read as a whole; None if nothing is.
+
+    Args:
+        file: Descriptor of the log.
+        block: Which.
+        limit: Most bytes, before and after decompression.
+    """
+    import numpy as np
+
+    if not block.chunked or block.cut or block.body.length > limit + CHUNK.size + 64:
+        return None
+    try:
+        channels, times, offsets = _index(file, block)
+        data = _remains(os.pread(file, block.body.length, block.body.offset), limit)
+    except (OSError, ValueError, struct.error):
+        return None
+    heads_size = HEAD.size + SHORTEST_MESSAGE
+    if len(data) < heads_size or not len(offsets):
+        return None
+    offsets = np.minimum(offsets, np.uint64(limit)).astype(np.int64)  # else they are nowhere
+    order = np.argsort(offsets, kind="stable")
+    channels, times, offsets = channels[order], times[order], offsets[order]
+    unique = np.concatenate([[True], offsets[1:] != offsets[:-1]])
+    places = np.cumsum(unique) - 1
+    following = np.append(offsets[unique], max(len(data), int(offsets[-1]) + 1))[places + 1]
+    whole = offsets <= len(data) - heads_size
+    channels, times, begins, following, places = (each[whole] for each in (channels, times, offsets, following, places))
+    width = np.dtype(list(_FIELDS)).itemsize
+    heads = np.ndarray((len(data) - width + 1,), f"V{width}", data, 0, (1,))[begins].view(list(_FIELDS))
+    ends = begins + HEAD.size + np.minimum(heads["length"], np.uint64(len(data) + 1)).astype(np.int64)
+    sound = (
+        (heads["opcode"] == Opcode.MESSAGE)
+        & (heads["length"] >= SHORTEST_MESSAGE)
+        & (heads["channel"] == channels)
+        & (heads["time"] == times)
+        & (ends <= np.minimum(following, len(data)))
+    )
+    written = int(np.count_nonzero(unique))
+    return _joined(data, begins[sound], ends[sound], following[sound], places[sound], written)
+
+
+def _joined(
+    data: bytes,
+    begins: NDArray[Any],
+    ends: NDArray[Any],
+    following: NDArray[Any],
+    places: NDArray[Any],
+    written: int,
+) -> Salvage | None:
+    """Put together what is confirmed; between two messages there may only be whole records."""
+    import numpy as np
+
+    definitions, _ = _between(data, 0, int(begins[0])) if len(begins) else ([], False)
+    kept = np.ones(len(begins), np.bool_)
+    for row in np.flatnonzero(ends != following).tolist():
+        found, whole = _between(data, int(ends[row]), int(following[row]))
+        kept[row] = whole
+        definitions += found if whole else []
+        if len(definitions) > MOST_OTHERS:
+            return None
+    begins, ends, places = begins[kept], ends[kept], places[kept]
+    if not len(begins):
+        return None
+    others, position = [], 0
+    for begin, end in definitions:
+        others.append((data[begin], position + HEAD.size, position + end - begin))
+        position += end - begin
+    lengths = ends - begins
+    gaps = np.flatnonzero(begins[1:] != ends[:-1]) + 1
+    runs = zip(begins[[0, *gaps]].tolist(), ends[[*(gaps - 1), -1]].tolist(), strict=True)
+    pieces = [data[begin:end] for begin, end in [*definitions, *runs]]
+    starts = np.cumsum(lengths) - lengths + position
+    return Salvage(b"".join(pieces), Records(starts, others), places, written - len(places))
+
+
+def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]], bool]:
+    """Return schemas and channels, from where to where, and whether nothing but whole records is there."""
+    found: list[tuple[int, int]] = []
+    while position + HEAD.size <= end and len(found) <= MOST_OTHERS:
+        opcode, length = HEAD.unpack_from(data, position) if position + HEAD.size <= len(data) else (0, 0)
+        following = position + HEAD.size + length
+        if following > end or opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            break
+        found.append((position, following))
+        position = following
+    return found, position == end
+
+
+def _index(file: int, block: Block) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return channel, time and offset of all messages, as the index records behind a chunk have them."""
+    import numpy as np
+
+    channels: list[NDArray[Any]] = []
+    entries: list[NDArray[Any]] = []
+    count = 0
+    position = sum(block.body)
+    while True:
+        head = os.pread(file, HEAD.size + _INDEX.size, position)
+        if len(head) < HEAD.size + _INDEX.size:
+            break
+        opcode, length = HEAD.unpack_from(head)
+        channel, size = _INDEX.unpack_from(head, HEAD.size)
+        if opcode != Opcode.MESSAGE_INDEX or length != _INDEX.size + size or size % 16:
+            break
+        count += size // 16
+        if count > _MOST_MESSAGES or len(channels) >= 1 << 16:
+            raise ValueError("too many messages")
+        rows = np.frombuffer(os.pread(file, size, position + len(head)), "<u8")
+        if len(rows) != size // 8:
+            break
+        channels.append(np.full(len(rows) // 2, channel, np.uint16))
+        entries.append(rows.reshape(-1, 2))
+        position += HEAD.size + length
+    if not entries:
+        raise ValueError("no index")
+    both = np.concatenate(entries)
+    return np.concatenate(channels), both[:, 0], both[:, 1]
+
+
+def _remains(body: bytes, limit: int) -> bytes:
+    """Return a chunk's records, decompressed as far as that goes."""
+    _, _, size, _, name_length = CHUNK.unpack_from(body)
+    name = body[CHUNK.size : CHUNK.size + name_length]
+    packed = body[CHUNK.size + name_length + 8 :]
+    if size > limit:
+        raise ValueError("too large")
+    if name == b"":
+        return packed[:size]
+    if name not in (b"zstd", b"lz4"):
+        raise ValueError("unknown compression")
+    return b"".join(unzstd(packed, size, step=_STEP) if name == b"zstd" else _unlz4(packed, size))
+
+
+def _unlz4(packed: bytes, size: int) -> Iterator[bytes]:
+    frame = lz4.frame.LZ4FrameDecompressor()
+    for begin in range(0, len(packed), _PACKED_STEP):
+        try:
+            piece = frame.decompress(packed[begin : begin + _PACKED_STEP], max_length=size)
+        except (RuntimeError, EOFError):
+            return
+        size -= len(piece)
+        if piece:
+            yield piece
+        if size <= 0 or frame.eof:
+            return

@@ -1,0 +1,332 @@
+"""Find and load the parts of an MCAP file, whoever wrote it and however it ends.
+
+The file is walked once from record to record, skipping the data of chunks, so damage or a missing summary costs nothing
+but the damaged part, and memory holds one entry per chunk. Behind a record whose length is damaged the walk goes on at
+the next chunk.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import struct
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, NamedTuple, TypeVar
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
+
+from riot_bus.log import layout
+from riot_bus.log.engine.blocks import (
+    CHUNK,
+    HEAD,
+    MOST_MESSAGES,
+    MOST_OTHERS,
+    SHORTEST_MESSAGE,
+    Block,
+    Span,
+    read_block,
+    records_of,
+)
+from riot_bus.log.engine.checksum import crc32
+from riot_bus.vocabulary.errors import ConfigError
+
+__all__ = ["Block", "Entry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
+
+MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
+FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
+"""What stands at the end of a file that was closed: footer and magic."""
+
+RecordT = TypeVar("RecordT")
+
+_MESSAGE = struct.Struct("<BQHIQQ")
+_PLAIN_BLOCK = 1 << 20
+_SHORTEST_CHUNK = CHUNK.size + 8
+_MOST_METADATA = 1 << 20
+_MOST_DEFINITIONS = 1 << 26
+_LARGEST_METADATA = 1 << 26
+_MOST_GAPS = 1000
+
+
+class Entry(NamedTuple):
+    """One message as it is in the file; sorts by time, then by place in the file."""
+
+    time: int
+    order: int
+    channel: int
+    sequence: int
+    published: int
+    payload: bytes
+    extras: dict[str, Any] | None
+
+
+@dataclass(slots=True)
+class Scan:
+    """What a file holds."""
+
+    size: int
+    header: Header | None = None
+    blocks: list[Block] = field(default_factory=list)
+    metadata: list[tuple[str, Span]] = field(default_factory=list)
+    attachments: list[Span] = field(default_factory=list)
+    """Those of others: not the extras of a chunk."""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    statistics: Statistics | None = None
+    finished: bool = False
+    unread: int = 0
+    """Bytes of which nothing can be said: at the end, or behind a damaged length."""
+    damaged: set[int] = field(default_factory=set)
+    """Checksums of definitions that were left out; 0 stands for metadata of which there is too much."""
+    conflicts: set[int] = field(default_factory=set)
+    """Channels that are defined twice in different ways; the first one counts."""
+    room: int = _MOST_DEFINITIONS
+    """Bytes of definitions that are still taken in."""
+
+    @property
+    def missing_chunks(self) -> int:
+        """Chunks that the summary counts, but that are not there."""
+        known = self.statistics.chunk_count if self.statistics is not None and self.finished else 0
+        return max(0, known - sum(block.chunked for block in self.blocks))
+
+
+def scan_file(file: int, path: str) -> Scan:
+    """Walk over a file.
+
+    Raises:
+        ConfigError: It is not an MCAP file.
+    """
+    status = os.fstat(file)
+    size = status.st_size
+    if stat.S_ISDIR(status.st_mode):
+        raise ConfigError("this is a directory", where=path, hint="name the .mcap file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise ConfigError("this is no file", where=path, hint="copy it into a file first")
+    try:
+        if os.pread(file, len(MAGIC), 0) != MAGIC:
+            if size == 0:
+                raise ConfigError("the file is empty", where=path, hint="was the recorder stopped before it began?")
+            hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
+            raise ConfigError("not an MCAP file", where=path, hint=hint)
+        return _walk(file, Scan(size))
+    except OSError as error:
+        raise ConfigError(f"cannot read the log: {error.strerror}", where=path) from error
+
+
+def _walk(file: int, scan: Scan) -> Scan:
+    size, position, gaps = scan.size, len(MAGIC), 0
+    extras: Span | None = None
+    while position < size and not scan.finished:
+        head = os.pread(file, 128, position)
+        opcode, length = HEAD.unpack_from(head) if len(head) >= HEAD.size else (0, 0)
+        body = Span(position + HEAD.size, length)
+        following = body.offset + length
+        cut = opcode == 0 or following > size
+        if cut:
+            gaps += 1
+            following = _after_gap(file, scan, position) if gaps <= _MOST_GAPS else size
+            scan.unread += following - position
+        inside = head[HEAD.size :]
+        if opcode == Opcode.CHUNK and len(inside) >= CHUNK.size and length >= _SHORTEST_CHUNK:
+            start, end = CHUNK.unpack_from(inside)[:2]
+            span = Span(body.offset, max(0, following - body.offset))
+            scan.blocks.append(Block(len(scan.blocks), span, start, end, chunked=True, cut=cut, extras=extras))
+            extras = None
+        if not cut:
+            extras = _take(file, scan, opcode, position, body, inside) or extras
+        position = following
+    return scan
+
+
+def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
+    """Take in a record; return where extras are, if it is such."""
+    length = body.length
+    match opcode:
+        case Opcode.MESSAGE if length >= SHORTEST_MESSAGE:
+            (time,) = struct.unpack_from("<Q", inside, 6)
+            _add_plain(scan, position, HEAD.size + length, time)
+        case Opcode.ATTACHMENT:
+            found = _extras_span(body, inside)
+            if found is None and len(scan.attachments) < _MOST_METADATA:
+                scan.attachments.append(body)
+            return found
+        case Opcode.METADATA:
+            if len(scan.metadata) < _MOST_METADATA:
+                scan.metadata.append((_text(inside, 0)[0], body))
+            else:
+                scan.damaged.add(0)
+        case Opcode.HEADER:
+            scan.header = scan.header or parse(Header, os.pread(file, min(length, 1 << 16), body.offset))
+        case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.STATISTICS:
+            if length <= _MOST_DEFINITIONS:
+                define(scan, opcode, os.pread(file, length, body.offset))
+            else:
+                scan.damaged.add(position)
+        case Opcode.FOOTER:
+            scan.finished = True
+    return None
+
+
+def _after_gap(file: int, scan: Scan, position: int) -> int:
+    """Return where to go on behind a record that cannot be: at a chunk, at the summary, or at the end of the file."""
+    from riot_bus.log.engine.resync import next_record
+
+    found = next_record(file, position + 1, scan.size, scan.channels)
+    if found is None:
+        tail = os.pread(file, FOOTER_BYTES, scan.size - FOOTER_BYTES) if scan.size > FOOTER_BYTES else b""
+        footer = parse_footer(tail)
+        found = footer.summary_start if footer is not None and footer.summary_start else scan.size
+        if not position < found <= scan.size - FOOTER_BYTES:
+            found = scan.size
+    return found
+
+
+def parse_footer(tail: bytes) -> Footer | None:
+    """Return the footer from the last bytes of a file, None if it has none."""
+    if len(tail) != FOOTER_BYTES or tail[-len(MAGIC) :] != MAGIC or HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return None
+    return parse(Footer, tail[HEAD.size : -len(MAGIC)])
+
+
+def define(scan: Scan, opcode: int, body: bytes) -> None:
+    """Take in a schema, channel or statistics record; a damaged one is left out and counted."""
+    record: Schema | Channel | Statistics | None
+    if opcode == Opcode.SCHEMA:
+        record = parse(Schema, body)
+    else:
+        record = parse(Channel, body) if opcode == Opcode.CHANNEL else parse(Statistics, body)
+    if record is None:
+        scan.damaged.add(crc32(body))
+    elif isinstance(record, Statistics):
+        scan.statistics = record
+    elif isinstance(record, Schema):
+        if record.id not in scan.schemas and _has_room(scan, body):
+            scan.schemas[record.id] = record
+    else:
+        known = scan.channels.get(record.id)
+        if known is not None and known != record:
+            scan.conflicts.add(record.id)
+        elif known is None and _has_room(scan, body):
+            scan.channels[record.id] = record
+
+
+def _has_room(scan: Scan, body: bytes) -> bool:
+    if scan.room < len(body):
+        scan.damaged.add(crc32(body))
+        return False
+    scan.room -= len(body)
+    return True
+
+
+def parse(kind: type[RecordT], body: bytes) -> RecordT | None:
+    """Decode the body of a record, None if it is damaged."""
+    try:
+        record: RecordT = kind.read(ReadDataStream(BytesIO(body)))  # type: ignore[attr-defined]
+    except (McapError, struct.error, ValueError):
+        return None
+    return record
+
+
+def read_metadata(file: int, span: Span) -> dict[str, str] | None:
+    """Load a metadata record, None if it is damaged."""
+    if span.length > _LARGEST_METADATA:
+        return None
+    record = parse(Metadata, os.pread(file, span.length, span.offset))
+    return None if record is None else record.metadata
+
+
+def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]:
+    """Load a block's extras by place in the block.
+
+    Args:
+        file: Descriptor of the log.
+        block: Which.
+        most: So many messages it has at most.
+
+    Raises:
+        ValueError: They are damaged.
+    """
+    if block.extras is None:
+        return {}
+    if block.extras.length > layout.MAX_BLOCK:
+        raise ValueError(f"extras of {block.extras.length} bytes")
+    body = os.pread(file, block.extras.length, block.extras.offset)
+    if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
+        raise ValueError("checksum of extras")
+    _, position = _text(body, 16)
+    _, position = _text(body, position)
+    return layout.unpack_extras(body[position + 8 : -4], most)
+
+
+def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[Entry]:
+    """Return a block's messages in file order, and take in its schemas and channels.
+
+    Args:
+        data: Its records.
+        block: Which.
+        scan: Takes in definitions.
+        extras: Its extras.
+
+    Raises:
+        ValueError: The block is damaged; of a block that was cut off, what is left is returned instead.
+    """
+    entries: list[Entry] = []
+    order, place, others = block.number << 32, 0, 0
+    position, size = 0, len(data)
+    unpack, head_size, is_message = _MESSAGE.unpack_from, _MESSAGE.size, int(Opcode.MESSAGE)
+    while position + HEAD.size <= size:
+        if data[position] == is_message and position + head_size <= size:
+            _, length, channel, sequence, time, published = unpack(data, position)
+            following = position + 9 + length
+            if following > size or length < SHORTEST_MESSAGE:
+                break
+            payload = data[position + head_size : following]
+            entries.append(Entry(time, order + place, channel, sequence, published, payload, extras.get(place)))
+            place += 1
+            if place > MOST_MESSAGES:
+                raise ValueError(f"more than {MOST_MESSAGES} messages")
+        else:
+            opcode, length = HEAD.unpack_from(data, position)
+            following = position + 9 + length
+            others += 1
+            if following > size or opcode in (0, is_message):
+                break
+            if others > MOST_OTHERS:
+                raise ValueError(f"more than {MOST_OTHERS} records that are no messages")
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                define(scan, opcode, data[position + 9 : following])
+        position = following
+    if position != size and not block.cut:
+        raise ValueError("a record inside goes beyond its end")
+    return entries
+
+
+def learn_block(file: int, block: Block, scan: Scan) -> None:
+    """Take in a block's schemas and channels alone; raises ValueError if it is damaged."""
+    data = read_block(file, block)
+    for opcode, start, end in records_of(data, cut=block.cut).others:
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            define(scan, opcode, data[start:end])
+
+
+def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
+    last = scan.blocks[-1] if scan.blocks else None
+    joins = last and not last.chunked and sum(last.body) == position
+    if last and joins and last.body.length < _PLAIN_BLOCK:
+        last.body = Span(last.body.offset, last.body.length + length)
+        last.start, last.end = min(last.start, time), max(last.end, time)
+    else:
+        scan.blocks.append(Block(len(scan.blocks), Span(position, length), time, time, chunked=False))
+
+
+def _extras_span(body: Span, inside: bytes) -> Span | None:
+    return body if _text(inside, 16)[0] == layout.EXTRAS else None
+
+
+def _text(data: bytes, position: int) -> tuple[str, int]:
+    length = int.from_bytes(data[position : position + 4], "little")
+    begin = position + 4
+    return data[begin : begin + length].decode("utf-8", "replace"), begin + length

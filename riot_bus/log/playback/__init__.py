@@ -1,0 +1,1 @@
+"""Messages of logs in their order and at their pace."""

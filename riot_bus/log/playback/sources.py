@@ -1,0 +1,149 @@
+"""What a player plays: messages by time that can be read again from anywhere, in bounded memory."""
+
+from __future__ import annotations
+
+from heapq import merge
+from operator import attrgetter
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.log.channels import span_of
+from riot_bus.pipeline.queue import EmissionQueue
+from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.log.reader import LogReader
+    from riot_bus.pipeline.runner import Emission, Pipeline
+
+__all__ = ["LogSource", "MergedSource", "PipedSource", "Source"]
+
+
+class Source(Protocol):
+    """Messages by time.
+
+    Attributes:
+        start: Where the time line begins, nanoseconds; the first message may come later.
+        end: Where it ends; no message is later.
+    """
+
+    start: int
+    end: int
+
+    def messages(self, start: int | None = None) -> Iterator[Message]:
+        """Yield the messages by time, those of equal time always in the same order.
+
+        Args:
+            start: Earliest time, nanoseconds; None for all.
+        """
+        ...
+
+
+class LogSource:
+    """The delivered messages of a log, under other keys if wanted.
+
+    Args:
+        reader: The log, open as long as the source is used.
+        keys: By recorded key, the key to play it as; others are left out. None for all as they are.
+        shift: Nanoseconds that are added to each message's time.
+    """
+
+    def __init__(self, reader: LogReader, keys: Mapping[str, str] | None = None, *, shift: int = 0) -> None:
+        self._reader = reader
+        self._keys = keys
+        self._shift = shift
+        low, high = span_of(reader) or (0, 0)
+        self.start, self.end = low + shift, high + shift
+
+    def messages(self, start: int | None = None) -> Iterator[Message]:
+        """Yield the messages in the order of `LogReader.messages`."""
+        keys, shift = self._keys, self._shift
+        low = None if start is None else max(0, start - shift)
+        if keys is None and not shift:
+            yield from self._reader.messages(start=low)
+            return
+        for message in self._reader.messages(start=low, topics=None if keys is None else [*keys]):
+            key = message.key if keys is None else keys.get(message.key)
+            if key is None:
+                continue
+            if key == message.key and not shift:
+                yield message
+            else:
+                yield Message(
+                    message.time + shift,
+                    key,
+                    message.payload,
+                    message.kind,
+                    message.encoding,
+                    message.attachment,
+                    message.qos,
+                    message.segment,
+                    message.sequence,
+                    message.publish_time,
+                )
+
+
+class MergedSource:
+    """Several sources on one time line; of equal times, the source that is named first comes first.
+
+    Memory holds what each of the sources holds, and one message of each.
+
+    Args:
+        sources: Any number; without one there are no messages.
+        start: Where to begin; None at the beginning.
+        end: Where to end, exclusive; None at the end.
+    """
+
+    def __init__(self, sources: Sequence[Source], *, start: int | None = None, end: int | None = None) -> None:
+        self._sources = tuple(sources)
+        first = min((source.start for source in sources), default=0)
+        last = max((source.end for source in sources), default=0)
+        self.start = first if start is None else start
+        self.end = max(self.start, last if end is None else min(end, last))
+        self._limit = end
+
+    def messages(self, start: int | None = None) -> Iterator[Message]:
+        """Yield the messages of all sources between start and end."""
+        low = self.start if start is None else max(start, self.start)
+        each = [source.messages(low) for source in self._sources]
+        merged = each[0] if len(each) == 1 else merge(*each, key=attrgetter("time"))
+        limit = self._limit
+        if limit is None:
+            yield from merged
+            return
+        for message in merged:
+            if message.time >= limit:
+                return
+            yield message
+
+
+class PipedSource:
+    """What interceptors make of a source: those of the pipeline, by the log's own time.
+
+    A delayed message comes later by the log's time, so it is played later as much as the rate says. What is still
+    delayed when somebody seeks is gone. A message goes through the pipeline shortly before it is due.
+
+    Args:
+        source: The messages.
+        pipeline: Fed by whoever reads, one at a time.
+    """
+
+    def __init__(self, source: Source, pipeline: Pipeline) -> None:
+        self._source = source
+        self._pipeline = pipeline
+        self.start, self.end = source.start, source.end
+
+    def messages(self, start: int | None = None) -> Iterator[Message]:
+        """Yield what comes out, by due time."""
+        queue = EmissionQueue()
+        for message in self._source.messages(start):
+            queue.push(*self._pipeline.feed(message).emissions)
+            for emission in queue.pop_due(message.time):
+                yield _delivered(emission)
+        for emission in queue.pop_due():
+            yield _delivered(emission)
+
+
+def _delivered(emission: Emission) -> Message:
+    message = emission.message
+    return message if message.time == emission.due else message.with_(time=emission.due)

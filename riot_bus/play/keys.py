@@ -1,0 +1,48 @@
+"""What keys on a terminal do to a player."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from riot_bus.play.service import PlayService
+
+__all__ = ["HELP", "press"]
+
+HELP = "space: pause, s or →: step, ↑ ↓: faster, slower, [ ]: 10 s back, on, 0: from the beginning, q: end"
+
+_FASTER = 1.1
+_SEEK_S = 10.0
+_LOWEST, _HIGHEST = 0.01, 1000.0
+
+
+def press(service: PlayService, key: str) -> None:
+    """Do what a key means, if anything.
+
+    Args:
+        service: What plays.
+        key: A letter, or `up`, `down` and `right`.
+    """
+    match key:
+        case " ":
+            (service.resume if service.status()["state"] == "paused" else service.pause)()
+        case "s" | "right":
+            service.step()
+        case "up" | "+":
+            _accelerate(service, _FASTER)
+        case "down" | "-":
+            _accelerate(service, 1 / _FASTER)
+        case "]":
+            service.seek(service.status()["position"] + _SEEK_S)
+        case "[":
+            service.seek(service.status()["position"] - _SEEK_S)
+        case "0":
+            service.seek(service.status()["start"])
+        case "q":
+            service.stop()
+
+
+def _accelerate(service: PlayService, factor: float) -> None:
+    rate = service.status()["rate"]
+    if rate:  # as fast as possible stays that
+        service.set_rate(round(min(_HIGHEST, max(_LOWEST, rate * factor)), 3))

@@ -1,0 +1,161 @@
+"""From what is wanted to what a player plays: logs, topics, time line and interceptors; nothing is published yet."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from riot_bus.config.router_settings import RouterSettings
+from riot_bus.control.router_options import RouterOptions, interceptors_of, parse_types, plan_of
+from riot_bus.log.channels import recorded_topics, span_of
+from riot_bus.log.playback.ahead import AheadSource
+from riot_bus.log.playback.recall import RecallingSource
+from riot_bus.log.playback.sources import LogSource, MergedSource, PipedSource
+from riot_bus.log.reader import LogReader
+from riot_bus.log.rosbag2 import files_of
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.play.options import parse_until
+from riot_bus.play.topic_selection import cast
+from riot_bus.router.interception import topics_of
+from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from riot_bus.log.playback.sources import Source
+    from riot_bus.play.options import PlayOptions
+    from riot_bus.play.topic_selection import Cast
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Programme"]
+
+
+class Programme:
+    """What is played.
+
+    Args:
+        options: What is wanted; files are opened and checked at once.
+
+    Attributes:
+        cast: Topics and how to publish them.
+        source: Messages, as interceptors leave them.
+        origin: Beginning of the logs, nanoseconds; what is left out at the beginning comes after it.
+        pipeline: The interceptors; None if there are none.
+        warnings: What is odd.
+
+    Raises:
+        ConfigError: A log, option, plan or interceptor is not usable.
+    """
+
+    def __init__(self, options: PlayOptions) -> None:
+        options.check()
+        self.warnings: list[str] = []
+        self._stack = ExitStack()
+        with ExitStack() as stack:
+            self._recordings = [
+                [stack.enter_context(LogReader(file, salvage=options.salvage)) for file in files_of(log)]
+                for log in options.logs
+            ]
+            self.readers = [reader for recording in self._recordings for reader in recording]
+            adapters = load_adapters()
+            declared = parse_types(options.types)
+            self.registry = TypeRegistry(adapters, declared=declared, definitions=options.definitions)
+            self.cast: Cast = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
+            self._learn_types()
+            merged = self._merged(options)
+            self._ahead = AheadSource(merged)
+            stack.callback(self._ahead.close)
+            self.pipeline = self._pipeline(options)
+            self.source: Source = self._ahead if self.pipeline is None else PipedSource(self._ahead, self.pipeline)
+            self._stack = stack.pop_all()
+
+    def finish(self) -> None:
+        """Read no more; then `losses` is final."""
+        self._ahead.close()
+
+    def close(self) -> None:
+        """Close the logs; safe to call twice."""
+        self._stack.close()
+
+    def name(self, key: str) -> str:
+        """Return what people call a key that is played."""
+        return self.cast.names.get(key) or self.registry.topic(key)
+
+    def losses(self) -> dict[str, str]:
+        """Return what could not be read so far, by log."""
+        return {reader.path: str(reader.loss) for reader in self.readers if reader.loss}
+
+    @property
+    def hint(self) -> str | None:
+        """What to do about damaged logs, None if nothing."""
+        return next((reader.loss.hint for reader in self.readers if reader.loss.hint), None)
+
+    def _learn_types(self) -> None:
+        for key, topic in self.cast.topics.items():
+            for name in {key, self.cast.names[key], topic.name}:
+                if topic.schema.name or topic.encoding:
+                    self.registry.add_schema(name, topic.schema, topic.encoding)
+
+    def _merged(self, options: PlayOptions) -> Source:
+        spans = {id(reader): span for reader in self.readers if (span := span_of(reader)) is not None}
+        begins = [
+            min((spans[id(reader)][0] for reader in recording if id(reader) in spans), default=None)
+            for recording in self._recordings
+        ]
+        self.origin = min((begin for begin in begins if begin is not None), default=0)
+        shifts = {
+            id(reader): self.origin - begin if options.align and begin is not None else 0
+            for recording, begin in zip(self._recordings, begins, strict=True)
+            for reader in recording
+        }
+        latched = {key: offer.depth for key, offer in self.cast.offers.items() if offer.depth is not None}
+        sources: list[Source] = []
+        keeping: list[Source] = []
+        for reader, keys in zip(self.readers, self.cast.keys, strict=True):
+            if id(reader) not in spans:
+                continue
+            shift = shifts[id(reader)]
+            if keys:
+                sources.append(LogSource(reader, keys, shift=shift))
+            kept = {recorded: key for recorded, key in keys.items() if key in latched}
+            if kept:
+                keeping.append(LogSource(reader, kept, shift=shift))
+        start = self.origin + int(options.start_offset * 1e9)
+        end: int | None = None
+        if options.duration is not None:
+            end = start + int(options.duration * 1e9)
+        elif options.until is not None:
+            end = parse_until(options.until, self.origin)
+            if end <= start:
+                raise ConfigError(f"{options.until} is not after the beginning", where="--until")
+        last = max((source.end for source in sources), default=start)
+        if start > last:
+            text = (
+                f"there is nothing after {options.start_offset:g} s: the logs are {(last - self.origin) / 1e9:g} s long"
+            )
+            raise ConfigError(text, where="--start-offset")
+        merged = MergedSource(sources, start=start, end=end)
+        if not keeping:
+            return merged
+
+        def before(since: int, until: int) -> Iterator[Message]:
+            return MergedSource(keeping, start=since, end=until).messages()
+
+        return RecallingSource(merged, before, latched, origin=self.origin)
+
+    def _pipeline(self, options: PlayOptions) -> Pipeline | None:
+        wanted = RouterOptions(interceptors=options.interceptors, inject=options.inject, seed=options.seed)
+        found = interceptors_of(RouterSettings(), wanted)
+        plan = plan_of(wanted)
+        if plan is not None:
+            found.append(plan.injector)
+        if not found:
+            return None
+        for each in found:
+            for topic in topics_of(each) or ():
+                if not any(self.registry.matches(topic, key) for key in self.cast.offers):
+                    names = {self.cast.names[key] for key in self.cast.offers}
+                    hint = did_you_mean(topic, names)
+                    self.warnings.append(f"nothing is played on {topic!r}, which an interceptor wants; {hint}")
+        return Pipeline(found, registry=self.registry, start=self.origin)

@@ -1,0 +1,69 @@
+"""`/clock`: the player's time, for those who follow it instead of the machine's."""
+
+from __future__ import annotations
+
+import threading
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.types.offer import SimClock
+
+__all__ = ["Ticker"]
+
+
+class Ticker:
+    """Publishes the time at a constant frequency, also while the player is paused, and always before newer messages.
+
+    Args:
+        clock: How.
+        publish: Publishes a message.
+        position: Returns the log's time.
+        hertz: How often.
+    """
+
+    def __init__(
+        self, clock: SimClock, publish: Callable[[Message], None], position: Callable[[], int], hertz: float
+    ) -> None:
+        self._clock, self._publish, self._position = clock, publish, position
+        self._period_s = 1.0 / hertz
+        self._period = int(1e9 / hertz)
+        self._lock = threading.Lock()
+        self._told = 0
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="riot-clock", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        with self._lock:
+            self._tell(self._position())
+        self._thread.start()
+
+    def before(self, time: int) -> None:
+        """Tell the time of a message that is about to be published, unless it was told lately."""
+        with self._lock:  # what is being told on the other thread has to be out before the message
+            if not 0 <= time - self._told < self._period:
+                self._tell(time)
+
+    def close(self) -> None:
+        """End."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _tell(self, time: int) -> None:
+        self._told = time
+        self._publish(Message(time, self._clock.offer.key, self._clock.payload(time)))
+
+    def _run(self) -> None:
+        due = monotonic()
+        while True:
+            due = max(due + self._period_s, monotonic())  # what was missed is not made up for
+            if self._ending.wait(due - monotonic()):
+                return
+            with self._lock:
+                self._tell(self._position())

@@ -1,0 +1,69 @@
+"""A play as lines for people; pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.status_text import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from riot_bus.play.service import PlayResult
+
+__all__ = ["progress_line", "result_line", "speed", "status_lines"]
+
+_SIGNS = {"waiting": "…", "ready": "…", "playing": "▶", "paused": "⏸", "ended": "■"}
+
+
+def speed(rate: float) -> str:
+    """Return how people write a rate."""
+    return f"{rate:g}x" if rate else "as fast as possible"
+
+
+def progress_line(status: Mapping[str, Any]) -> str:
+    """Return one line about what is going on."""
+    return f"{_SIGNS[status['state']]} {_where(status)}"
+
+
+def _where(status: Mapping[str, Any]) -> str:
+    parts = [
+        status["state"],
+        f"{status['position']:.1f} of {status['end']:.1f} s",
+        speed(status["rate"]),
+        f"{status['published']} messages",
+    ]
+    if status["loop"]:
+        parts.append(f"pass {status['pass']}")
+    if status["lost"]:
+        parts.append(f"{status['lost']} lost")
+    if status["unsettled"]:
+        parts.append(f"{status['unsettled']} times nobody settled in time")
+    return ", ".join(parts)
+
+
+def status_lines(status: Mapping[str, Any]) -> list[str]:
+    """Return what a player answers to any command."""
+    return [
+        plain(f"player {status['name']}, process {status['pid']}: {', '.join(status['logs'])}"),
+        plain(_where(status)),
+        _late(status["lateness"]),
+    ]
+
+
+def result_line(result: PlayResult) -> str:
+    """Return the summary."""
+    late = result.lateness
+    text = f"played {result.published} messages in {result.seconds:.2f} s"
+    if result.passes > 1:
+        text += f", {result.passes} passes"
+    if late["max"]:
+        text += f"; {_late(late)}"
+    if result.unsettled:
+        text += f"; {result.unsettled} times nobody settled in time"
+    return f"{text}; stopped before the end" if result.stopped else text
+
+
+def _late(late: Mapping[str, float]) -> str:
+    median, most, worst = (late[name] * 1e3 for name in ("p50", "p99", "max"))
+    return f"late by {median:.2f} ms (median), {most:.2f} ms (99 %), {worst:.2f} ms (most)"

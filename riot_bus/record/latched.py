@@ -1,0 +1,67 @@
+"""What late joiners of advanced publishers get: a recorder is one, so its log has latched topics from the beginning."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.router.advanced.source import announced
+from riot_bus.router.advanced.worker import Worker
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+__all__ = ["Latched"]
+
+_TIMEOUT_S = 2.0
+_TOKENS = "**/@adv/pub/**"
+
+
+class Latched:
+    """Asks the cache of each publisher that announces one, once.
+
+    Args:
+        session: Where.
+        wanted: Whether a key is recorded.
+        take: Called with the samples of one publisher, the oldest first.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, *, wanted: Callable[[str], bool], take: Callable[[str, list[Any]], None]
+    ) -> None:
+        self._session, self._wanted, self._take = session, wanted, take
+        self._closed = False
+        self._worker = Worker("riot-latched")
+        self._subscriber = session.liveliness().declare_subscriber(_TOKENS, self._token, history=True)
+
+    def close(self) -> None:
+        """Ask no more; safe to call twice."""
+        if not self._closed:
+            self._closed = True
+            release(self._subscriber)
+        self._worker.close()
+
+    def _token(self, sample: zenoh.Sample) -> None:
+        kind: Any = sample.kind
+        if int(kind) == 0:
+            self._worker.do(partial(self._ask, str(sample.key_expr)))
+
+    def _ask(self, token: str) -> None:
+        zenoh = library_of(self._session)
+        source = announced("", token)
+        if self._closed or source is None or not self._wanted(source.key):
+            return
+        replies = self._session.get(
+            f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**",
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            timeout=_TIMEOUT_S,
+        )
+        samples = [reply.ok for reply in replies if reply.ok is not None and str(reply.ok.key_expr) == source.key]
+        if samples:
+            self._take(source.key, samples)

@@ -1,0 +1,67 @@
+"""Counting what is recorded and what is not, by topic and reason."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+from riot_bus.log.account import Account
+from riot_bus.router.counts import Tally
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = ["Book", "summed"]
+
+
+class Book:
+    """The figures of one file; not thread-safe.
+
+    Attributes:
+        recorded: Messages by topic that were written, those included that were lost afterwards.
+        lost: Messages by reason and topic that are not in the file.
+        unwritten: Of the lost ones, those that `recorded` includes.
+        left_out: Messages by reason and topic that nobody wanted.
+    """
+
+    def __init__(self) -> None:
+        self.recorded = Tally()
+        self.unwritten = Tally()
+        self.lost: defaultdict[str, Tally] = defaultdict(Tally)
+        self.left_out: defaultdict[str, Tally] = defaultdict(Tally)
+
+    def lose(self, reason: str, topic: str, number: int = 1, *, written: bool = False) -> None:
+        """Count lost messages; `written`: they were counted as recorded."""
+        self.lost[reason].add(topic, number)
+        if written:
+            self.unwritten.add(topic, number)
+
+    def account(self) -> Account:
+        """Return all figures."""
+        recorded = {topic: number - self.unwritten.get(topic, 0) for topic, number in self.recorded.copy().items()}
+        return Account(
+            {topic: number for topic, number in recorded.items() if number},
+            _plain(self.lost),
+            _plain(self.left_out),
+        )
+
+
+def summed(accounts: Iterable[Account]) -> Account:
+    """Return the sum of several accounts."""
+    book = Book()
+    for account in accounts:
+        for topic, number in account.recorded.items():
+            book.recorded.add(topic, number)
+        for part, found in ((account.lost, book.lost), (account.left_out, book.left_out)):
+            for reason, topics in part.items():
+                for topic, number in topics.items():
+                    found[reason].add(topic, number)
+    return book.account()
+
+
+def _plain(parts: Mapping[str, Tally]) -> dict[str, dict[str, int]]:
+    found = {
+        reason: {topic: number for topic, number in topics.copy().items() if number}
+        for reason, topics in list(parts.items())
+    }
+    return {reason: topics for reason, topics in found.items() if topics}

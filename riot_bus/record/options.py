@@ -1,0 +1,179 @@
+"""What somebody wants to be recorded, as plain values: from a command line, or sent to an agent."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.log.engine.packing import check_compression
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.zenoh.session_config import OWN_CHUNK
+
+if TYPE_CHECKING:
+    from riot_bus.monitors.invariants import Invariant
+
+__all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_seconds", "parse_size", "parse_throttles"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(|[kmgt])(i?)b?", re.IGNORECASE)
+_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(|ms|s|min|h|d)")
+_UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28
+_MOST_KEYS = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureOptions:
+    """What to record, and how.
+
+    Attributes:
+        endpoint: The router or peer to connect to.
+        config: Further Zenoh configuration of the session.
+        name: Under which it is controlled.
+        keys: Names or key expressions of what is recorded.
+        exclude: Of what is not.
+        output: The file; None for one with the present time in the folder. With `bag` the folder of the bag.
+        folder: Where files may be written that are asked for from afar; None for that of `output`, else the working
+            folder.
+        overwrite: Whether the first file may replace an existing one.
+        bag: Write a ROS 2 bag: a folder with `metadata.yaml`, ROS topics alone.
+        profile: MCAP profile; None for `ros2` if there are ROS nodes.
+        compression: `zstd`, `lz4` or `none`.
+        chunk_bytes: Size of a chunk before compression.
+        chunk_seconds: Age at which it ends: what a crash costs at most.
+        durable: Make sure as often that what is written survives the machine.
+        queue_bytes: How much may wait for the disk, in memory.
+        split_bytes: Size at which another file is begun; 0 for never.
+        split_seconds: Age at which another file is begun; 0 for never.
+        max_files: The oldest files of this recording are deleted when there are more; 0 for all are kept.
+        ring_seconds: Keep so much in memory and write it only when told; 0 for writing all.
+        ring_bytes: Room for that in memory, compressed.
+        dump_on: Selectors with predicates; a message that meets one writes the ring.
+        monitors: When one of these is violated, the ring is written as well.
+        dump_after: Seconds to wait then, so that what follows is in the file as well.
+        paused: Begin paused.
+        throttle: `TOPIC=HZ`: at most so many messages per second.
+        duration: Seconds after which it ends; 0 for never.
+        latched: Fetch what advanced publishers keep for late joiners, such as latched ROS topics.
+        graph: Write down who talks to whom.
+        types: `TOPIC=TYPE`.
+        definitions: Files that define message types.
+        seed: Written into the log.
+        robot: Name of the robot, likewise.
+        notes: Other things to write into the log, likewise.
+        control: Whether it can be controlled while it records.
+    """
+
+    endpoint: str = DEFAULT_ENDPOINT
+    config: Mapping[str, Any] = field(default_factory=dict)
+    name: str = "recorder"
+    keys: Sequence[str] = ("**",)
+    exclude: Sequence[str] = ()
+    output: Path | None = None
+    folder: Path | None = None
+    overwrite: bool = False
+    bag: bool = False
+    profile: str | None = None
+    compression: str = "zstd"
+    chunk_bytes: int = 1 << 20
+    chunk_seconds: float = 1.0
+    durable: bool = True
+    queue_bytes: int = 1 << 28
+    split_bytes: int = 0
+    split_seconds: float = 0.0
+    max_files: int = 0
+    ring_seconds: float = 0.0
+    ring_bytes: int = 1 << 28
+    dump_on: Sequence[str] = ()
+    monitors: Sequence[Invariant] = ()
+    dump_after: float = 0.0
+    paused: bool = False
+    throttle: Sequence[str] = ()
+    duration: float = 0.0
+    latched: bool = True
+    graph: bool = True
+    types: Sequence[str] = ()
+    definitions: Sequence[Path] = ()
+    seed: int = 0
+    robot: str = ""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    control: bool = True
+
+    def check(self) -> None:
+        """Raise ConfigError if a value is out of range or two contradict each other."""
+        if not self.keys:
+            raise ConfigError("nothing is to be recorded", hint="name topics or key expressions, or take --all")
+        if len(self.keys) > _MOST_KEYS:
+            hint = "wildcards and --exclude say it shorter"
+            raise ConfigError(f"{len(self.keys)} key expressions are too many", hint=hint)
+        check_compression(self.compression, "--compression")
+        if not _LEAST_CHUNK <= self.chunk_bytes <= _LARGEST_CHUNK:
+            hint = f"{_LEAST_CHUNK} to {_LARGEST_CHUNK}"
+            raise ConfigError(f"a chunk cannot have {self.chunk_bytes} bytes", where="--chunk-size", hint=hint)
+        for name in ("chunk_seconds", "split_seconds", "ring_seconds", "dump_after", "duration"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ConfigError(f"{value} is no number of 0 or more", where=f"--{name.replace('_', '-')}")
+        for name in ("queue_bytes", "split_bytes", "ring_bytes", "max_files"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"{getattr(self, name)} is less than 0", where=f"--{name.replace('_', '-')}")
+        if not self.name or not all(each.isalnum() or each in "-_." for each in self.name):
+            hint = f"letters, digits, '-', '_' and '.': it is part of the key {OWN_CHUNK}/NAME/record"
+            raise ConfigError(f"{self.name!r} is no name", where="--name", hint=hint)
+        self._check_ring()
+        parse_throttles(self.throttle)
+
+    def _check_ring(self) -> None:
+        if not self.ring_seconds and (self.dump_on or self.monitors or self.dump_after):
+            raise ConfigError("--dump-on and --monitors need a ring to write", hint="such as --ring 30s")
+        if self.ring_seconds and (self.split_bytes or self.split_seconds):
+            raise ConfigError("--ring writes files when it is told to, and --split-... would have nothing to split")
+        if self.max_files and not (self.split_bytes or self.split_seconds or self.ring_seconds):
+            hint = "add --split-size or --split-duration"
+            raise ConfigError("--max-files needs more than one file", hint=hint)
+        for text in self.dump_on:
+            selector = parse_selector(text)
+            if selector.where is None or selector.field is not None:
+                hint = "write it like '/scan where range_max > 10'"
+                raise ConfigError(f"{text!r} is no condition of messages", where="--dump-on", hint=hint)
+            parse_predicate(selector.where)
+
+
+def parse_size(text: str, where: str) -> int:
+    """Return bytes: `500MB`, `1GiB`, `65536`; raises ConfigError."""
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(f"{text!r} is no size", where=where, hint="write it like 500MB, 1GiB or 65536")
+    number, letter, binary = match.groups()
+    base = 1024 if binary else 1000
+    return int(float(number) * base ** " kmgt".index(letter.lower() or " "))
+
+
+def parse_seconds(text: str, where: str) -> float:
+    """Return seconds: `90`, `90s`, `15min`, `1h`; raises ConfigError."""
+    match = _TIME.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(f"{text!r} is no time", where=where, hint="write it like 90, 90s, 15min or 1h")
+    return float(match[1]) * _UNITS[match[2]]
+
+
+def parse_throttles(texts: Sequence[str]) -> dict[str, float]:
+    """Parse `TOPIC=HZ`; raises ConfigError if a text is not of this form."""
+    found = {}
+    for text in texts:
+        topic, _, rate = text.rpartition("=")
+        try:
+            hertz = float(rate)
+        except ValueError:
+            hertz = 0.0
+        if not topic or not 0.0 < hertz < math.inf:
+            hint = "write TOPIC=HZ, such as /camera=5"
+            raise ConfigError(f"{text!r} does not say how often", where="--throttle", hint=hint)
+        found[topic] = hertz
+    return found

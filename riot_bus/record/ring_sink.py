@@ -1,0 +1,212 @@
+"""Where a recording goes of which only the last seconds are wanted, and only when somebody says so."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.log import layout
+from riot_bus.log.account import LOST, Account
+from riot_bus.log.engine.ring import Ring
+from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
+from riot_bus.log.writer import LogWriter, LostMessagesError
+from riot_bus.record.loss_counts import Book
+from riot_bus.record.rotating_sink import FileResult
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from riot_bus.log.engine.chunk import Row
+    from riot_bus.log.engine.ring import RingContent
+    from riot_bus.record.naming import Naming
+    from riot_bus.record.options import CaptureOptions
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["RingTape"]
+
+
+class RingTape:
+    """Keeps messages in memory; the other half of `Tape`, with the same arguments.
+
+    Args:
+        notes: Returns what else is to be written at the beginning of each file.
+
+    Attributes:
+        lock: Held by who appends.
+        generation: Grows when tracks that were handed out are void.
+        writer: Encodes messages for the ring.
+        book: Figures since the beginning; what the ring has forgotten counts as recorded.
+    """
+
+    def __init__(
+        self,
+        options: CaptureOptions,
+        *,
+        registry: TypeRegistry,
+        naming: Naming,
+        metadata: Callable[[], Mapping[str, str]],
+        details: Callable[[str], Mapping[str, str]],
+        profile: str,
+        warn: Callable[[str], None],
+        notes: Callable[[], Sequence[tuple[str, Mapping[str, str]]]],
+    ) -> None:
+        self.lock = threading.RLock()
+        self.generation = 0
+        self.book = Book()
+        self.problem = ""
+        self._registry, self._naming, self._metadata, self._profile = registry, naming, metadata, profile
+        self._warn, self._notes, self._most = warn, notes, options.max_files
+        self._ring = Ring(options.ring_seconds, most_bytes=options.ring_bytes, compression=options.compression)
+        # Chunks are forgotten as a whole, so they must be short against the ring.
+        age = min(options.chunk_seconds, options.ring_seconds / 10)
+        self.writer = LogWriter(
+            "ring",
+            registry=registry,
+            chunk_bytes=options.chunk_bytes,
+            chunk_seconds=age,
+            channel_metadata=details,
+            threaded=True,
+            queue_bytes=options.queue_bytes,
+            storage=self._ring,
+        )
+        self._files: list[FileResult] = []
+        self._bag: list[BagFile] = []
+        self._dumping = threading.Lock()
+
+    @property
+    def path(self) -> Path | None:
+        """The last file, None if there is none."""
+        return Path(self._files[-1].path) if self._files else None
+
+    def append(self, rows: Sequence[Row], *, patient: bool) -> None:
+        """Keep messages; what is lost is counted."""
+        try:
+            self.writer.append(rows, patient=patient)
+        except LostMessagesError as error:
+            self._failed(error)
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        """Do nothing: what `notes` returns is written with the ring."""
+
+    def renew(self, key: str) -> None:
+        """Record further messages of a key with its type, which has become known."""
+        with self.lock:
+            self.writer.renew(key)
+            self.generation += 1
+
+    def tick(self) -> None:
+        """End chunks by age; call it several times a second."""
+        try:
+            self.writer.tick()
+        except LostMessagesError as error:
+            self._failed(error)
+
+    def split(self, text: str | None = None) -> tuple[Path, Path]:
+        """Refuse."""
+        raise ConfigError("there is no file to be split", where="record/split", hint="write the ring: dump")
+
+    def dump(self, text: str | None = None) -> Path:
+        """Write what is kept to a file; recording goes on meanwhile.
+
+        Args:
+            text: Path as somebody wrote it; None for the name whose turn it is.
+
+        Raises:
+            ConfigError: It is refused, or nothing is kept.
+            EnvironmentFaultError: The disk is full or has failed.
+        """
+        with self._dumping:
+            with suppress(LostMessagesError):  # which says what became of messages before
+                self.writer.flush()
+            content = self._ring.content()
+            if not content.messages:
+                raise ConfigError("nothing has been recorded yet", where="record/dump")
+            path = self._naming.next(text)
+            schemas, channels = self.writer.definitions()
+            file = bag_of(path.name, channels, schemas, content.messages, content.start, content.end)
+            recorded = self._by_topic(content)
+            account = Account(recorded, self.book.account().lost, self.book.account().left_out)
+            after = [(RECORD, bag_record(file))] if self._profile == "ros2" else []
+            try:
+                size = content.write(
+                    path,
+                    profile=self._profile,
+                    schemas=schemas,
+                    channels=channels,
+                    notes=[(layout.RUN, self._metadata()), *self._notes()],
+                    after=[*after, (LOST, account.record())],
+                )
+            except OSError as error:
+                self._unwritten(recorded, path, error)
+                raise EnvironmentFaultError(self.problem, where=str(path), hint="make room and dump again") from error
+            self.problem = ""
+            self._files.append(FileResult(str(path), size, account))
+            self._bag.append(file)
+            self._forget_oldest()
+            if self._naming.bag:
+                write_metadata(self._naming.folder, self._bag)
+            return path
+
+    def close(self) -> None:
+        """Forget what nobody wanted."""
+        with suppress(LostMessagesError):
+            self.writer.close()
+
+    def account(self) -> Account:
+        """Return the figures since the beginning."""
+        with self.lock:
+            return self.book.account()
+
+    def files(self) -> list[FileResult]:
+        """Return the files, the oldest first."""
+        return list(self._files)
+
+    def status(self) -> dict[str, Any]:
+        """Return what there is to say, as JSON values."""
+        content = self._ring.content()
+        return {
+            "file": str(self.path or ""),
+            "bytes": self._ring.size,
+            "waiting_bytes": self.writer.waiting,
+            "problem": self.problem,
+            "ring": {
+                "messages": sum(content.messages.values()),
+                "seconds": (content.end - content.start) / 1e9,
+                "cut": self._ring.cut,
+            },
+        }
+
+    def _by_topic(self, content: RingContent) -> dict[str, int]:
+        _, channels = self.writer.definitions()
+        topics = {each.id: each.metadata.get(layout.TOPIC, each.topic) for each in channels}
+        found: dict[str, int] = {}
+        for channel, count in content.messages.items():
+            found[topics[channel]] = found.get(topics[channel], 0) + count
+        return found
+
+    def _forget_oldest(self) -> None:
+        for place, each in enumerate(self._files[: max(0, len(self._files) - self._most)] if self._most else ()):
+            with suppress(OSError):
+                os.unlink(each.path)
+                self._files[place] = replace(each, deleted=True)
+            self._bag = [file for file in self._bag if file.name != Path(each.path).name]
+
+    def _unwritten(self, recorded: Mapping[str, int], path: Path, error: OSError) -> None:
+        self.problem = f"the ring cannot be written: {error.strerror}"
+        with self.lock:
+            for topic, number in recorded.items():
+                self.book.lose("disk", topic, number)
+        stamp = time.strftime("%H:%M:%S")
+        self._warn(f"ALARM: {stamp}: {self.problem}: {path}: {sum(recorded.values())} messages are not in a file")
+
+    def _failed(self, error: LostMessagesError) -> None:
+        with self.lock:
+            for reason, lost in error.reasons.items():
+                for (key, _), number in lost.items():
+                    self.book.lose(reason, self._registry.topic(key), number, written=True)

@@ -1,0 +1,469 @@
+"""Records a network: start, steer, look, stop; for the command line and for agents alike."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import os
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus import __version__
+from riot_bus.control.router_options import RouterOptions, registry_of
+from riot_bus.control.server import Control
+from riot_bus.log.account import Account
+from riot_bus.log.run import run_facts
+from riot_bus.record.commands import CAPTURE_COMMANDS, UNDER
+from riot_bus.record.gaps import Gaps
+from riot_bus.record.latched import Latched
+from riot_bus.record.naming import Naming
+from riot_bus.record.ring_sink import RingTape
+from riot_bus.record.rotating_sink import FileResult, Tape
+from riot_bus.record.selection import Selection
+from riot_bus.record.subscriber import Intake
+from riot_bus.record.trigger import Trigger
+from riot_bus.record.watched_network import Network
+from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.convert import Claims
+from riot_bus.zenoh.keyexpr_pins import begin_holding, end_holding
+from riot_bus.zenoh.publisher_tokens import Announcements
+from riot_bus.zenoh.session import open_session, prepare_runtime, release
+from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import zenoh
+
+    from riot_bus.graph.model import Graph
+    from riot_bus.record.options import CaptureOptions
+
+__all__ = ["CaptureResult", "CaptureService"]
+
+_LOG = logging.getLogger(__name__)
+_TICK_S = 0.1
+_LINK_S = 1.0
+_ASK_S = 1.0
+_MOST_NAMES = 100
+_GRAPH = "riot_bus.graph"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureResult:
+    """What became of a recording; true if nothing is lost.
+
+    Attributes:
+        files: In the order of writing.
+        account: Messages by topic: recorded, lost by reason, left out by reason.
+        seconds: Time that it took.
+        problems: What went wrong, in a line each.
+        silent: What was asked for by name and never came.
+    """
+
+    files: Sequence[FileResult] = ()
+    account: Account = field(default_factory=Account)
+    seconds: float = 0.0
+    problems: Sequence[str] = ()
+    silent: Sequence[str] = ()
+
+    def __bool__(self) -> bool:
+        return not self.account and not self.problems
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        return {
+            "files": [each.row() for each in self.files],
+            "recorded": dict(self.account.recorded),
+            "lost": {reason: dict(topics) for reason, topics in self.account.lost.items()},
+            "left_out": {reason: dict(topics) for reason, topics in self.account.left_out.items()},
+            "seconds": round(self.seconds, 3),
+            "problems": list(self.problems),
+            "silent": list(self.silent),
+        }
+
+
+class CaptureService:
+    """Records what its options say; a context manager that starts it and, at the end, stops it.
+
+    Its operations may be called by several threads.
+
+    Args:
+        options: What to record.
+        warn: Told in a line what is odd or goes wrong; called on other threads too.
+
+    Raises:
+        ConfigError: An option is not usable.
+    """
+
+    def __init__(self, options: CaptureOptions, *, warn: Callable[[str], None] = _LOG.warning) -> None:
+        options.check()
+        self.options = options
+        self.name = options.name
+        self.registry = registry_of(RouterOptions(types=options.types, definitions=options.definitions))
+        self._warn = warn
+        self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
+        self._announcements = Announcements(self.registry, wanted=self._wanted, learnt=self._learnt)
+        self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
+        self._tape: Tape | RingTape | None = None
+        self._intakes: list[Intake] = []
+        self._gaps = Gaps()
+        self._paused = options.paused
+        self._graph: Graph | None = None
+        self._noted: Graph | None = None
+        self._noting = threading.Lock()
+        self._problems: list[str] = []
+        self._linked = True
+        self._looked = 0.0
+        self._stack = ExitStack()
+        self._stopping, self._done, self._dump = threading.Event(), threading.Event(), threading.Event()
+        self._began = self._ended = 0.0
+        self._thread = threading.Thread(target=self._run, name="riot-capture", daemon=True)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Connect and begin; returns when what is published from now on is recorded.
+
+        Raises:
+            ConfigError: The file exists already or cannot be written.
+            EnvironmentFaultError: Nobody answers at the endpoint.
+        """
+        options = self.options
+        with ExitStack() as stack:
+            prepare_runtime()
+            session = open_session(client_config(options.endpoint, extra=options.config), purpose="recorder")
+            begin_holding(session)
+            stack.callback(end_holding, session)
+            stack.callback(release, session)
+            self._session = session
+            self._announcements.watch(session)
+            stack.callback(self._announcements.close)
+            self._tape = self._open_tape()
+            stack.callback(self._tape.close)
+            self._listen(session, stack)
+            if options.graph:
+                from riot_bus.graph.watch import GraphWatch
+
+                network = Network(session, lambda: self._intakes)
+                watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
+                stack.enter_context(watch)
+            if options.control:
+                self.name = _free_name(session, options.name)
+                stack.enter_context(Control(self, self.name, {"": session}, commands=CAPTURE_COMMANDS, under=UNDER))
+            _await_routes(session)
+            self._stack = stack.pop_all()
+        self._began = time.monotonic()
+        self._thread.start()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the files are finished; return whether they are."""
+        return self._done.wait(timeout)
+
+    def close(self) -> None:
+        """Finish the files and disconnect; safe to call twice."""
+        self.stop()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._stack.close()
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Record nothing until `resume`; what comes meanwhile is counted as left out."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Go on recording."""
+        self._paused = False
+
+    def split(self, path: str | None = None) -> tuple[Path, Path]:
+        """Go on in another file; return the former and the new path.
+
+        Args:
+            path: Relative to the folder; None for the name whose turn it is.
+
+        Raises:
+            ConfigError: It is refused, or there is nothing to split.
+        """
+        return self._running().split(path)
+
+    def dump(self, path: str | None = None) -> Path:
+        """Write what the ring holds to a file; recording goes on meanwhile.
+
+        Args:
+            path: Relative to the folder; None for the name whose turn it is.
+
+        Raises:
+            ConfigError: It is refused, or there is no ring.
+            EnvironmentFaultError: The disk is full or has failed.
+        """
+        tape = self._running()
+        if not isinstance(tape, RingTape):
+            hint = "riot record --ring SECONDS keeps one; this recording can be split instead"
+            raise ConfigError("there is no ring to be written", where="record/dump", hint=hint)
+        return tape.dump(path)
+
+    def cut(self) -> None:
+        """Write the ring, or begin another file if there is none, as soon as possible; for signal handlers."""
+        self._dump.set()
+
+    def stop(self) -> None:
+        """End as soon as possible; does not wait for it."""
+        self._stopping.set()
+
+    # -- what is going on ---------------------------------------------------------------------------------------------
+
+    @property
+    def paused(self) -> bool:
+        """Whether nothing is recorded at present."""
+        return self._paused
+
+    def status(self) -> dict[str, Any]:
+        """Return what is going on, as JSON values."""
+        tape = self._tape
+        found: dict[str, Any] = {"file": "", "bytes": 0, "waiting_bytes": 0, "problem": ""}
+        account = Account()
+        if tape is not None:
+            found, account = tape.status(), tape.account()
+        state = "ended" if self._done.is_set() else "paused" if self._paused else "recording"
+        return {
+            **found,
+            "name": self.name,
+            "version": __version__,
+            "pid": os.getpid(),
+            "endpoint": self.options.endpoint,
+            "connected": self._linked,
+            "state": state,
+            "seconds": round(self._seconds(), 3),
+            "messages": sum(account.recorded.values()),
+            "lost": account.total(),
+            "reasons": {reason: sum(topics.values()) for reason, topics in account.lost.items()},
+            "left_out": {reason: sum(topics.values()) for reason, topics in account.left_out.items()},
+            "files": len(tape.files()) if tape is not None else 0,
+        }
+
+    def result(self) -> CaptureResult:
+        """Return what has become of it so far."""
+        tape = self._tape
+        problems = list(self._problems)
+        if tape is None:
+            return CaptureResult(problems=problems)
+        if tape.problem:
+            problems.append(tape.problem)
+        if self._gaps.untold:
+            problems.append("there are too many publishers to look for gaps in the numbers of all")
+        return CaptureResult(tape.files(), tape.account(), self._seconds(), problems, self._selection.silent())
+
+    def _seconds(self) -> float:
+        return (self._ended or time.monotonic()) - self._began if self._began else 0.0
+
+    # -- recording ----------------------------------------------------------------------------------------------------
+
+    def _running(self) -> Tape | RingTape:
+        if self._tape is None or self._done.is_set():
+            raise ConfigError("nothing is being recorded", where="record")
+        return self._tape
+
+    def _wanted(self, key: str) -> bool:
+        return any(key_matches(each, key) for each in self._selection.expressions)
+
+    def _learnt(self, key: str) -> None:
+        if self._tape is not None:
+            self._tape.renew(key)
+            self._selection.learnt(key)
+
+    def _open_tape(self) -> Tape | RingTape:
+        options, naming = self.options, Naming(self.options)
+        profile = options.profile or ("ros2" if options.bag or self._announcements else "")
+        if options.ring_seconds:
+            return RingTape(
+                options,
+                registry=self.registry,
+                naming=naming,
+                metadata=self._metadata,
+                details=self._announcements.details,
+                profile=profile,
+                warn=self._warn,
+                notes=self._graph_notes,
+            )
+        return Tape(
+            options,
+            registry=self.registry,
+            naming=naming,
+            metadata=self._metadata,
+            details=self._announcements.details,
+            profile=profile,
+            warn=self._warn,
+            began=self._note_whole,
+        )
+
+    def _listen(self, session: zenoh.Session, stack: ExitStack) -> None:
+        tape = self._running()
+        expressions = self._selection.expressions
+        claims, numbers = Claims(expressions), itertools.count(1)
+        for text in expressions:
+            intake = Intake(
+                session,
+                text,
+                tape=tape,
+                gaps=self._gaps,
+                owner=claims.owner,
+                rules=self._selection.rules,
+                paused=lambda: self._paused,
+                sequence=numbers,
+            )
+            stack.callback(intake.close)
+            self._intakes.append(intake)
+        if self.options.latched:
+            by_text = {each.expression: each for each in self._intakes}
+
+            def take(key: str, samples: list[Any]) -> None:
+                owner = claims.owner(key)
+                if owner is not None:
+                    by_text[owner].put(samples)
+
+            latched = Latched(session, wanted=lambda key: claims.owner(key) is not None, take=take)
+            stack.callback(latched.close)
+            self._latched: Latched | None = latched
+        else:
+            self._latched = None
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.wait(_TICK_S):
+                self._tick()
+                if self.options.duration and self._seconds() >= self.options.duration:
+                    break
+        except Exception as error:
+            _LOG.exception("the recording failed")
+            self._problems.append(repr(error))
+        try:
+            self._finish()
+        except Exception as error:
+            _LOG.exception("the recording could not be finished")
+            self._problems.append(repr(error))
+        finally:
+            self._ended = time.monotonic()
+            self._done.set()
+
+    def _tick(self) -> None:
+        tape = self._running()
+        tape.tick()
+        self._look_at_link()
+        reason = self._trigger.take(self.options.dump_after)
+        if reason is not None:
+            self._cut(f"{reason}: ")
+        if self._dump.is_set():
+            self._dump.clear()
+            self._cut("")
+
+    def _cut(self, why: str) -> None:
+        try:
+            if isinstance(self._tape, RingTape):
+                self._warn(f"{why}wrote {self._tape.dump()}")
+            else:
+                self._warn(f"{why}went on in {self._running().split()[1]}")
+        except RiotError as error:
+            self._warn(f"{why}{error}")
+
+    def _finish(self) -> None:
+        if self._latched is not None:
+            self._latched.close()
+        for intake in self._intakes:
+            intake.close()
+        reason = self._trigger.take(0.0)
+        if reason is not None:
+            self._cut(f"{reason}: ")
+        self._running().close()
+
+    def _look_at_link(self) -> None:
+        """Say when there is no connection: what is published meanwhile is not recorded, and nobody can count it."""
+        now = time.monotonic()
+        if now - self._looked < _LINK_S:
+            return
+        self._looked = now
+        linked = any(True for _ in self._session.info.transports())
+        if linked != self._linked:
+            self._linked = linked
+            where = self.options.endpoint
+            if linked:
+                self._warn(f"the link to {where} is back")
+            else:
+                self._problems.append(f"the link to {where} broke: what was published meanwhile is not recorded")
+                self._warn(f"ALARM: the link to {where} is broken: nothing is recorded until it is back")
+
+    # -- what is written besides messages -----------------------------------------------------------------------------
+
+    def _metadata(self) -> dict[str, str]:
+        options = self.options
+        hidden = {"config", "notes", "definitions", "monitors"}  # configuration may hold passwords
+        settings = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in hidden}
+        found = {
+            "recorder": self.name,
+            **run_facts(),
+            "seed": str(options.seed),
+            "options": json.dumps(settings, default=_plain, sort_keys=True),
+        }
+        if options.robot:
+            found["robot"] = options.robot
+        return found | dict(options.notes)
+
+    def _take_graph(self, graph: Graph, _: object) -> None:
+        with self._noting:
+            self._graph = graph
+            self._note_graph()
+
+    def _note_whole(self) -> None:
+        """Tell another file the whole graph."""
+        with self._noting:
+            self._noted = None
+            self._note_graph()
+
+    def _note_graph(self) -> None:
+        from riot_bus.graph.history import record
+
+        tape, graph = self._tape, self._graph
+        if tape is not None and graph is not None and graph != self._noted and not self._done.is_set():
+            tape.note(_GRAPH, record(self._noted, graph, time=time.time_ns()))
+            self._noted = graph
+
+    def _graph_notes(self) -> list[tuple[str, Mapping[str, str]]]:
+        from riot_bus.graph.history import record
+
+        graph = self._graph
+        return [] if graph is None else [(_GRAPH, record(None, graph, time=time.time_ns()))]
+
+
+def _await_routes(session: zenoh.Session) -> None:
+    """Return when the router has taken our subscriptions in, since it does what comes over a link in its order."""
+    with suppress(Exception):  # whoever is at the other end
+        for _ in session.get(f"{OWN_CHUNK}/{session.info.zid()}/none", timeout=_ASK_S):
+            pass
+
+
+def _free_name(session: zenoh.Session, name: str) -> str:
+    """Return the name, with a number behind it if another recorder has it."""
+    taken = set()
+    for reply in session.get(f"{OWN_CHUNK}/*/record/status", timeout=_ASK_S):
+        if reply.ok is not None:
+            taken.add(str(reply.ok.key_expr).split("/")[1])
+    names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
+    return next((each for each in names if each not in taken), name)
+
+
+def _plain(value: object) -> object:
+    return dict(value) if isinstance(value, Mapping) else str(value) if isinstance(value, Path) else list(value)  # type: ignore[call-overload]

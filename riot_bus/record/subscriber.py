@@ -1,0 +1,320 @@
+"""The thread that takes the messages of one key expression from Zenoh to the tape.
+
+As in the router's lanes, messages are fetched in batches, since a full channel of Zenoh's wakes its sender for each
+single message that is taken out; and what is the same for all messages of a key is found out once.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections import Counter
+from operator import attrgetter, itemgetter
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.router.counts import Tally
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.batches import Batches
+from riot_bus.zenoh.convert import Converter, is_delete
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import zenoh
+
+    from riot_bus.log.engine.chunk import Row
+    from riot_bus.log.layout import Constants
+    from riot_bus.log.writer import Track
+    from riot_bus.record.gaps import Gaps
+    from riot_bus.record.ring_sink import RingTape
+    from riot_bus.record.rotating_sink import Tape
+    from riot_bus.types.stamp import Stamp
+
+__all__ = ["Intake", "KeyRules"]
+
+_LOG = logging.getLogger(__name__)
+_SLICE = 512
+_CACHED_KEYS = 1 << 16
+_MOST_SENDERS = 64
+_MOST_FETCHED = 10_000
+_LARGEST = 1 << 64
+_TAKE = attrgetter(
+    "key_expr",
+    "payload",
+    "encoding",
+    "priority",
+    "congestion_control",
+    "express",
+    "attachment",
+    "timestamp",
+    "source_info",
+)
+
+
+class KeyRules:
+    """What holds for the messages of one key.
+
+    Attributes:
+        topic: What people call it.
+        stamp: Reads attachments; None if they say nothing.
+        least_ns: Least time between two messages that are recorded; 0 for all.
+        trigger: Told of each message; None if nobody wants to know.
+    """
+
+    __slots__ = ("due", "fetched", "first", "least_ns", "stamp", "topic", "trigger")
+
+    def __init__(
+        self,
+        topic: str,
+        *,
+        stamp: Callable[[bytes], Stamp | None] | None = None,
+        least_ns: int = 0,
+        trigger: Callable[[bytes, str], None] | None = None,
+    ) -> None:
+        self.topic, self.stamp, self.least_ns, self.trigger = topic, stamp, least_ns, trigger
+        self.due = 0
+        self.first: Any = None  # Zenoh's stamp of the first message that came by itself
+        self.fetched: set[str] | None = None  # stamps of those that were fetched from a cache
+
+
+class _Way:
+    """A key as one sample after another has it: ready-made comparisons, and the key's track in the present file."""
+
+    __slots__ = ("congestion", "constants", "encoding", "express", "key", "number", "patient", "priority", "rules")
+
+    def __init__(self, key: str, sample: Any, track: Track | None, rules: KeyRules) -> None:
+        self.key, self.rules = key, rules
+        self.number = -1 if track is None else track.number
+        self.constants: Constants | None = None if track is None else track.constants
+        self.encoding, self.priority = sample.encoding, sample.priority
+        self.congestion, self.express = sample.congestion_control, sample.express
+        self.patient = False
+
+
+class Intake:
+    """Receives and records; one per key expression.
+
+    Args:
+        session: Where.
+        expression: What.
+        tape: Where to.
+        gaps: Follows the numbers of publishers.
+        owner: Says which of several overlapping expressions a key belongs to.
+        rules: Returns what holds for a key, None if it is not recorded.
+        paused: Whether nothing is recorded at present.
+        sequence: Numbers messages that have no number.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        expression: str,
+        *,
+        tape: Tape | RingTape,
+        gaps: Gaps,
+        owner: Callable[[str], str | None],
+        rules: Callable[[str], KeyRules | None],
+        paused: Callable[[], bool],
+        sequence: Iterator[int],
+    ) -> None:
+        self.expression = expression
+        self.flows = Tally()
+        """Messages so far by key."""
+        self._tape, self._gaps, self._owner, self._rules = tape, gaps, owner, rules
+        self._paused, self._sequence = paused, sequence
+        self._convert = Converter("", itertools.count())
+        self._generation = -1
+        self._numbers: dict[int, _Way] = {}
+        self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
+        self._known: dict[str, KeyRules | None] = {}
+        self._senders: dict[str, set[str]] = {}
+        self._batches = Batches(session, expression)
+        self._thread = threading.Thread(target=self._run, name="riot-intake", daemon=True)
+        self._thread.start()
+
+    def senders(self) -> dict[str, set[str]]:
+        """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
+        return {key: set(zids) for key, zids in list(self._senders.items())}
+
+    def close(self) -> None:
+        """Receive no more, and record what has come in; safe to call twice."""
+        self._batches.close()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def put(self, samples: list[Any]) -> None:
+        """Record samples from the cache of a publisher, as far as they did not come by themselves."""
+        with self._tape.lock:
+            new = []
+            for sample in samples:
+                rules, stamp = self._rules_of(str(sample.key_expr)), sample.timestamp
+                if rules is None or stamp is None or (rules.first is not None and stamp >= rules.first):
+                    continue
+                rules.fetched = rules.fetched or set()
+                if str(stamp) not in rules.fetched and len(rules.fetched) < _MOST_FETCHED:
+                    rules.fetched.add(str(stamp))
+                    new.append(sample)
+            for start in range(0, len(new), _SLICE):
+                self._slice(new[start : start + _SLICE], fetched=True)
+
+    def _run(self) -> None:
+        while samples := self._batches.receive():
+            try:
+                self._slice(samples)
+            except Exception:  # whatever it is, the next messages are recorded
+                _LOG.exception("messages of %s are lost", self.expression)
+                with self._tape.lock:
+                    self._tape.book.lose("damaged", self.expression, len(samples))
+
+    def _slice(self, samples: list[Any], *, fetched: bool = False) -> None:
+        tape = self._tape
+        with tape.lock:
+            if self._generation != tape.generation:
+                self._generation = tape.generation
+                self._ways.clear()
+                self._numbers.clear()
+            try:
+                rows, patient = self._rows(samples, fetched=fetched)
+            except Exception:
+                _LOG.exception("a message of %s could not be taken apart", self.expression)
+                rows, patient = self._one_by_one(samples)
+            if rows:
+                for number, count in Counter(map(itemgetter(0), rows)).items():
+                    way = self._numbers[number]
+                    tape.book.recorded.add(way.rules.topic, count)
+                    self.flows.add(way.key, count)
+                tape.append(rows, patient=patient)
+        self._note_sender(samples[0])
+
+    def _one_by_one(self, samples: list[Any]) -> tuple[list[Row], bool]:
+        """Take apart what can be."""
+        found: list[Row] = []
+        for sample in samples:
+            try:
+                found += self._rows([sample])[0]
+            except Exception:
+                self._tape.book.lose("damaged", self.expression)
+        return found, True
+
+    def _rows(self, samples: list[Any], *, fetched: bool = False) -> tuple[list[Row], bool]:
+        rows: list[Row] = []
+        put, take, ways, clock, number_of = rows.append, _TAKE, self._ways, time.time_ns, self._sequence.__next__
+        paused, patient = self._paused(), False
+        for sample in samples:
+            key, content, encoding, priority, congestion, express, attached, stamp, info = take(sample)
+            try:
+                way = ways[key]
+            except KeyError:
+                way = self._learn(key, sample)
+            if way is None:
+                continue
+            now = clock()
+            payload = content.to_bytes()
+            extras: dict[str, Any] | None = None
+            sequence = published = None
+            rules = way.rules
+            if attached is not None:
+                attachment = attached.to_bytes()
+                extras = {"a": attachment}
+                if rules.stamp is not None and (said := rules.stamp(attachment)) is not None:
+                    sequence, published, publisher = said
+                    if not fetched and (missed := self._gaps.see((way.key, publisher), sequence)):
+                        self._tape.book.lose("missed", rules.topic, missed)
+            if info is not None and sequence is None:
+                source = info.source_id
+                sequence = info.source_sn
+                if not fetched and (missed := self._gaps.see((way.key, str(source.zid), source.eid), sequence)):
+                    self._tape.book.lose("missed", rules.topic, missed)
+            if stamp is not None:
+                if rules.first is None and not fetched:
+                    rules.first = stamp
+                if rules.fetched is not None and not fetched and str(stamp) in rules.fetched:
+                    continue
+                if published is None:
+                    published = stamp.get_time_as_ntp64().as_nanos()
+            if rules.trigger is not None:
+                rules.trigger(payload, way.key)
+            if paused:
+                self._tape.book.left_out["paused"].add(rules.topic)
+                continue
+            if rules.least_ns:
+                if now < rules.due:
+                    self._tape.book.left_out["throttled"].add(rules.topic)
+                    continue
+                rules.due = (rules.due if rules.due > now - rules.least_ns else now) + rules.least_ns
+            if way.number < 0:
+                self._refused(way)
+                continue
+            if not (
+                express is way.express
+                and priority == way.priority
+                and congestion == way.congestion
+                and encoding == way.encoding
+            ):
+                extras = self._different(sample, way, extras)
+            patient = patient or way.patient
+            if not payload and is_delete(sample):
+                extras = {**(extras or {}), "d": True}
+            if published is None:
+                published = now
+            elif published == now or not 0 <= published < _LARGEST:
+                extras = {**(extras or {}), "p": str(published)}
+                published = now
+            if sequence is None:
+                sequence = number_of()
+            if not 0 <= sequence < 1 << 32:
+                extras = {**(extras or {}), "n": sequence}
+            put((way.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
+        return rows, patient
+
+    def _different(self, sample: Any, way: _Way, extras: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Add what differs from the channel's first message."""
+        from riot_bus.log.layout import extras_of
+
+        assert way.constants is not None
+        found = extras_of(self._convert.at(sample, 0), way.constants) or {}
+        found = {name: found[name] for name in ("e", "q") if name in found}
+        return {**(extras or {}), **found} or None
+
+    def _refused(self, way: _Way) -> None:
+        """Count a message for whose key there is no room in the file."""
+        book, topic = self._tape.book, way.rules.topic
+        book.recorded.add(topic)
+        book.lose("refused", topic, written=True)
+
+    def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _Way | None:
+        if len(self._ways) >= _CACHED_KEYS:
+            self._ways.clear()
+            self._known.clear()
+        key = str(key_expr)
+        rules = self._rules_of(key)
+        if rules is None:
+            self._ways[key_expr] = None
+            return None
+        message: Message = self._convert.at(sample, 0)
+        way = _Way(key, sample, self._tape.writer.track(message), rules)
+        if way.constants is not None:
+            # The channel may have been opened by a message with other settings.
+            qos, text = way.constants.qos, way.constants.encoding
+            way.patient = message.qos.congestion != "drop"
+            if (message.qos, message.encoding) != (qos, text):
+                way.encoding = None
+        self._ways[key_expr] = self._numbers[way.number] = way
+        return way
+
+    def _rules_of(self, key: str) -> KeyRules | None:
+        try:
+            return self._known[key]
+        except KeyError:
+            rules = self._known[key] = self._rules(key) if self._owner(key) == self.expression else None
+            return rules
+
+    def _note_sender(self, sample: Any) -> None:
+        stamp = sample.timestamp
+        way = self._ways.get(sample.key_expr)
+        if stamp is not None and way is not None and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
+            zids = self._senders.setdefault(way.key, set())
+            if len(zids) < _MOST_SENDERS:
+                zids.add(str(stamp.get_id()))

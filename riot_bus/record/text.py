@@ -1,0 +1,98 @@
+"""A recording as lines for people; pure. What came from the network is shown without obeying it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.status_text import plain
+from riot_bus.log.text import size_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from riot_bus.log.account import Account
+    from riot_bus.record.service import CaptureResult
+
+__all__ = ["account_lines", "answer_lines", "progress_line", "result_lines"]
+
+_SIGNS = {"recording": "●", "paused": "⏸", "ended": "■"}
+_SHOWN = 50
+
+
+def progress_line(status: Mapping[str, Any]) -> str:
+    """Return one line about what is going on."""
+    parts = [
+        f"{_SIGNS.get(status['state'], '?')} {status['state']}",
+        f"{status['seconds']:.0f} s",
+        f"{status['messages']} messages",
+        size_text(status["bytes"]),
+    ]
+    if "ring" in status:
+        parts.append(f"ring: {status['ring']['messages']} messages, {status['ring']['seconds']:.1f} s")
+    if status["lost"]:
+        reasons = ", ".join(f"{reason}: {number}" for reason, number in status["reasons"].items() if number)
+        parts.append(f"{status['lost']} LOST ({reasons})")
+    if not status["connected"]:
+        parts.append("NOT CONNECTED")
+    if status["problem"]:
+        parts.append(f"ALARM: {status['problem']}")
+    return plain(", ".join(parts))
+
+
+def answer_lines(answer: Mapping[str, Any]) -> list[str]:
+    """Return what a recorder answers to a command."""
+    if "dumped" in answer:
+        return [plain(f"wrote {answer['dumped']}")]
+    if "former" in answer:
+        return [plain(f"finished: {answer['former']}"), plain(f"recording: {answer['file']}")]
+    lines = [
+        f"recorder {answer['name']}, riot_bus {answer['version']}, process {answer['pid']}, at {answer['endpoint']}",
+        progress_line(answer),
+        f"file: {answer['file'] or 'none yet'}",
+    ]
+    left_out = ", ".join(f"{reason}: {number}" for reason, number in answer["left_out"].items() if number)
+    return [plain(line) for line in [*lines, *([f"left out: {left_out}"] if left_out else [])]]
+
+
+def result_lines(result: CaptureResult) -> list[str]:
+    """Return the summary: files, and a table by topic if something is missing."""
+    account = result.account
+    recorded = sum(account.recorded.values())
+    lines = [f"recorded {recorded} messages of {len(account.recorded)} topics in {result.seconds:.1f} s"]
+    for each in result.files:
+        if each.deleted:
+            continue
+        row = each.row()
+        lost = f", {row['lost']} lost" if row["lost"] else ""
+        lines.append(f"  {each.path}: {row['messages']} messages, {size_text(each.size)}{lost}")
+    gone = [each for each in result.files if each.deleted]
+    if gone:
+        messages = sum(sum(each.account.recorded.values()) for each in gone)
+        lines.append(f"  {len(gone)} older files with {messages} messages are deleted (--max-files)")
+    lines += [f"nothing came on {each}" for each in result.silent]
+    return [plain(line) for line in [*lines, *account_lines(account)]]
+
+
+def account_lines(account: Account) -> list[str]:
+    """Return a table of what is lost and left out, by topic; nothing if that is nothing."""
+    columns = {
+        **{reason: topics for reason, topics in sorted(account.lost.items()) if any(topics.values())},
+        **{f"({reason})": topics for reason, topics in sorted(account.left_out.items()) if any(topics.values())},
+    }
+    topics = sorted({topic for found in columns.values() for topic, number in found.items() if number})
+    if not topics:
+        return []
+    table = [["topic", "recorded", *columns]]
+    table += [
+        [topic, str(account.recorded.get(topic, 0)), *(str(found.get(topic, 0)) for found in columns.values())]
+        for topic in topics[:_SHOWN]
+    ]
+    widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
+    lines = [
+        "  ".join(
+            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        )
+        for row in table
+    ]
+    more = [f"... and {len(topics) - _SHOWN} topics more"] if len(topics) > _SHOWN else []
+    return [plain(line) for line in [*lines, *more]]

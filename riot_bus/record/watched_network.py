@@ -1,0 +1,66 @@
+"""A network as one of its clients sees it, for the graph: sessions, announcements, and what is recorded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    import zenoh
+
+    from riot_bus.record.subscriber import Intake
+    from riot_bus.types.announcement import BridgedLink
+
+__all__ = ["Network"]
+
+
+class Network:
+    """Implements `riot_bus.graph.observe.WatchedBus`.
+
+    Args:
+        session: The client.
+        intakes: Returns what is received.
+    """
+
+    def __init__(self, session: zenoh.Session, intakes: Callable[[], Sequence[Intake]]) -> None:
+        self._session, self._intakes = session, intakes
+        self._zid = str(session.info.zid())
+
+    @property
+    def sessions(self) -> Mapping[str, zenoh.Session]:
+        """The only one."""
+        return {"": self._session}
+
+    @property
+    def ids(self) -> Collection[str]:
+        """Its id."""
+        return {self._zid}
+
+    @property
+    def ids_ever(self) -> Collection[str]:
+        """No others."""
+        return ()
+
+    @property
+    def intercepted(self) -> Collection[str]:
+        """Nothing."""
+        return ()
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """None."""
+        return ()
+
+    @property
+    def services(self) -> Collection[str]:
+        """None."""
+        return ()
+
+    def flows(self) -> Mapping[tuple[str, str], int]:
+        """Messages so far by key and segment."""
+        return {(key, ""): count for each in self._intakes() for key, count in each.flows.copy().items()}
+
+    def senders(self) -> dict[tuple[str, str], set[str]]:
+        """Ids in the stamps of messages, by key and segment."""
+        return {(key, ""): zids for each in self._intakes() for key, zids in each.senders().items()}

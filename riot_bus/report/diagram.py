@@ -1,0 +1,92 @@
+"""The chain as a picture: where each box stands and what it says; the template draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from riot_bus.findings.records import Artefact
+from riot_bus.report.finding_view import Story
+from riot_bus.report.format import clean, plural, seconds
+
+__all__ = ["Link", "links"]
+
+State = Literal["done", "next", "open"]
+
+_WIDTH = 19
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One box of the chain.
+
+    Attributes:
+        title: What it holds.
+        lines: What is known of it: two short lines.
+        effort: Trials and seconds of its step.
+        state: Whether its step has finished, is the next one, or comes later.
+    """
+
+    title: str
+    lines: tuple[str, str]
+    effort: str
+    state: State
+
+
+def links(story: Story) -> list[Link]:
+    """Return the boxes from the nominal log to the activation."""
+    finding = story.finding
+    done: dict[str, tuple[str, str]] = {
+        "test": (plural(finding.messages, "message"), f"{finding.modified} modified"),
+    }
+    if story.minimal:
+        done["minimize"] = (f"{plural(len(story.minimal.kept), 'message')} needed", f"of {story.minimal.before}")
+    if story.fields:
+        names = [one.name for one in story.fields.fields]
+        done["relevance"] = (f"{len(names)} of {len(story.fields.considered)}", _short(", ".join(map(_leaf, names))))
+    if story.rule:
+        text = clean(story.rule.text, limit=400)
+        for name in story.rule.scale:
+            text = text.replace(name, _leaf(name))
+        done["rules"] = (_short(text), f"{plural(len(story.rule.samples), 'sample')}")
+    if story.permeability:
+        reaching = story.permeability.permeable
+        tested = {edge.external for edge in story.permeability.edges}
+        done["permeability"] = (f"{len(reaching)} of {len(tested)} reach it", _short(", ".join(map(_leaf, reaching))))
+    if story.activation:
+        again = f"{story.activation.replays_failed} of {plural(story.activation.replays, 'replay')}"
+        runs = plural(story.activation.runs, "system run")
+        done["activate"] = (again if story.activation.found else "not reached", runs)
+    titles = {
+        "test": "failing log",
+        "minimize": "minimal log",
+        "relevance": "relevant fields",
+        "rules": "rule",
+        "permeability": "external fields",
+        "activate": "activation",
+    }
+    start = Link(
+        "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"
+    )
+    return [start] + [
+        Link(titles[step], done.get(step, (f"riot {step}", "")), _effort(record), _state(story, step, record))
+        for step, record in story.steps
+    ]
+
+
+def _effort(record: Artefact | None) -> str:
+    return f"{plural(record.trials, 'trial')}, {seconds(record.seconds)}" if record else ""
+
+
+def _state(story: Story, step: str, record: Artefact | None) -> State:
+    if record:
+        return "done"
+    return "next" if story.next_step == step else "open"
+
+
+def _leaf(name: str) -> str:
+    return clean(name.rpartition(":")[2] or name)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _WIDTH else text[: _WIDTH - 1] + "…"

@@ -1,0 +1,1 @@
+"""The router: forwarding of intercepted messages, delivery, proxies of advanced publishers, services."""

@@ -1,0 +1,121 @@
+"""Histories for those who ask for them by the id of a publisher's session, which they know from elsewhere.
+
+An advanced subscriber asks all caches of a key, or those that show a token, which in other segments are our own. A few
+clients know the publisher's session from other announcements instead (zenoh-ros2-sdk: from ROS 2 tokens) and ask for
+`KEY/@adv/pub/ZID/**`. They get what the stand-in keeps. Answers to them have no numbers, since Python cannot give any;
+that is why nobody else is answered.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.router.advanced.source import announced
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.router.advanced.publisher_state import Relay
+    from riot_bus.router.advanced.source import Source
+    from riot_bus.router.advanced.worker import Worker
+
+__all__ = ["Answers"]
+
+_TIMEOUT_S = 2.0
+_PATIENCE_S = 1.0
+_AGAIN_S = 0.01
+
+
+class Answers:
+    """Answers such questions in every segment.
+
+    Args:
+        sessions: The segments' own sessions.
+        worker: Waits for publishers whose history is not there yet.
+        find: Returns what is known of a session's publishers, by key and id of the session.
+    """
+
+    def __init__(
+        self, sessions: Mapping[str, zenoh.Session], worker: Worker, find: Callable[[str, str], list[Relay]]
+    ) -> None:
+        self._sessions, self._worker, self._find = sessions, worker, find
+        self._declared: dict[str, list[Any]] = {}
+
+    def begin(self, key: str) -> None:
+        """Answer for the publishers of a key, unless that is done already; called by the worker.
+
+        Not before there is one: every question for the history of a key comes here as well, and ends no sooner than we
+        say. A subscriber whose first question ends late, while it asks again because of a token, loses the first
+        samples. For the same reason questions are not taken on a thread of their own.
+        """
+        if key in self._declared:
+            return
+        declared = self._declared[key] = []
+        text = f"{key}/@adv/pub/**"
+        for name, session in self._sessions.items():
+            zenoh = library_of(session)
+            hold(session, text)
+            take = zenoh.handlers.Callback(partial(self._take, name), indirect=False)
+            declared.append(session.declare_queryable(text, take, allowed_origin=zenoh.Locality.REMOTE))
+
+    def end(self, key: str) -> None:
+        """Answer no more for a key; called by the worker."""
+        release(*self._declared.pop(key, ()))
+
+    def _take(self, segment: str, query: Any) -> None:
+        asked = announced(segment, str(query.key_expr))
+        if asked is not None and asked.entity in ("*", "**") and self._find(asked.key, asked.zid):
+            self._worker.do(partial(self._answer, asked, query, time.monotonic() + _PATIENCE_S))
+        else:
+            query.drop()
+
+    def _answer(self, asked: Source, query: Any, deadline: float) -> None:
+        relays = [relay for relay in self._find(asked.key, asked.zid) if relay.source.segment != asked.segment]
+        if all(relay.opened for relay in relays) or time.monotonic() >= deadline:
+            caches = [relay.outlets[asked.segment].cache for relay in relays if asked.segment in relay.outlets]
+            self._ask(asked.segment, query, deque(caches))
+        else:  # who asks in this way asks only once
+            again = partial(self._answer, asked, query, deadline)
+            self._worker.later(_AGAIN_S, again, background=True)
+
+    def _ask(self, segment: str, query: Any, caches: deque[str]) -> None:
+        """Pass on what one cache has, then ask the next one; without waiting, since other questions come this way."""
+        if not caches:
+            query.drop()
+            return
+
+        def take(reply: Any) -> None:
+            if reply.ok is not None:
+                _pass_on(query, reply.ok)
+
+        session = self._sessions[segment]
+        zenoh = library_of(session)
+        session.get(
+            f"{caches.popleft()}?{query.parameters}",
+            zenoh.handlers.Callback(take, drop=partial(self._ask, segment, query, caches), indirect=False),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            allowed_destination=zenoh.Locality.SESSION_LOCAL,
+            timeout=_TIMEOUT_S,
+        )
+
+
+def _pass_on(query: Any, sample: Any) -> None:
+    with suppress(library_of(query).ZError):  # a question that wants answers on its own key alone gets none from caches
+        query.reply(
+            sample.key_expr,
+            sample.payload,
+            encoding=sample.encoding,
+            attachment=sample.attachment,
+            timestamp=sample.timestamp,
+        )

@@ -1,0 +1,289 @@
+"""Keeps the stand-ins of publishers like the publishers' own caches: history, what was lost, and how deep they are.
+
+All of this is done by a worker, one task after another for each relay. A relay's lock is only ever tried: a lane may
+hold it for as long as a receiver is slow.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import math
+import time
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.pipeline.runner import AbandonedError
+from riot_bus.router.advanced.proxy_publisher import StandIn
+from riot_bus.router.advanced.publisher_state import Task
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.router.advanced.publisher_state import Relay, Stored
+    from riot_bus.router.advanced.upstream import Found, Upstream
+    from riot_bus.router.advanced.worker import Worker
+    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.zenoh.convert import Converter, Outlets
+
+__all__ = ["Keeper"]
+
+_LOG = logging.getLogger(__name__)
+_SETTLE_S = 0.05
+_UNDER_WAY_S = 0.25
+_RECOVERED_S = 1.5
+_PATIENCE_S = 0.005
+_FAILURES = 3
+_STAND_IN = 1 << 30
+
+
+class Keeper:
+    """Carries out the tasks of relays.
+
+    Args:
+        sessions: The segments' own sessions.
+        outlets: Where to publish, by segment.
+        converters: Make messages of samples, by segment.
+        crossing: The way through the interceptors.
+        worker: The thread for it.
+        upstream: Where the publishers' caches are asked.
+        depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
+    """
+
+    def __init__(
+        self,
+        sessions: Mapping[str, zenoh.Session],
+        outlets: Mapping[str, Outlets],
+        converters: Mapping[str, Converter],
+        *,
+        crossing: Crossing,
+        worker: Worker,
+        upstream: Upstream,
+        depth: Callable[[str, str], int | None],
+    ) -> None:
+        self._sessions, self._outlets, self._converters = sessions, outlets, converters
+        self._crossing, self._worker, self._upstream, self._hint = crossing, worker, upstream, depth
+        self._numbers = itertools.count(_STAND_IN)
+
+    # -- tasks --------------------------------------------------------------------------------------------------------
+
+    def open(self, relay: Relay) -> None:
+        """Fetch the history and make stand-ins; until then live messages wait."""
+        fetch = partial(self._upstream.ask, relay.source, "", partial(self._step, relay, partial(self._fetched, relay)))
+        self._add(relay, fetch, holds=True)
+
+    def recover(self, relay: Relay, first: int, last: int) -> None:
+        """Fetch what was lost on the way to us, before what came after it is let go."""
+        self._add(relay, partial(self._recover, relay, first, last), holds=True)
+
+    def check(self, relay: Relay) -> None:
+        """Find out how many samples a publisher keeps: as many as it has once the first one is gone."""
+        self._add(relay, partial(self._check, relay), holds=False)
+
+    def beat(self, relay: Relay, told: int) -> None:
+        """Take note of a heartbeat; called by the worker.
+
+        Args:
+            relay: Whose.
+            told: Number of the last sample, as the heartbeat says.
+        """
+        relay.beats = True
+        before = relay.last
+        if before is not None and told > before:
+            # It may have overtaken what is still on its way through a lane, whose progress with one key nobody knows.
+            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
+        else:
+            self._locked(relay, relay.beat)
+
+    def end(self, relay: Relay, then: Callable[[], None]) -> None:
+        """Take everything away, once earlier tasks are done."""
+
+        def close() -> None:
+            relay.close()
+            then()
+            self._finish(relay)
+
+        self._add(relay, partial(self._locked, relay, close), holds=False)
+
+    # -- how tasks are carried out ------------------------------------------------------------------------------------
+
+    def _add(self, relay: Relay, run: Callable[[], None], *, holds: bool) -> None:
+        if holds:
+            relay.hold()
+        relay.tasks.append(Task(run, holds))
+        self._worker.do(partial(self._next, relay))
+
+    def _next(self, relay: Relay) -> None:
+        if relay.task is None and relay.tasks:
+            relay.task = relay.tasks.popleft()
+            self._step(relay, relay.task.run)
+
+    def _step(self, relay: Relay, action: Callable[..., None], *arguments: Any) -> None:
+        try:
+            action(*arguments)
+        except AbandonedError:
+            raise
+        except Exception:
+            _LOG.exception("the advanced publisher %s could not be looked after", relay.source)
+            self._locked(relay, partial(self._checked, relay))
+
+    def _locked(self, relay: Relay, action: Callable[..., None], *arguments: Any) -> None:
+        if not relay.lock.acquire(timeout=_PATIENCE_S):
+            self._worker.later(_PATIENCE_S, partial(self._locked, relay, action, *arguments))
+            return
+        try:
+            self._step(relay, action, *arguments)
+        finally:
+            relay.lock.release()
+
+    def _finish(self, relay: Relay) -> None:
+        task, relay.task = relay.task, None
+        if task is not None and task.holds:
+            relay.let_go()
+        if relay.overdue():  # messages have come since it was asked, or while they were held
+            self.check(relay)
+        self._worker.do(partial(self._next, relay))
+
+    # -- history ------------------------------------------------------------------------------------------------------
+
+    def _fetched(self, relay: Relay, found: Found) -> None:
+        adopt = partial(self._locked, relay, _once(partial(self._adopt, relay, found)))
+        with relay.lock:  # nobody publishes yet, so nobody holds it for long
+            wait = bool(found.samples) and relay.first is None and not relay.ended
+            relay.waiting = partial(self._worker.do, adopt) if wait else None
+        if wait:
+            # What was just published is on its way through a lane too, and is no history then. How long that takes
+            # nobody can tell, nor whether there is any; what comes later still is recognised by its number.
+            self._worker.later(_UNDER_WAY_S, adopt)
+        else:
+            adopt()
+
+    def _adopt(self, relay: Relay, found: Found) -> None:
+        relay.waiting, source, samples = None, relay.source, found.samples
+        first = math.inf if relay.first is None else relay.first
+        depth = self._hint(source.key, source.zid)
+        if not found.asked:
+            depth = 0
+        elif depth is None and found.complete and samples and samples[0][0] > (0 if source.numbered else first):
+            depth = len(samples)  # what was before them is gone
+        relay.depth = depth
+        for name, session in self._sessions.items():
+            if name != source.segment:
+                relay.outlets[name] = StandIn(self._outlets[name], session, source.key, depth)
+        history = [each for each in samples if relay.first is None or each[0] < relay.first]
+        self._feed(relay, history, partial(self._opened, relay, bool(history)))
+
+    def _opened(self, relay: Relay, history: bool) -> None:  # noqa: FBT001
+        relay.opened = True
+        for standin in relay.outlets.values() if relay.token else ():
+            standin.announce(next(self._numbers), again=relay.again)
+        if history and relay.token and not relay.again:
+            # Who asks for the history because of the token refuses it once a live message has come.
+            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._finish, relay)))
+        else:
+            self._finish(relay)
+
+    def _feed(self, relay: Relay, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
+        claimed = deque((relay.claim(number), sample) for number, sample in samples)
+        self._worker.do(partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
+
+    def _feed_next(self, relay: Relay, claimed: deque[tuple[Stored, Any]], then: Callable[[], None]) -> None:
+        """Take one sample through the interceptors, without the lock: they may block, and then this is done again."""
+        if not claimed:
+            self._locked(relay, then)
+            return
+        stored, sample = claimed[0]
+        message = self._converters[relay.source.segment](sample)
+        stored.result = self._crossing.replay(message, self._worker)
+        claimed.popleft()
+        more = partial(self._worker.do, partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
+        self._locked(relay, partial(self._put_away, relay, stored, sample.timestamp, more))
+
+    def _put_away(self, relay: Relay, stored: Stored, stamp: Any, then: Callable[[], None]) -> None:
+        assert stored.result is not None
+        for emission in stored.result.emissions:
+            for name in self._crossing.targets_of(emission):
+                if (standin := relay.outlets.get(name)) is not None:
+                    number = standin.store(emission.message, stamp)
+                    stored.places.append((standin, emission.message, number, stamp))
+        then()
+
+    # -- what was lost ------------------------------------------------------------------------------------------------
+
+    def _behind(self, relay: Relay, before: int, told: int) -> None:
+        if relay.busy:
+            self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
+        elif relay.last == before and not relay.ended:
+            relay.last = told
+            self.recover(relay, before + 1, told)
+
+    def _recover(self, relay: Relay, first: int, last: int) -> None:
+        if relay.depth == 0:
+            self._locked(relay, partial(self._skipped, relay, last - first + 1))
+        else:
+            then = partial(self._locked, relay, partial(self._recovered, relay))
+            self._upstream.ask(relay.source, f"?_sn={first}..{last}", then)
+
+    def _skipped(self, relay: Relay, numbers: int) -> None:
+        relay.skip(numbers)
+        self._finish(relay)
+        if relay.beats:
+            relay.beat()
+
+    def _recovered(self, relay: Relay, found: Found) -> None:
+        self._feed(relay, found.samples, partial(self._stored, relay))
+
+    def _stored(self, relay: Relay) -> None:
+        relay.check_from = time.monotonic() + _RECOVERED_S  # not before present subscribers have recovered it from us
+        relay.checking = True
+        self._worker.later(_RECOVERED_S, partial(self.check, relay), background=True)
+        self._finish(relay)
+        if relay.beats:
+            relay.beat()
+
+    # -- depth --------------------------------------------------------------------------------------------------------
+
+    def _check(self, relay: Relay) -> None:
+        source = relay.source
+        if relay.depth is not None or relay.ended:
+            self._locked(relay, partial(self._checked, relay))
+        elif source.numbered:
+            then = partial(self._step, relay, partial(self._first, relay))
+            self._upstream.ask(source, f"?_sn={relay.first}..{relay.first}", then)
+        else:
+            self._upstream.ask(source, "", partial(self._locked, relay, partial(self._measured, relay)))
+
+    def _first(self, relay: Relay, found: Found) -> None:
+        if found.samples:
+            self._locked(relay, partial(self._checked, relay))
+        else:
+            self._upstream.ask(relay.source, "", partial(self._locked, relay, partial(self._measured, relay)))
+
+    def _measured(self, relay: Relay, found: Found) -> None:
+        """Take over the depth; of a cache that never answers, late joiners would not have got anything either."""
+        relay.failures = 0 if found.complete else relay.failures + 1
+        first, samples = relay.first, found.samples
+        gone = first is not None and not (samples and samples[0][0] <= first)
+        if relay.failures >= _FAILURES:
+            relay.resize(0)
+        elif found.complete and gone and not relay.ended:
+            relay.resize(len(samples))
+        self._checked(relay)
+
+    def _checked(self, relay: Relay) -> None:
+        relay.checking = False  # also after a failure: then the next message asks again
+        self._finish(relay)
+
+
+def _once(action: Callable[[], None]) -> Callable[[], None]:
+    """Return what does something the first time only; for one thread."""
+    left = [action]
+
+    def run() -> None:
+        if left:
+            left.pop()()
+
+    return run

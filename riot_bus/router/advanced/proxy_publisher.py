@@ -1,0 +1,156 @@
+"""What other segments see of an advanced publisher: a silent cache, and a voice that numbers as the cache does."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of, moved
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh.convert import Outlets
+
+__all__ = ["StandIn", "StoreFilter"]
+
+_DEEP = 1 << 20  # while nobody knows how much the publisher keeps
+_MOST_SKIPPED = 10_000
+
+
+class StandIn:
+    """Stands in one segment for an advanced publisher of another; calls are serialised by its relay.
+
+    Args:
+        outlets: Where to publish.
+        session: The segment's own session.
+        key: The publisher's key.
+        depth: How many samples to keep, 0 for no cache, None if unknown.
+    """
+
+    def __init__(self, outlets: Outlets, session: zenoh.Session, key: str, depth: int | None) -> None:
+        self._session, self._key, self._outlets = session, key, outlets
+        self._library = library_of(session)
+        self._quiet = False  # a beat would make present subscribers fetch what they have had already
+        self._kept: deque[tuple[Message, Any]] = deque()
+        self._token: Any = None
+        self._declare(depth)
+
+    def _declare(self, depth: int | None) -> None:
+        ext = self._library.ext
+        hold(self._session, self._key)
+        self._cache: Any = ext.declare_advanced_publisher(
+            self._session,
+            self._key,
+            cache=None if depth == 0 else ext.CacheConfig(depth or _DEEP),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+            allowed_destination=self._library.Locality.SESSION_LOCAL,
+        )
+        self._depth, self._next, self._beaten = depth, 0, 0
+        self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
+        hold(self._session, self._suffix)  # who has seen a token asks just there, also when the cache is replaced
+
+    @property
+    def cache(self) -> str:
+        """Where the cache answers."""
+        return self._suffix
+
+    def announce(self, number: int, *, again: bool) -> None:
+        """Show a token.
+
+        Args:
+            number: Stands for the entity if `again`.
+            again: Those who subscribe already have had the history, so the token does not lead to it.
+        """
+        self._quiet = again
+        key = f"{self._key}/@adv/pub/{self._cache.id.zid}/{number}/_" if again else self._suffix
+        self._token = self._session.liveliness().declare_token(key)
+
+    def store(self, message: Message, stamp: Any) -> int:
+        """Put into the cache alone; return the number."""
+        stamp = moved(stamp, self._library)
+        if message.kind == "delete":
+            self._cache.delete(attachment=message.attachment, timestamp=stamp)
+        else:
+            encoding = self._outlets.encoding(message.encoding)
+            self._cache.put(message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp)
+        if self._depth is None:
+            self._kept.append((message, stamp))
+        self._next += 1
+        return self._next - 1
+
+    def send(self, message: Message, number: int, stamp: Any) -> None:
+        """Publish what was stored."""
+        stamp = moved(stamp, self._library)
+        publisher = self._outlets.publisher(message.key, message.qos)
+        info = self._library.SourceInfo(self._cache.id, number)
+        if message.kind == "delete":
+            publisher.delete(attachment=message.attachment, timestamp=stamp, source_info=info)
+        else:
+            encoding = self._outlets.encoding(message.encoding)
+            publisher.put(
+                message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp, source_info=info
+            )
+        self._quiet = False
+
+    def publish(self, message: Message) -> None:
+        """Store and send."""
+        stamp = self._session.new_timestamp()
+        self.send(message, self.store(message, stamp), stamp)
+
+    def skip(self, numbers: int) -> None:
+        """Leave numbers out, so that subscribers miss what nobody can recover; only without a cache."""
+        for _ in range(min(numbers, _MOST_SKIPPED)):
+            self._cache.put(b"")
+            self._next += 1
+
+    def beat(self) -> None:
+        """Tell the last number, if it has changed."""
+        from zenoh import ext
+
+        if self._next != self._beaten and not self._quiet:
+            self._beaten = self._next
+            number: Any = ext.UInt32(self._next - 1)
+            block = self._library.CongestionControl.BLOCK
+            self._session.put(self._suffix, ext.z_serialize(number).to_bytes(), congestion_control=block)
+
+    def resize(self, depth: int) -> None:
+        """Keep only the last samples from now on: another cache, which present subscribers shall not ask."""
+        kept, self._kept = list(self._kept)[-depth:] if depth else [], deque()
+        release(self._cache)
+        self._declare(depth)
+        self._quiet = True
+        for message, stamp in kept:
+            self.store(message, stamp)
+
+    def close(self) -> None:
+        """Take token and cache away."""
+        release(*[each for each in (self._token, self._cache) if each is not None])
+
+
+class StoreFilter:
+    """Tells observers within the router what is only stored: they hear what is put into caches, as nobody else does.
+
+    Numbers of one cache grow, and each sample is stored before it is sent.
+
+    Args:
+        zid: Id of the observed session.
+    """
+
+    def __init__(self, zid: str) -> None:
+        self._zid = zid
+        self._stored: dict[int, int] = {}
+
+    def __call__(self, sample: Any) -> bool:
+        """Return whether a sample is only stored; ask for all samples of the session, in their order."""
+        info = sample.source_info
+        if info is None or str(info.source_id.zid) != self._zid:
+            return False
+        entity, number = info.source_id.eid, info.source_sn
+        if number <= self._stored.get(entity, -1):
+            return False
+        self._stored[entity] = number
+        return True

@@ -1,0 +1,380 @@
+"""Notices advanced publishers on intercepted keys, and says what becomes of their messages."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, OrderedDict, deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.router.advanced.answers import Answers
+from riot_bus.router.advanced.history_mirror import Keeper
+from riot_bus.router.advanced.publisher_state import Relay
+from riot_bus.router.advanced.source import Relayed, Source, announced, relayed, source_of
+from riot_bus.router.advanced.upstream import Upstream
+from riot_bus.router.advanced.worker import Worker
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release, wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.router.advanced.publisher_state import Stored
+    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh.convert import Converter, Outlets
+
+__all__ = ["Terminator"]
+
+_LOG = logging.getLogger(__name__)
+_BEAT_S = 0.5
+_END_S = 5.0
+_TOKENS_S = 2.0
+_ASK_AGAIN_S = 5.0
+_MOST_ASKED = 1 << 16
+_MOST_UNASKED = 1 << 13
+_ASK_AT_ONCE = 16
+_ASK_PAUSE_S = 0.05
+_ASK_REST = 9
+_MOST_ENDED = 1 << 12
+_MOST_RELAYS = 1 << 14
+
+
+class Terminator:
+    """Detects advanced publishers on intercepted keys and stands in for them in the other segments.
+
+    Args:
+        sessions: The segments' own sessions.
+        outlets: Where to publish, by segment.
+        converters: Make messages of samples, by segment.
+        crossing: The way through the interceptors.
+        changed: Called, on a thread that must not be held up, when another key has got an advanced publisher.
+        depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
+    """
+
+    def __init__(
+        self,
+        sessions: Mapping[str, zenoh.Session],
+        outlets: Mapping[str, Outlets],
+        converters: Mapping[str, Converter],
+        *,
+        crossing: Crossing,
+        changed: Callable[[], None] = lambda: None,
+        depth: Callable[[str, str], int | None] = lambda key, zid: None,
+    ) -> None:
+        self.keys: dict[str, dict[Source, Relay]] = {}
+        """Keys that have advanced publishers."""
+        self._sessions, self._converters = sessions, converters
+        self._crossing, self._changed = crossing, changed
+        self._own = {str(session.info.zid()) for session in sessions.values()}
+        self._lock = threading.Lock()
+        self._watched: dict[str, list[Any]] = {}
+        self._asked: OrderedDict[tuple[str, str], float] = OrderedDict()
+        self._unasked: deque[tuple[str, str]] = deque(maxlen=_MOST_UNASKED)
+        self._asking = False
+        self._ended: OrderedDict[Source, None] = OrderedDict()
+        self._ending: set[Relay] = set()
+        self._closed = False
+        self._worker = Worker("riot-advanced")
+        self._upstream = Upstream(sessions, self._worker)
+        self._answers = Answers(sessions, self._worker, self._published_by)
+        self._keeper = Keeper(
+            sessions,
+            outlets,
+            converters,
+            crossing=crossing,
+            worker=self._worker,
+            upstream=self._upstream,
+            depth=depth,
+        )
+        self._worker.later(_BEAT_S, self._tick, background=True)
+
+    # -- for the bus --------------------------------------------------------------------------------------------------
+
+    @property
+    def watched(self) -> list[str]:
+        """The key expressions that are looked after."""
+        return list(self._watched)
+
+    def watch(self, expression: str, *, again: bool) -> None:
+        """Look after an intercepted expression; call once the junction cuts it and the lanes receive.
+
+        Args:
+            expression: Canonical key expression.
+            again: Its messages crossed natively until now, so subscribers have had the caches' content.
+        """
+        text = f"{expression}/@adv/pub/**"
+        mine = self._watched[expression] = []
+        for name, session in self._sessions.items():
+            heard = partial(self._heard, name)
+            remote = library_of(session).Locality.REMOTE
+            hold(session, text)
+            mine.append(session.declare_subscriber(text, heard, allowed_origin=remote))
+        for name, sample in self._present(text) if again else ():
+            self._token(name, sample, again=True)
+        for name, session in self._sessions.items():
+            # Not on a thread of its own: a key has to be known before the first message of its publisher comes.
+            seen = library_of(session).handlers.Callback(partial(self._token, name, again=False), indirect=False)
+            mine.append(session.liveliness().declare_subscriber(text, seen, history=True))
+            self._search(name, text, again=again)
+
+    def unwatch(self, expression: str) -> None:
+        """End all that stands in on an expression; call when its lanes are closed and the junction still cuts it."""
+        import zenoh
+
+        release(*self._watched.pop(expression, ()))
+        rest = [zenoh.KeyExpr(each) for each in self._watched]
+        with self._lock:
+            gone = [key for key in self.keys if not any(each.includes(key) for each in rest)]
+            relays = [relay for key in gone for relay in self.keys[key].values()]
+        for relay in relays:
+            self._end(relay)
+        wait_until(lambda: not self._ending.intersection(relays), _END_S)
+
+    def close(self) -> None:
+        """Send what is held and end everything; call when the lanes are closed; safe to call twice."""
+        self._closed = True
+        for expression in list(self._watched):
+            self.unwatch(expression)
+        self._worker.close()
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way."""
+        return self._worker.idle() and not any(relay.holds for relay in self._relays())
+
+    def held(self) -> Counter[str]:
+        """Return how many messages wait for what has to go before them, by key."""
+        total: Counter[str] = Counter()
+        for relay in self._relays():
+            total.update(relay.held())
+        return total
+
+    # -- for lanes and the crossing -----------------------------------------------------------------------------------
+
+    def concerns(self, segment: str, key: str, sample: zenoh.Sample) -> bool:
+        """Return whether messages of a key concern us; asked when a lane learns a key, not for each message."""
+        if key not in self.keys and not self._closed:
+            if sample.source_info is not None:  # it is numbered, but perhaps shows no token
+                known = source_of(segment, sample)
+                if known is not None:
+                    self._relay(known[0])
+            else:
+                now = time.monotonic()
+                if now - self._asked.get((segment, key), -_ASK_AGAIN_S) >= _ASK_AGAIN_S:
+                    _remember(self._asked, (segment, key), now, _MOST_ASKED)
+                    self._unasked.append((segment, key))
+                    if not self._asking:
+                        self._asking = True
+                        self._worker.do(self._ask)
+        return key in self.keys
+
+    def take(self, segment: str, sample: zenoh.Sample) -> Message | None:
+        """Take a live message of a key that concerns us; safe to call twice for the same one.
+
+        Args:
+            segment: Where it came from.
+            sample: What came.
+
+        Returns:
+            The message, None if nothing is left to do with it.
+        """
+        message = self._converters[segment](sample)
+        known = source_of(segment, sample)
+        relay = self._relay(known[0]) if known is not None else None
+        if known is None or relay is None:
+            return message
+        verdict = relay.arrived(known[1], time.monotonic())
+        if (waiting := relay.waiting) is not None:
+            waiting()
+        if verdict.stored is not None:
+            relay.deliver(message.key, partial(self._send_stored, verdict.stored, message))
+            return None
+        if verdict.late:
+            return message
+        if verdict.lost is not None:
+            self._keeper.recover(relay, *verdict.lost)
+        if verdict.check:
+            self._keeper.check(relay)
+        relay.busy = True
+        return relayed(message, relay)
+
+    def through(self, message: Message) -> None:
+        """Take note that a message which was taken has been sent."""
+        if isinstance(message, Relayed) and message.relay is not None:
+            message.relay.busy = False
+
+    def relay_of(self, original: Message | None, message: Message) -> Relay | None:
+        """Return to whose stream a message belongs that came out of the interceptors; None if to nobody's.
+
+        Args:
+            original: What came in; None for a message that an interceptor added.
+            message: What came out.
+        """
+        here = self.keys.get(message.key)
+        if not here:
+            return None
+        carrier = message if original is None else original
+        if isinstance(carrier, Relayed) and carrier.relay is not None:
+            return carrier.relay if carrier.relay.source.key == message.key else None
+        if original is not None:
+            return None
+        relays = list(here.values())  # so that late joiners get what was added too
+        return relays[0] if len(relays) == 1 else None
+
+    def _send_stored(self, stored: Stored, live: Message) -> None:
+        """Send what was stored: unlike the answer of a cache, a live message has its own QoS, and may be a delete."""
+        try:
+            for standin, message, number, stamp in stored.places:
+                kind = "delete" if live.kind == "delete" else message.kind
+                standin.send(message.with_(qos=live.qos, kind=kind), number, stamp)
+        except Exception:
+            _LOG.exception("a message of %s could not be published", live.key)
+            self._crossing.lose(live.key, "not published")
+            return
+        if stored.result is not None:
+            self._crossing.record(stored.result)
+
+    # -- on threads of Zenoh's, which must not wait -------------------------------------------------------------------
+
+    def _token(self, segment: str, sample: Any, *, again: bool) -> None:
+        source = announced(segment, str(sample.key_expr))
+        if source is None or source.zid in self._own:
+            return
+        if int(sample.kind) == 0:
+            if not self._is_elsewhere(source):
+                self._ended.pop(source, None)
+                self._meet(source, again=again, token=True)
+        elif (relay := self.keys.get(source.key, {}).get(source)) is not None:
+            self._end(relay)
+
+    def _present(self, text: str) -> list[tuple[str, Any]]:
+        """Return segments and the tokens that are seen there, those of components that are connected there first."""
+        found = []
+        for name, session in self._sessions.items():
+            near = self._connected(name)
+            for reply in session.liveliness().get(text, timeout=_TOKENS_S):
+                if reply.ok is not None:
+                    source = announced(name, str(reply.ok.key_expr))
+                    found.append((source is None or source.zid not in near, name, reply.ok))
+        return [(name, sample) for _, name, sample in sorted(found, key=lambda each: each[0])]
+
+    def _is_elsewhere(self, source: Source) -> bool:
+        """Return whether a token has come from another segment natively, as it does if it did before interception."""
+        here = list(self.keys.get(source.key, ()))
+        return any(known[1:] == source[1:] and known.segment != source.segment for known in here)
+
+    def _connected(self, segment: str) -> set[str]:
+        return {str(each.zid) for each in self._sessions[segment].info.transports()}
+
+    def _published_by(self, key: str, zid: str) -> list[Relay]:
+        return [relay for source, relay in list(self.keys.get(key, {}).items()) if source.zid == zid]
+
+    def _heard(self, segment: str, sample: Any) -> None:
+        self._worker.do(partial(self._beat, segment, sample))
+
+    def _search(self, segment: str, selector: str, *, again: bool) -> None:
+        """Find caches that show no token."""
+        self._upstream.search(segment, f"{selector}?_max=1", partial(self._found, again=again))
+
+    def _ask(self) -> None:
+        """Ask about new keys, a few at a time: a question takes the longer the more publishers there are."""
+        began, took = time.monotonic(), 0.0
+        for _ in range(min(_ASK_AT_ONCE, len(self._unasked))):
+            segment, key = self._unasked.popleft()
+            self._search(segment, f"{key}/@adv/pub/**", again=False)
+            if (took := time.monotonic() - began) > _ASK_PAUSE_S / _ASK_REST:
+                break  # nobody publishes meanwhile
+        self._asking = False
+        if self._unasked:
+            self._asking = True
+            self._worker.later(max(_ASK_PAUSE_S, _ASK_REST * took), self._ask, background=True)
+
+    def _relay(self, source: Source) -> Relay | None:
+        relay = self.keys.get(source.key, {}).get(source)
+        if relay is None and source.numbered and source not in self._ended and not self._closed:
+            relay = self._meet(source, again=False, token=False)
+        return relay
+
+    def _meet(self, source: Source, *, again: bool, token: bool) -> Relay | None:
+        with self._lock:
+            here = self.keys.get(source.key, {})
+            if source in here and not here[source].ended:
+                return here[source]
+            if len(self.keys) >= _MOST_RELAYS or len(here) >= _MOST_RELAYS:
+                return None
+            self.keys[source.key] = here
+            relay = here[source] = Relay(source, again=again, token=token)
+            self._worker.do(partial(self._answers.begin, source.key))
+            self._keeper.open(relay)
+        self._changed()
+        return relay
+
+    def _end(self, relay: Relay) -> None:
+        with self._lock:
+            if relay.ended:
+                return
+            relay.ended = True
+            self._ending.add(relay)
+        self._keeper.end(relay, partial(self._gone, relay))
+
+    # -- on the worker's thread ---------------------------------------------------------------------------------------
+
+    def _gone(self, relay: Relay) -> None:
+        source = relay.source
+        with self._lock:
+            here = self.keys.get(source.key, {})
+            if here.get(source) is relay:
+                del here[source]
+                _remember(self._ended, source, None, _MOST_ENDED)
+            if not here:
+                self.keys.pop(source.key, None)
+        if not here:
+            self._answers.end(source.key)
+        self._ending.discard(relay)
+
+    def _found(self, source: Source, *, again: bool) -> None:
+        if source.zid not in self._own and source not in self._ended:
+            self._meet(source, again=again, token=False)
+
+    def _beat(self, segment: str, sample: Any) -> None:
+        import zenoh
+        from zenoh import ext
+
+        source = announced(segment, str(sample.key_expr))
+        relay = self.keys.get(source.key, {}).get(source) if source is not None else None
+        if relay is not None:
+            payload = zenoh.ZBytes(sample.payload.to_bytes())
+            self._keeper.beat(relay, int(ext.z_deserialize(ext.UInt32, payload)))
+
+    def _tick(self) -> None:
+        """Send heartbeats for those who do, and end what shows no token when its session has left."""
+        self._worker.later(_BEAT_S, self._tick, background=True)
+        connected: dict[str, set[str]] = {}
+        for relay in self._relays():
+            if relay.beats:
+                self._keeper.beat(relay, -1)
+            if not relay.token and not relay.ended:
+                segment, zid = relay.source.segment, relay.source.zid
+                if segment not in connected:
+                    connected[segment] = self._connected(segment)
+                if zid in connected[segment]:
+                    relay.near = True
+                elif relay.near:
+                    self._end(relay)
+
+    def _relays(self) -> list[Relay]:
+        with self._lock:
+            return [relay for here in self.keys.values() for relay in here.values()]
+
+
+def _remember(table: OrderedDict[Any, Any], key: Any, value: Any, most: int) -> None:
+    """Note something; what was noted first is forgotten when there is too much."""
+    table[key] = value
+    table.move_to_end(key)
+    if len(table) > most:
+        table.popitem(last=False)

@@ -1,0 +1,195 @@
+"""What is known of one advanced publisher, and its messages that have to wait."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.pipeline.runner import Result
+    from riot_bus.router.advanced.proxy_publisher import StandIn
+    from riot_bus.router.advanced.source import Source
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Relay", "Stored", "Task", "Verdict"]
+
+
+class Task(NamedTuple):
+    """Something to do for a relay; `holds`: live messages wait until it is done."""
+
+    run: Callable[[], None]
+    holds: bool
+
+
+@dataclass(slots=True)
+class Stored:
+    """A sample of a history: what interceptors made of it, and under which numbers that was stored.
+
+    Attributes:
+        result: None as long as interceptors have not had it.
+        places: Stand-in, message, number and timestamp of what was stored.
+    """
+
+    result: Result | None = None
+    places: list[tuple[StandIn, Message, int, Any]] = field(default_factory=list)
+
+
+class Verdict(NamedTuple):
+    """What to do about a live sample.
+
+    Attributes:
+        stored: It was stored already: send that instead.
+        late: It is older than the history, so it cannot be numbered.
+        lost: First and last number of those before it that did not come.
+        check: It is time to ask how many samples the publisher keeps.
+    """
+
+    stored: Stored | None = None
+    late: bool = False
+    lost: tuple[int, int] | None = None
+    check: bool = False
+
+
+class Relay:
+    """One advanced publisher. All but `tasks` and `ended` is guarded by `lock`.
+
+    Args:
+        source: The publisher.
+        again: Subscribers have had its history.
+        token: It shows a liveliness token.
+    """
+
+    def __init__(self, source: Source, *, again: bool, token: bool) -> None:
+        self.source, self.again, self.token = source, again, token
+        self.lock = threading.RLock()
+        self.outlets: dict[str, StandIn] = {}
+        self.tasks: deque[Task] = deque()
+        self.task: Task | None = None
+        self.waiting: Callable[[], None] | None = None
+        """What to do when the first live sample comes."""
+        self.holds = 0
+        self.pending: deque[tuple[str, Callable[[], None]] | None] = deque()
+        """Messages that wait; None stands for a task that has to be done before what is behind it."""
+        self.early: dict[int, Stored] = {}
+        self.first: int | None = None
+        self.last: int | None = None
+        self.depth: int | None = None
+        self.failures = 0
+        self.check_from = 0.0
+        self.busy = False
+        """Whether a lane is taking a message through the interceptors."""
+        self.opened = False
+        """Whether the history is there."""
+        self.ended = self.checking = self.unchecked = self.beats = self.near = False
+
+    def arrived(self, number: int, now: float) -> Verdict:
+        """Take note of a live sample.
+
+        Args:
+            number: Its number, or its time if the publisher does not number.
+            now: Monotonic time, seconds.
+        """
+        with self.lock:
+            stored, before = self.early.pop(number, None), self.last
+            if self.first is None:
+                self.first = number
+            self.last = number if before is None else max(before, number)
+            if stored is not None:
+                return Verdict(stored)
+            if self.early and number > max(self.early):
+                self.early.clear()
+            elif self.early and not self.holds:  # a lane was very late: as an unnumbered message it is not refused
+                return Verdict(late=True)
+            lost = None
+            if self.source.numbered and before is not None and number > before + 1:
+                lost = before + 1, number - 1
+            self.unchecked = self.depth is None
+            return Verdict(lost=lost, check=lost is None and now >= self.check_from and self.overdue())
+
+    def overdue(self) -> bool:
+        """Return whether it is time to ask how many samples the publisher keeps; if so, take note that it is asked."""
+        with self.lock:
+            due = self.unchecked and self.depth is None and not (self.checking or self.holds or self.ended)
+            if due:
+                self.checking, self.unchecked = True, False
+            return due
+
+    def claim(self, number: int) -> Stored:
+        """Say that a sample of the history will be stored; when it comes live too, it is not taken again."""
+        self.first = number if self.first is None else min(self.first, number)
+        self.last = number if self.last is None else max(self.last, number)
+        stored = self.early[number] = Stored()
+        return stored
+
+    def deliver(self, key: str, action: Callable[[], None]) -> None:
+        """Do what sends a live message, as soon as nothing has to go before it.
+
+        Args:
+            key: Of the message, for `held`.
+            action: Sends it; must not raise.
+        """
+        with self.lock:
+            if self.holds:
+                self.pending.append((key, action))
+            else:
+                action()
+
+    def hold(self) -> None:
+        """Let messages that come from now on wait for a task."""
+        with self.lock:
+            self.holds += 1
+            self.pending.append(None)
+
+    def let_go(self) -> None:
+        """Send what has waited for the task that is done, which is the first one."""
+        with self.lock:
+            self.holds -= 1
+            self.pending.popleft()
+            while self.pending and (first := self.pending[0]) is not None:
+                self.pending.popleft()
+                first[1]()
+
+    def held(self) -> Counter[str]:
+        """Return how many messages wait, by key."""
+        return Counter(each[0] for each in list(self.pending) if each is not None)
+
+    def publish(self, segment: str, message: Message) -> bool:
+        """Publish in a segment; return False if nothing stands in there for the publisher."""
+        with self.lock:
+            standin = self.outlets.get(segment)
+            if standin is None:
+                return False
+            standin.publish(message)
+            return True
+
+    def skip(self, numbers: int) -> None:
+        """Leave numbers out everywhere."""
+        with self.lock:
+            for standin in self.outlets.values():
+                standin.skip(numbers)
+
+    def beat(self) -> None:
+        """Send heartbeats, unless messages wait whose numbers are not given yet."""
+        with self.lock:
+            if not self.holds:
+                for standin in self.outlets.values():
+                    standin.beat()
+
+    def resize(self, depth: int) -> None:
+        """Keep as many samples as the publisher does."""
+        with self.lock:
+            self.depth = depth
+            for standin in self.outlets.values():
+                standin.resize(depth)
+
+    def close(self) -> None:
+        """Take everything away that stands for the publisher."""
+        with self.lock:
+            for standin in self.outlets.values():
+                standin.close()
+            self.outlets.clear()
+            self.early.clear()

@@ -1,0 +1,88 @@
+"""Who published a sample, and as which of its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from riot_bus.router.advanced.publisher_state import Relay
+
+__all__ = ["UNNUMBERED", "Relayed", "Source", "announced", "relayed", "source_of"]
+
+UNNUMBERED = "uhlc"
+"""Entity of a publisher that stamps its samples instead of numbering them, as zenoh-ext names it."""
+
+_BETWEEN = "/@adv/pub/"
+
+
+class Source(NamedTuple):
+    """An advanced publisher of a component; `entity` is `uhlc` if it does not number its samples."""
+
+    segment: str
+    key: str
+    zid: str
+    entity: str
+
+    @property
+    def numbered(self) -> bool:
+        """Whether its samples have numbers without gaps."""
+        return self.entity != UNNUMBERED
+
+
+@dataclass(frozen=True, slots=True)
+class Relayed(Message):
+    """A message of an advanced publisher; what interceptors make of it belongs to the same publisher.
+
+    Attributes:
+        relay: What is known of the publisher.
+    """
+
+    relay: Relay | None = field(default=None, compare=False, repr=False)
+
+    def with_payload(self, payload: bytes) -> Message:
+        """Return a copy with another payload, of the same publisher."""
+        return self.with_(payload=payload)
+
+
+def relayed(message: Message, relay: Relay) -> Relayed:
+    """Return a message that knows its publisher."""
+    return Relayed(
+        message.time,
+        message.key,
+        message.payload,
+        message.kind,
+        message.encoding,
+        message.attachment,
+        message.qos,
+        message.segment,
+        message.sequence,
+        message.publish_time,
+        relay,
+    )
+
+
+def source_of(segment: str, sample: Any) -> tuple[Source, int] | None:
+    """Return who published a sample, and its place in order; None if the sample does not tell."""
+    info, stamp, key = sample.source_info, sample.timestamp, str(sample.key_expr)
+    if info is not None:
+        return Source(segment, key, str(info.source_id.zid), str(info.source_id.eid)), info.source_sn
+    if stamp is not None:
+        return Source(segment, key, str(stamp.get_id()), UNNUMBERED), stamp.get_time_as_ntp64().as_nanos()
+    return None
+
+
+def announced(segment: str, token: str) -> Source | None:
+    """Return the publisher that a key tells of, which is that of its token and of its heartbeats.
+
+    Args:
+        segment: Where it was seen.
+        token: Such as `KEY/@adv/pub/ZID/ENTITY/META`; others are not understood, nor are publishers on wildcards.
+    """
+    key, between, rest = token.rpartition(_BETWEEN)
+    chunks = rest.split("/")
+    if not between or len(chunks) < 2 or "*" in key:
+        return None
+    return Source(segment, key, chunks[0], chunks[1])

@@ -1,0 +1,120 @@
+"""Asking the caches of components."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.router.advanced.source import source_of
+from riot_bus.zenoh.libraries import library_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.router.advanced.source import Source
+    from riot_bus.router.advanced.worker import Worker
+
+__all__ = ["Found", "Upstream"]
+
+_TIMEOUT_S = 2.0
+_CHANNEL = 1 << 16
+_PAUSE_S = 0.001
+_LONGEST_PAUSE_S = 0.05
+
+
+class Found(NamedTuple):
+    """What a cache answered.
+
+    Attributes:
+        samples: Number and sample, the oldest first.
+        complete: Whether everybody who was asked has answered in time.
+        asked: Whether there is a cache at all.
+    """
+
+    samples: list[tuple[int, Any]]
+    complete: bool
+    asked: bool
+
+
+class Upstream:
+    """Asks without waiting: a cache that is slow, or never answers, delays nothing but its own publisher's messages.
+
+    Args:
+        sessions: The segments' own sessions.
+        worker: Goes on when the answers are there.
+    """
+
+    def __init__(self, sessions: Mapping[str, zenoh.Session], worker: Worker) -> None:
+        self._sessions, self._worker = sessions, worker
+
+    def ask(self, source: Source, parameters: str, then: Callable[[Found], None]) -> None:
+        """Ask one publisher's cache.
+
+        Args:
+            source: The publisher.
+            parameters: Which samples, such as `?_sn=3..4`; all if empty.
+            then: Called by the worker.
+        """
+        zenoh = library_of(self._sessions[source.segment])
+        samples: list[tuple[int, Any]] = []
+        failed: list[Any] = []
+        caller = threading.get_ident()
+
+        def take(reply: Any) -> None:
+            if reply.ok is None:
+                failed.append(reply.err)
+            elif (known := source_of(source.segment, reply.ok)) is not None:
+                samples.append((known[1], reply.ok))
+
+        def done() -> None:
+            # When there is nobody to ask, Zenoh ends the query at once, on the thread that asked. (Matching status
+            # would be the proper way, but in 1.10.2 it does not see these caches.)
+            asked = threading.get_ident() != caller
+            samples.sort(key=lambda each: each[0])
+            self._worker.do(partial(then, Found(samples, not failed, asked)))
+
+        selector = f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**{parameters}"
+        self._get(source.segment, selector, zenoh.handlers.Callback(take, drop=done, indirect=False))
+
+    def search(self, segment: str, selector: str, then: Callable[[Source], None]) -> None:
+        """Find out who has caches.
+
+        Every key that comes asks, and nobody waits for it, so the answers are fetched now and then. A callback would
+        slow down the whole segment: from the first one on that a thread of Zenoh's drops, every call into this copy of
+        the library looks for objects of Python's to drop (pyo3 0.25), and a lane makes about fifteen for each message.
+
+        Args:
+            segment: Where.
+            selector: Which caches.
+            then: Called by the worker with the publisher of each sample.
+        """
+        handlers = library_of(self._sessions[segment]).handlers
+        channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))
+        self._worker.do(partial(self._look, segment, channel, then, _PAUSE_S))
+
+    def _look(self, segment: str, channel: Any, then: Callable[[Source], None], pause: float) -> None:
+        try:
+            while (reply := channel.try_recv()) is not None:
+                known = None if reply.ok is None else source_of(segment, reply.ok)
+                if known is not None:
+                    then(known[0])
+        except library_of(self._sessions[segment]).ZError:  # there will be no more
+            return
+        again = partial(self._look, segment, channel, then, min(2 * pause, _LONGEST_PAUSE_S))
+        self._worker.later(pause, again, background=True)
+
+    def _get(self, segment: str, selector: str, handler: Any) -> Any:
+        session = self._sessions[segment]
+        zenoh = library_of(session)
+        return session.get(
+            selector,
+            handler,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            allowed_destination=zenoh.Locality.REMOTE,
+            timeout=_TIMEOUT_S,
+        )

@@ -1,0 +1,124 @@
+"""One thread for all that may take long, so that neither lanes nor Zenoh's threads wait for it."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import logging
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from riot_bus.pipeline.runner import AbandonedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Job = Callable[[], None]
+
+__all__ = ["Worker"]
+
+_LOG = logging.getLogger(__name__)
+_IDLE_S = 3600.0
+_LOOK_S = 0.1
+
+
+class Worker:
+    """Does jobs one after another, at once or later.
+
+    A job may feed the pipeline: when an interceptor blocks, another thread does the whole job again, and the blocked
+    one ends when it comes back (`riot_bus.router.pipeline_executor.Holder`). So such a job must change nothing before it has fed.
+
+    Args:
+        name: Name of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._jobs: deque[Job] = deque()
+        self._later: list[tuple[float, int, Job, bool]] = []
+        self._awaited = 0  # jobs for later that somebody waits for
+        self._order = itertools.count()
+        self._current: Job | None = None
+        self._generation = 0
+        self._closing = False
+        self._changed = threading.Condition()
+        self._thread = self._spawn()
+
+    def do(self, job: Job) -> None:
+        """Do a job as soon as those before it are done."""
+        with self._changed:
+            self._jobs.append(job)
+            self._changed.notify()
+
+    def later(self, seconds: float, job: Job, *, background: bool = False) -> None:
+        """Do a job after some time.
+
+        Args:
+            seconds: How long to wait.
+            job: What to do.
+            background: Nobody waits for it: `idle` does not count it.
+        """
+        with self._changed:
+            self._awaited += not background
+            heapq.heappush(self._later, (time.monotonic() + seconds, next(self._order), job, background))
+            self._changed.notify()
+
+    def idle(self) -> bool:
+        """Return whether every job is done."""
+        with self._changed:
+            return not self._jobs and self._current is None and not self._awaited
+
+    def close(self) -> None:
+        """Do what is to be done at once, then end; safe to call twice."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        while (thread := self._thread).is_alive() and thread is not threading.current_thread():
+            thread.join(_LOOK_S)  # another one, if it is stuck and another one takes over
+
+    def take_over(self) -> None:
+        """Go on with another thread, beginning with the job at which the present one is stuck."""
+        with self._changed:
+            self._generation += 1
+            if self._current is not None:
+                self._jobs.appendleft(self._current)
+                self._current = None
+            self._thread = self._spawn()
+
+    def flush(self) -> None:
+        """Do nothing: there is nothing ready to be published."""
+
+    def _spawn(self) -> threading.Thread:
+        thread = threading.Thread(target=self._run, args=(self._generation,), name=self._name, daemon=True)
+        thread.start()
+        return thread
+
+    def _run(self, generation: int) -> None:
+        while (job := self._next(generation)) is not None:
+            try:
+                job()
+            except AbandonedError:
+                return
+            except Exception:
+                _LOG.exception("a job of %s failed", self._name)
+            with self._changed:
+                if generation == self._generation:
+                    self._current = None
+
+    def _next(self, generation: int) -> Job | None:
+        with self._changed:
+            while generation == self._generation:
+                now = time.monotonic()
+                while self._later and self._later[0][0] <= now:
+                    _, _, job, background = heapq.heappop(self._later)
+                    self._awaited -= not background
+                    self._jobs.append(job)
+                if self._jobs:
+                    self._current = self._jobs.popleft()
+                    return self._current
+                if self._closing:
+                    return None
+                self._changed.wait(self._later[0][0] - now if self._later else _IDLE_S)
+            return None

@@ -1,0 +1,99 @@
+"""Who gets what this process publishes on a segment: components, and bridges in the same process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.zenoh.convert import publisher_settings
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from riot_bus.vocabulary.message import Qos
+
+__all__ = ["Audience", "Inner", "Take"]
+
+Take = Callable[[list[tuple[bytes, bytes | None]]], None]
+"""Takes messages, each with its attachment, in their order."""
+
+
+class Inner(NamedTuple):
+    """A bridge in this process that listens.
+
+    Attributes:
+        expression: To what.
+        take: Called with payloads and attachments, on any thread; raises nothing.
+    """
+
+    expression: zenoh.KeyExpr
+    take: Take
+
+
+class Audience:
+    """Publishes on one key to the components of a segment, as long as there are any that listen.
+
+    Args:
+        session: The segment's own.
+        key: Without wildcards.
+        qos: Delivery settings.
+        encoding: Zenoh's encoding string, empty for its default.
+        changed: Called on a thread of Zenoh's when `listens` may have changed.
+        everybody: Publish always, and for this process, too.
+        took: Told how many seconds each publication took.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        *,
+        qos: Qos,
+        encoding: str = "",
+        changed: Callable[[], None] | None = None,
+        everybody: bool = False,
+        took: Callable[[float], None] | None = None,
+    ) -> None:
+        zenoh = library_of(session)
+        hold(session, key)
+        self._publisher: Any = session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding(encoding) if encoding else None,
+            allowed_destination=zenoh.Locality.ANY if everybody else zenoh.Locality.REMOTE,
+            **publisher_settings(qos, zenoh),
+        )
+        self._put = self._publisher.put
+        self._changed, self._everybody, self._took = changed, everybody, took
+        self._listens, self._stale = everybody, not everybody
+        handler: Any = zenoh.handlers.Callback(self._note, indirect=False)  # else each has a thread
+        self._listener = self._publisher.declare_matching_listener(handler)
+
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        """Publish; waits for slow receivers if the QoS says so. Raises zenoh.ZError when the session is closed."""
+        if self._stale:
+            self._stale = False  # first, so that no change is missed
+            self._listens = self.listens()
+        if self._listens:
+            began = time.monotonic()
+            try:
+                self._put(payload, attachment=attachment)
+            finally:
+                if self._took is not None:
+                    self._took(time.monotonic() - began)
+
+    def listens(self) -> bool:
+        """Return whether anybody does."""
+        return bool(self._publisher.matching_status.matching)
+
+    def close(self) -> None:
+        """Publish no more."""
+        release(self._listener, self._publisher)
+
+    def _note(self, status: object) -> None:
+        self._stale = not self._everybody
+        if self._changed is not None:
+            self._changed()

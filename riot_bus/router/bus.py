@@ -1,0 +1,649 @@
+"""The bus: isolated segments, a junction between them, and lanes in place of what the junction cuts."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.pipeline.stage import stages_of
+from riot_bus.router.advanced.proxy_publisher import StoreFilter
+from riot_bus.router.advanced.publisher_proxies import Terminator
+from riot_bus.router.counts import Losses, Tally, TopicCounts, count
+from riot_bus.router.delivery_queue import Crossing
+from riot_bus.router.forwarder import Lane
+from riot_bus.router.local_ingress import Ramp
+from riot_bus.router.pipeline_executor import BUDGET_S, Gate
+from riot_bus.router.services.services import Services
+from riot_bus.router.tap import Tap
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.convert import Claims, Converter, Outlets
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.link_watch import TransportWatch
+from riot_bus.zenoh.mailbox import Dispatcher
+from riot_bus.zenoh.network import Network
+from riot_bus.zenoh.session import canonical, includes, intersects, release, wait_until
+from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+    import zenoh
+
+    from riot_bus.config.router_settings import SegmentSettings
+    from riot_bus.pipeline.stage import Stage
+    from riot_bus.router.audience import Inner
+    from riot_bus.router.recorder import Recorder
+    from riot_bus.types.announcement import BridgedLink
+    from riot_bus.zenoh.client import Subscription
+    from riot_bus.zenoh.junction import Junction
+    from riot_bus.zenoh.segments import Segment
+
+__all__ = ["Bus", "BusPublisher", "Losses", "TopicCounts"]
+
+_ALIVE_INTERVAL_S = 0.02
+_HEARD_S = 10.0
+_QUIET_POLLS = 3
+
+
+class BusPublisher:
+    """A publisher that was declared ahead; publishes on a segment as a component there would."""
+
+    def __init__(self, bus: Bus, segment: str, key: str, qos: Qos) -> None:
+        self._bus, self._segment, self._key, self._qos = bus, segment, key, qos
+
+    def put(self, payload: bytes, *, encoding: str = "", attachment: bytes | None = None) -> None:
+        """Publish a payload."""
+        self._bus.put(
+            self._segment, Message(0, self._key, payload, encoding=encoding, attachment=attachment, qos=self._qos)
+        )
+
+
+class Bus:
+    """Segments, their junction and the interception between them; a context manager.
+
+    Several may live in one process.
+
+    Args:
+        segments: A network that is open already and will be closed with the bus; or by name, each segment's settings,
+            or just the endpoints to listen on; none means a free port of this machine.
+        intercept: Key expressions that go through the pipeline instead of the junction.
+        services: Key expressions of services whose requests and replies do so too.
+        pipeline: Interceptors; without one, intercepted messages pass unchanged. Closed by its owner.
+        registry: Names topics in counts.
+        recorder: Records intercepted messages and `record`. Closed by its owner, after the bus.
+        record: Key expressions that are recorded as they pass, although they are not intercepted.
+        wait_before_close_s: How long a BLOCK publication may wait for a slow receiver before its link is closed.
+        budget_s: How long an interceptor may take for one message before it is bypassed.
+        config: Further Zenoh configuration of every segment; a network has its own.
+        timeout: Seconds within which everything must be up.
+    """
+
+    def __init__(
+        self,
+        segments: Network | Mapping[str, SegmentSettings | Sequence[str]],
+        *,
+        intercept: Sequence[str] = (),
+        services: Sequence[str] = (),
+        pipeline: Pipeline | None = None,
+        registry: TypeRegistry | None = None,
+        recorder: Recorder | None = None,
+        record: Sequence[str] = (),
+        wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
+        budget_s: float = BUDGET_S,
+        config: Mapping[str, Any] | None = None,
+        timeout: float = 10.0,
+    ) -> None:
+        if not isinstance(segments, Network):
+            segments = Network(segments, config=config, wait_before_close_s=wait_before_close_s, timeout=timeout)
+        self._network = network = segments
+        self._registry = registry or TypeRegistry()
+        self._sequence = itertools.count(1)
+        self._outlets: dict[str, Outlets] = {}
+        self._converters = {name: Converter(name, self._sequence) for name in network.settings}
+        self._lanes: dict[str, list[Lane]] = {}
+        self._retired: list[Lane] = []
+        self._ramps: list[Ramp] = []
+        self._taps: list[Tap] = []
+        self._claims = Claims(canonical(intercept))
+        self._selected = canonical(services)
+        self._record = Claims(canonical(record))
+        self._recorder = recorder
+        self._recorders: list[Recorder] = [recorder] if recorder is not None else []
+        self._changing = threading.RLock()
+        self.gate = Gate(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
+        """The way to the interceptors, also for those who want to change them."""
+        self._crossing = Crossing(
+            self.gate,
+            self._outlets,
+            targets={name: tuple(other for other in network.settings if other != name) for name in network.settings},
+            owned=lambda key: self._claims.owner(key) is not None,
+            sequence=self._sequence,
+            topic=self._registry.topic,
+        )
+        self._crossing.recorder = recorder
+        self._advanced: Terminator | None = None
+        self._services: Services | None = None
+        self._slow = Tally()
+        self._dispatcher = Dispatcher("riot-observe", self._count_slow)
+        self._watch: TransportWatch | None = None
+        self._bridged: Callable[[], Collection[BridgedLink]] = tuple
+        self._stack = ExitStack()
+
+    # -- life ---------------------------------------------------------------------------------------------------------
+
+    def open(self) -> Self:
+        """Open everything; return once routes are up.
+
+        Raises:
+            ConfigError: Zenoh refuses a configuration.
+            EnvironmentFaultError: A port is in use, or the machine is too slow.
+        """
+        self._check_ways(self.gate.pipeline.stages)
+        with ExitStack() as stack:
+            self._network.open(self._claims.expressions, self._selected)
+            stack.callback(self._network.close)
+            self._outlets.update({name: Outlets(session) for name, session in self.sessions.items()})
+            self._watch = self._watched()
+            stack.callback(self._watch.stop)
+            self.gate.start()
+            stack.callback(self.gate.close)
+            self.gate.change(Pipeline.start)
+            self._crossing.start()
+            if len(self._segments) > 1:
+                self._advanced = self._crossing.advanced = Terminator(
+                    self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
+                )
+                spaces = [text for each in self._registry.servings() for text in each.services]
+                self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)
+            stack.callback(self._stop)
+            self._intercept(self._claims.expressions, self._selected, again=False)
+            self._stack = stack.pop_all()
+        return self
+
+    def close(self) -> None:
+        """Let pass what is under way, then close everything; safe to call twice."""
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _watched(self) -> TransportWatch:
+        watch = TransportWatch(
+            self._network.wait_before_close_s,
+            inner=self._network.linked,
+            ours=lambda: self.ids | self.ids_ever,
+            longest=lambda name: self._outlets[name].longest_s,
+        )
+        watch.start(self.sessions)
+        return watch
+
+    def _stop(self) -> None:
+        for ramp in self._ramps:
+            ramp.close()
+        release(*self._taps)
+        self._taps.clear()
+        if self._services is not None:
+            self._services.close()
+        for expression in list(self._lanes):
+            self._retire(expression)
+        if self._advanced is not None:
+            self._advanced.close()
+        self._crossing.close()
+        self._dispatcher.close()
+
+    @property
+    def _segments(self) -> dict[str, Segment]:
+        return self._network.segments
+
+    @property
+    def _junction(self) -> Junction | None:
+        return self._network.junction
+
+    # -- what is intercepted and recorded -----------------------------------------------------------------------------
+
+    @property
+    def intercepted(self) -> list[str]:
+        """The key expressions that are intercepted."""
+        return list(self._claims.expressions)
+
+    @property
+    def bridged(self) -> Collection[BridgedLink]:
+        """Links of a bridge in this process."""
+        return self._bridged()
+
+    @property
+    def services(self) -> list[str]:
+        """The key expressions of services whose requests and replies are intercepted."""
+        return list(self._selected)
+
+    def set_intercept(self, keyexprs: Sequence[str], *, services: Sequence[str] | None = None) -> None:
+        """Cut other keys from now on, while components stay connected.
+
+        Of keys that were and stay intercepted nothing is lost. Of others, messages may be lost for about 100 ms while
+        routes change; no message crosses both ways. Calls that are under way may end without a reply then.
+
+        Args:
+            keyexprs: All key expressions that are intercepted from now on.
+            services: All key expressions of services that are; None for the present ones.
+        """
+        with self._changing:
+            selected = self._selected if services is None else canonical(services)
+            self._intercept(canonical(keyexprs), selected, again=True)
+
+    def set_recorder(self, recorder: Recorder | None, *, record: Sequence[str] = ("**",)) -> None:
+        """Record with another recorder from now on, or with none; the former one is its owner's to close.
+
+        Args:
+            recorder: Records intercepted messages and `record`.
+            record: Key expressions that are recorded although they are not intercepted.
+        """
+        with self._changing:
+            self._recorder = self._crossing.recorder = recorder
+            self.gate.pipeline.provenance = recorder is not None
+            if recorder is not None:
+                self._recorders.append(recorder)
+            self._record = Claims(canonical(record))
+            self._forget()
+            self._observe()
+
+    def set_interceptors(self, interceptors: Sequence[object]) -> None:
+        """Go on with other interceptors; those that stay are not started again.
+
+        Raises:
+            ConfigError: One of them is not usable; then nothing has changed.
+        """
+        with self._changing:
+            self._check_ways(stages_of(interceptors))
+            self.gate.replace(interceptors)
+            self._forget()
+
+    def renew(self) -> None:
+        """Look up again what is known of keys: the type of one has become known."""
+        self.gate.change(Pipeline.forget)
+        self._forget()
+
+    def _check_ways(self, stages: Iterable[Stage]) -> None:
+        for stage in stages:
+            for word, name in (("from", stage.when.source), ("to", stage.when.target)):
+                if name is not None and name not in self._network.settings:
+                    hint = did_you_mean(name, self._network.settings)
+                    raise ConfigError(f"no segment {name!r}", where=f"{stage.name}: {word}", hint=hint)
+
+    def _intercept(self, expressions: list[str], services: list[str], *, again: bool) -> None:
+        """Cut these; lanes stay as long as they may have messages, since another lane would begin with a gap."""
+        if self._junction is not None:
+            self._junction.settle()  # while everything still crosses
+        kept = [text for text in self._lanes if any(intersects(each, text) for each in expressions)]
+        new = [text for text in expressions if not any(includes(each, text) for each in kept)]
+        self._claims = Claims(expressions, owners=kept, within=self._claims)  # what was intercepted and will be
+        self._forget()
+        for expression in self._lanes.keys() - set(kept):
+            self._retire(expression)
+        if self._advanced is not None:
+            self._watch_advanced(expressions, self._advanced.watched, within=True, again=again)
+        if self._services is not None:
+            self._services.retire(services)
+        if self._junction is not None:
+            self._junction.open(expressions, services)
+        self._selected = services
+        if self._services is not None:
+            self._services.select(services)
+        self._claims = Claims(expressions, owners=[*kept, *new])
+        for expression in new:
+            self._lanes[expression] = [
+                Lane(
+                    name,
+                    segment.session,
+                    expression,
+                    crossing=self._crossing,
+                    convert=self._converters[name],
+                    owner=lambda key: self._claims.owner(key),
+                )
+                for name, segment in self._segments.items()
+            ]
+        self._forget()
+        self._observe()
+        if self._advanced is not None:
+            self._watch_advanced(expressions, self._advanced.watched, within=False, again=again)
+
+    def _watch_advanced(self, expressions: list[str], former: list[str], *, within: bool, again: bool) -> None:
+        """Look after other expressions; `within`: as far as both junctions, the former and the next, cut them."""
+        assert self._advanced is not None
+        for text in expressions:
+            if text not in former and (not within or any(includes(each, text) for each in former)):
+                self._advanced.watch(text, again=again)
+        for text in former:
+            if text not in expressions and not (within and any(includes(each, text) for each in expressions)):
+                self._advanced.unwatch(text)
+
+    def _retire(self, expression: str) -> None:
+        for lane in self._lanes.pop(expression):
+            lane.close()
+            self._retired.append(lane)
+
+    def _forget(self) -> None:
+        for way in self._present_ways():
+            way.forget()
+
+    def _observe(self) -> None:
+        release(*self._taps)  # those of a former junction have ended already, which does no harm
+        self._taps = []
+        if self._recorder is None:
+            return
+        if self._junction is not None and self._junction.session is not None:
+            # The junction sees every message that is not intercepted once, whichever segment it comes from.
+            session, segment = self._junction.session, ""
+        else:
+            segment = next(iter(self._segments))
+            session = self._segments[segment].session
+        converter = Converter(segment, self._sequence)
+        self._taps = [
+            Tap(session, expression, take=self._observation(expression), convert=converter)
+            for expression in self._record.expressions
+        ]
+
+    def _observation(self, expression: str) -> Callable[[Message], None]:
+        def take(message: Message) -> None:
+            key, recorder = message.key, self._recorder
+            if recorder and self._record.owner(key) == expression and self._claims.owner(key) is None:
+                recorder.delivered(message)
+
+        return take
+
+    # -- for players, monitors and trial runners ----------------------------------------------------------------------
+
+    @property
+    def sessions(self) -> dict[str, zenoh.Session]:
+        """The segments' own sessions."""
+        return self._network.sessions
+
+    def segment(self, name: str) -> Segment:
+        """Return a segment; raises ConfigError if there is none of this name."""
+        try:
+            return self._segments[name]
+        except KeyError:
+            hint = did_you_mean(name, self._network.settings) if self._segments else "open the bus first"
+            raise ConfigError(f"no segment {name!r}", hint=hint) from None
+
+    def endpoint(self, segment: str) -> str:
+        """Return where components of a segment connect."""
+        return self.segment(segment).endpoints[0]
+
+    def put(self, segment: str, message: Message) -> None:
+        """Publish on a segment as a component there would.
+
+        An intercepted key goes to the segment's components and through the pipeline to the other segments. The call
+        blocks if the message's QoS says so and receivers are slow.
+
+        Args:
+            segment: Name of the segment.
+            message: Its time, sequence and segment are given anew.
+        """
+        self.segment(segment)
+        if self._claims.owner(message.key) is not None:
+            self._crossing.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
+        self._outlets[segment].publish(message)
+
+    def publisher(self, segment: str, key: str, *, qos: Qos | None = None) -> BusPublisher:
+        """Declare a publisher ahead of a fast play.
+
+        Args:
+            segment: Name of the segment.
+            key: Key without wildcards.
+            qos: Delivery settings of everything that is published through it.
+        """
+        self.segment(segment)
+        qos = qos or Qos()
+        self._outlets[segment].publisher(key, qos)
+        return BusPublisher(self, segment, key, qos)
+
+    def ramp(self, segment: str) -> Ramp:
+        """Return a way to the other segments for a bridge in this process; it ends with the bus.
+
+        Args:
+            segment: Name of the segment from which messages come.
+        """
+        self.segment(segment)
+        ramp = Ramp(
+            segment,
+            self._crossing,
+            self.sessions,
+            owner=lambda key: self._claims.owner(key),
+            sequence=self._sequence,
+        )
+        self._ramps.append(ramp)
+        return ramp
+
+    def show(self, links: Callable[[], Collection[BridgedLink]]) -> None:
+        """Show links of a bridge in this process in graphs.
+
+        Args:
+            links: Returns them as they are now; called on any thread.
+        """
+        self._bridged = links
+
+    def listen(self, segment: str, inner: Inner) -> Callable[[], None]:
+        """Let ramps of other segments call a bridge in this process that listens to a segment, without a detour.
+
+        Args:
+            segment: Name of the segment.
+            inner: The bridge; it has subscribed, too, for all that comes by other ways.
+
+        Returns:
+            What ends it.
+        """
+        crossing = self._crossing
+        with self._changing:
+            crossing.inner[segment] = (*crossing.inner.get(segment, ()), inner)
+            self._forget()
+
+        def end() -> None:
+            wait_until(lambda: all(ramp.idle() for ramp in self._ramps), _HEARD_S)  # who ends hears what was put before
+            with self._changing:
+                crossing.inner[segment] = tuple(each for each in crossing.inner[segment] if each is not inner)
+                self._forget()
+
+        return end
+
+    def subscribe(self, segment: str, keyexpr: str, callback: Callable[[Message], None]) -> Subscription:
+        """Observe what is on a segment, what we publish there included.
+
+        Args:
+            segment: Name of the segment.
+            keyexpr: Key expression.
+            callback: Called on one thread for all observers; if it is too slow, messages are counted as lost.
+
+        Returns:
+            Something with `undeclare()`.
+        """
+        session, convert = self.segment(segment).session, self._converters[segment]
+        (text,) = canonical([keyexpr])
+        self._dispatcher.start()
+        only_stored = StoreFilter(self.segment(segment).zid)
+        self._crossing.observed.add(segment)
+        self._forget()
+
+        def take(sample: zenoh.Sample) -> None:
+            if not only_stored(sample):
+                self._dispatcher.deliver(callback, convert(sample))
+
+        hold(session, text)
+        return session.declare_subscriber(text, take)
+
+    def wait_subscribed(
+        self,
+        segment: str,
+        keyexprs: Sequence[str],
+        *,
+        timeout: float,
+        alive: Callable[[], bool] = lambda: True,
+    ) -> list[str]:
+        """Wait until components of a segment have subscribed to all key expressions.
+
+        What counts is that somebody outside of the segment's own session would receive the key. That is exact for
+        intercepted keys, whose subscriptions the junction keeps apart, unless somebody elsewhere (a recorder of
+        `**`, say) subscribes to more than is cut; of other keys, subscribers in other segments count too.
+
+        Args:
+            segment: Name of the segment.
+            keyexprs: Keys or key expressions; a subscription that intersects one satisfies it.
+            timeout: Seconds.
+            alive: Returns False when waiting has become pointless, because a component died.
+
+        Returns:
+            What nobody has subscribed to; empty when all went well.
+        """
+        session = self.segment(segment).session
+        zenoh = library_of(session)
+        # Not by the admin space, which tells it exactly: a query there while somebody declares something can block
+        # the whole router for ever (zenoh 1.10.2 locks its tables twice).
+        waiting: dict[str, Any] = {}
+        listeners: dict[str, Any] = {}
+        changed = threading.Event()
+        deadline = time.monotonic() + timeout
+        try:
+            for text in canonical(keyexprs):
+                hold(session, text)
+                waiting[text] = session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
+                handler: Any = zenoh.handlers.Callback(lambda status: changed.set(), indirect=False)
+                listeners[text] = waiting[text].declare_matching_listener(handler)
+            while True:
+                changed.clear()
+                for text in [text for text, each in waiting.items() if each.matching_status.matching]:
+                    release(listeners.pop(text), waiting.pop(text))
+                left = deadline - time.monotonic()
+                if not waiting or left <= 0 or not alive():
+                    return list(waiting)
+                changed.wait(min(left, _ALIVE_INTERVAL_S))
+        finally:
+            release(*listeners.values(), *waiting.values())
+
+    def drain(self, timeout: float) -> bool:
+        """Wait until all messages received so far are through and published, delayed ones included.
+
+        Args:
+            timeout: Seconds.
+
+        Returns:
+            Whether that happened in time.
+        """
+        quiet, before = 0, -1
+
+        def drained() -> bool:
+            nonlocal quiet, before
+            lanes = list(itertools.chain(*self._lanes.values()))
+            received = sum(lane.received for lane in lanes)
+            arrived, before = received - before, received
+            done = not arrived and all(way.idle() for way in (*self._present_ways(), *self._taps))
+            done = done and not self._crossing.held() and self._dispatcher.idle()
+            done = done and (self._advanced is None or self._advanced.idle())
+            done = done and (self._services is None or self._services.idle())
+            quiet = quiet + 1 if done and (self._recorder is None or self._recorder.idle()) else 0
+            return quiet >= _QUIET_POLLS
+
+        return wait_until(drained, timeout)
+
+    # -- what happened ------------------------------------------------------------------------------------------------
+
+    @property
+    def ids(self) -> set[str]:
+        """Ids of the bus's present sessions."""
+        return {segment.zid for segment in self._segments.values()} | self._network.linked()
+
+    @property
+    def ids_ever(self) -> set[str]:
+        """Ids of all routers that were ever the junction."""
+        return self._network.junction.ids if self._network.junction is not None else set()
+
+    def counts(self) -> dict[str, TopicCounts]:
+        """Return what happened so far to intercepted messages, and how many of all messages were recorded, by topic."""
+        undelivered: Counter[str] = Counter()
+        for topics in self._crossing.losses().values():
+            undelivered.update(topics)
+        passed = self._by_topic(way.passed() for way in self._all_ways())
+        return count(
+            self.gate.pipeline.counts,
+            passed=passed,
+            shed=self._shed(),
+            undelivered=undelivered,
+            held=self._crossing.held() + self._by_topic([] if self._services is None else [self._services.held()]),
+            recorded=self._recordings("recorded"),
+            unrecorded=self._recordings("lost"),
+        )
+
+    def flows(self) -> dict[tuple[str, str], int]:
+        """Return how many intercepted messages came so far, by key and the segment that they came from."""
+        total: Counter[tuple[str, str]] = Counter()
+        for way in self._all_ways():
+            for key, number in way.flows().items():
+                total[key, way.segment] += number
+        return dict(total)
+
+    def senders(self) -> dict[tuple[str, str], set[str]]:
+        """Return ids of components whose stamps intercepted messages carried, by key and segment.
+
+        A component stamps its messages only if its configuration says so (`timestamping/enabled`).
+        """
+        found: dict[tuple[str, str], set[str]] = {}
+        for lane in self._all_lanes():
+            for key, zids in lane.senders().items():
+                found.setdefault((key, lane.segment), set()).update(zids - self.ids)
+        return found
+
+    def _all_lanes(self) -> list[Lane]:
+        return [*self._retired, *itertools.chain(*list(self._lanes.values()))]
+
+    def _present_ways(self) -> list[Lane | Ramp]:
+        return [*itertools.chain(*list(self._lanes.values())), *self._ramps]
+
+    def _all_ways(self) -> list[Lane | Ramp]:
+        return [*self._all_lanes(), *self._ramps]
+
+    def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:
+        total: Counter[str] = Counter()
+        for part in parts:
+            for key, number in dict(part).items():
+                total[self._registry.topic(key)] += number
+        return total
+
+    def _shed(self) -> Counter[str]:
+        calls = [] if self._services is None else self._services.shed()
+        return self._by_topic([*(lane.shed for lane in self._all_lanes()), *calls])
+
+    def _recordings(self, which: str) -> Counter[str]:
+        total: Counter[str] = Counter()
+        for recorder in self._recorders:
+            total.update(getattr(recorder, which).copy())
+        return total
+
+    def _count_slow(self, message: Message) -> None:
+        self._slow.add(self._registry.topic(message.key))
+
+    @property
+    def departures(self) -> int:
+        """Number of components that have left, in good order or because they ended."""
+        return self._watch.departures if self._watch is not None else 0
+
+    @property
+    def losses(self) -> Losses:
+        """What was lost so far against everybody's will."""
+        parts = {reason: +topics for reason, topics in self._crossing.losses().items()}
+        parts["no room"] = self._shed()
+        parts["observer too slow"] = +self._slow.copy()
+        messages: Counter[str] = Counter()
+        for topics in parts.values():
+            messages.update(topics)
+        links = tuple(self._watch.broken) if self._watch is not None else ()
+        reasons = {reason: sum(topics.values()) for reason, topics in parts.items() if topics}
+        return Losses(dict(messages), dict(self._recordings("lost")), links, reasons)

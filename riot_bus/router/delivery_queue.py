@@ -1,0 +1,279 @@
+"""What happens to intercepted messages between the segment that they come from and those that they go to."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from functools import partial
+from typing import TYPE_CHECKING
+
+from riot_bus.pipeline.queue import EmissionQueue
+from riot_bus.pipeline.runner import Emission, Result
+from riot_bus.router.counts import Tally
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    import zenoh
+
+    from riot_bus.pipeline.event import Arrival
+    from riot_bus.router.advanced.publisher_proxies import Terminator
+    from riot_bus.router.advanced.publisher_state import Relay
+    from riot_bus.router.audience import Inner
+    from riot_bus.router.pipeline_executor import Gate, Holder
+    from riot_bus.router.recorder import Recorder
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh.convert import Outlets
+
+__all__ = ["Crossing"]
+
+_LOG = logging.getLogger(__name__)
+_IDLE_S = 3600.0
+
+
+class Crossing:
+    """Takes messages through the gate and publishes what comes out, when it is due.
+
+    What is due at once is published by the thread that brought the message, so a slow receiver holds up those who send
+    to it, as in a plain router; what is due later is published by a thread of its own.
+
+    Args:
+        gate: To the pipeline.
+        outlets: Where to publish, by segment.
+        targets: By segment, where its messages go to.
+        owned: Says whether a key is intercepted.
+        sequence: Numbers for messages that interceptors add.
+        topic: Names the topic of a key.
+    """
+
+    def __init__(
+        self,
+        gate: Gate,
+        outlets: Mapping[str, Outlets],
+        *,
+        targets: Mapping[str, tuple[str, ...]],
+        owned: Callable[[str], bool],
+        sequence: Iterator[int],
+        topic: Callable[[str], str],
+    ) -> None:
+        self.gate = gate
+        self.outlets = outlets
+        self.targets = targets
+        self.recorder: Recorder | None = None
+        self.advanced: Terminator | None = None
+        """Stands in for advanced publishers; None if there is nobody to stand in for."""
+        self.inner: dict[str, tuple[Inner, ...]] = {}
+        """Bridges in this process, by segment."""
+        self.observed: set[str] = set()
+        """Segments that somebody else in this process listens to."""
+        self._owned = owned
+        self._sequence = sequence
+        self._topic = topic
+        self._waiting = EmissionQueue()
+        self._held: Counter[str] = Counter()
+        self._condition = threading.Condition()
+        self._lost: dict[str, Tally] = {}
+        self._lost_lock = threading.Lock()
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread for delayed messages."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; what is still held is counted as lost. Safe to call twice."""
+        with self._condition:
+            self._closing = True
+            self._condition.notify()
+            left = self._waiting.pop_due()
+        if self._thread.is_alive():
+            self._thread.join()
+        for emission in left:
+            self.lose(_counted_key(emission), "held at the end")
+            self._unhold(emission)
+
+    def held(self) -> Counter[str]:
+        """Return how many messages wait, by topic: until they are due, or for a history that has to go before them."""
+        with self._condition:
+            held = +self._held
+        if self.advanced is not None:
+            for key, number in self.advanced.held().items():
+                held[self._topic(key)] += number
+        return held
+
+    def send(self, message: Message, holder: Holder | None = None) -> None:
+        """Take a whole message through the pipeline and deliver it.
+
+        Args:
+            message: One of our own, or of an advanced publisher.
+            holder: Told when its thread is stuck; see `Gate.feed`.
+        """
+        result = self.result(message, holder)
+        if holder is not None:
+            holder.flush()  # what came before goes out before
+        self.deliver(result)
+
+    def take(self, sample: zenoh.Sample, segment: str, holder: Holder) -> None:
+        """Take a sample of a key that has advanced publishers through the pipeline, and deliver it."""
+        assert self.advanced is not None
+        message = self.advanced.take(segment, sample)
+        if message is not None:
+            try:
+                self.send(message, holder)
+            finally:
+                self.advanced.through(message)
+
+    def replay(self, message: Message, holder: Holder) -> Result:
+        """Take a message of a history through the pipeline; it shall be stored, not heard.
+
+        What interceptors make of it for other keys is published, since nobody stores those.
+
+        Returns:
+            What remains to be stored.
+        """
+        result = self.result(message, holder)
+        for emission in result.emissions:
+            if emission.message.key != message.key:
+                self._publish(emission)
+        kept = tuple(each for each in result.emissions if each.message.key == message.key)
+        return Result(message, kept, result.changes, result.dropped)
+
+    def record(self, result: Result) -> None:
+        """Record what was stored as a history before, and is heard now."""
+        if self.recorder is not None:
+            if result.changes:
+                self.recorder.original(result.original, result.changes)
+            for emission in result.emissions:
+                self.recorder.delivered(emission.message, emission.changes)
+
+    def result(self, message: Message, holder: Holder | None, targets: tuple[str, ...] | None = None) -> Result:
+        """Take a whole message through the pipeline, and leave to the caller what is to be done then.
+
+        Args:
+            message: What came.
+            holder: Told when its thread is stuck; see `Gate.feed`.
+            targets: Segments that it goes to; by default all others.
+        """
+        event, result = self.gate.feed(
+            message.key,
+            message.time,
+            message=message,
+            segment=message.segment,
+            targets=self.targets.get(message.segment, ()) if targets is None else targets,
+            holder=holder,
+        )
+        if result is None:
+            changes = tuple(event.changes)
+            result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
+        return result
+
+    def feed(self, key: str, arrival: Arrival, holder: Holder) -> bytes | bool | None:
+        """Take what arrived through the pipeline, and deliver what has to be taken apart.
+
+        Returns:
+            True if it shall pass as it came, a payload if it shall pass with this one, None if nothing is left to do.
+        """
+        segment = arrival.segment
+        event, result = self.gate.feed(
+            key, arrival.time, arrival=arrival, segment=segment, targets=self.targets[segment], holder=holder
+        )
+        if result is not None:
+            holder.flush()  # what came before goes out before
+            self.deliver(result)
+            return None
+        payload = event.new_payload if event.touched else True  # before anybody looks at the whole message
+        recorder = self.recorder
+        if recorder is not None:
+            if event.changes:
+                recorder.original(event.original, event.changes)
+            recorder.delivered(event.message, event.changes)
+        return payload
+
+    def deliver(self, result: Result) -> None:
+        """Record the original of what was changed, publish what is due, and keep the rest."""
+        if self.recorder is not None and result.changes:
+            self.recorder.original(result.original, result.changes)
+        now = time.time_ns()
+        for emission in result.emissions:
+            if emission.due <= now:
+                self._publish(emission)
+            else:
+                with self._condition:
+                    self._waiting.push(emission)
+                    self._held[self._topic(_counted_key(emission))] += 1
+                    self._condition.notify()
+
+    def lose(self, key: str, reason: str) -> None:
+        """Count a message that is not delivered."""
+        with self._lost_lock:
+            self._lost.setdefault(reason, Tally()).add(self._topic(key))
+
+    def losses(self) -> dict[str, Counter[str]]:
+        """Return how many messages were not delivered against everybody's will, by reason and topic."""
+        with self._lost_lock:
+            return {reason: Counter(topics) for reason, topics in self._lost.items()}
+
+    def targets_of(self, emission: Emission) -> tuple[str, ...]:
+        """Return the segments where a message shall be published."""
+        message, targets = emission.message, emission.targets
+        if targets is None:
+            source = (emission.original or message).segment
+            targets = self.targets.get(source) or tuple(self.outlets)
+        # an added message on a key that is not cut reaches the others by itself
+        return targets if self._owned(message.key) else targets[:1]
+
+    def _publish(self, emission: Emission) -> None:
+        key, advanced = emission.message.key, self.advanced
+        relay = None
+        if advanced is not None and key in advanced.keys:
+            relay = advanced.relay_of(emission.original, emission.message)
+        if relay is None:
+            self._put(emission)
+        else:
+            relay.deliver(key, partial(self._put, emission, relay))
+
+    def _put(self, emission: Emission, relay: Relay | None = None) -> None:
+        message = emission.message
+        if emission.original is None:
+            message = message.with_(sequence=next(self._sequence))
+        try:
+            for name in self.targets_of(emission):
+                if relay is None or not relay.publish(name, message):
+                    self.outlets[name].publish(message)
+        except Exception:
+            _LOG.exception("a message of %s could not be published", message.key)
+            self.lose(_counted_key(emission), "not published")
+            return
+        if self.recorder is not None:
+            if emission.due > message.time:
+                message = message.with_(time=emission.due)
+            self.recorder.delivered(message, emission.changes)
+
+    def _unhold(self, emission: Emission) -> None:
+        topic = self._topic(_counted_key(emission))
+        with self._condition:
+            self._held[topic] -= 1
+            if not self._held[topic]:
+                del self._held[topic]  # else somebody who invents keys takes the memory
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                if self._closing:
+                    return
+                due = self._waiting.next_due()
+                now = time.time_ns()
+                if due is None or due > now:
+                    self._condition.wait(_IDLE_S if due is None else min(_IDLE_S, (due - now) / 1e9))
+                ready = self._waiting.pop_due(time.time_ns())
+            for emission in ready:
+                self._publish(emission)
+                self._unhold(emission)
+
+
+def _counted_key(emission: Emission) -> str:
+    """Return the key under which the pipeline has counted an emission, whatever its message is called by now."""
+    return (emission.original or emission.message).key

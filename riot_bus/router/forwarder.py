@@ -1,0 +1,439 @@
+"""A lane: the thread that takes the messages of one intercepted key expression from one segment to the others.
+
+This is the hot path of the router: most of its work is reading a sample's attributes and one `put`. Two rules keep it
+fast: nothing is taken apart that passes as it is, and messages are fetched in batches, since a full channel of Zenoh's
+wakes its sender for each single message that is taken out.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections import Counter, deque
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.pipeline.runner import AbandonedError
+from riot_bus.router.arrival import SampleArrival
+from riot_bus.router.counts import Tally
+from riot_bus.zenoh.convert import FEW, Converter, is_delete, is_droppable
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.vocabulary.message import Qos
+    from riot_bus.zenoh.convert import Outlets
+
+__all__ = ["Lane"]
+
+_LOG = logging.getLogger(__name__)
+_CHANNEL = 256
+_SLICE = 1024
+_BACKLOG = 8192
+_BACKLOG_BYTES = 1 << 26
+_SURPLUS = 64
+_CACHED_KEYS = 1 << 13
+_TAKE = attrgetter("key_expr", "priority", "congestion_control", "express", "encoding", "attachment", "payload")
+_TURN_S = 0.005
+_MOST_SENDERS = 64
+
+
+class _Way:
+    """How the messages of one key and QoS pass: ready-made calls, and a count of what passed without a look."""
+
+    __slots__ = (
+        "advanced",
+        "congestion",
+        "direct",
+        "encoding",
+        "express",
+        "few",
+        "key",
+        "looked_at",
+        "outlets",
+        "passed",
+        "priority",
+        "publishers",
+        "qos",
+        "rewrite",
+        "rewritten",
+        "seen",
+        "senders",
+        "shared",
+        "text",
+    )
+
+    def __init__(self, key: str, qos: Qos, sample: Any, outlets: list[Outlets], *, looked_at: bool) -> None:
+        self.key = key
+        self.qos = qos
+        self.priority = sample.priority
+        self.congestion = sample.congestion_control
+        self.express = sample.express
+        self.encoding = sample.encoding
+        self.text = str(sample.encoding)
+        self.shared = sample.payload.as_shm() is not None
+        self.publishers: list[Any] = [outlet.occasional(key, qos, self.text) for outlet in outlets]
+        self.outlets = outlets
+        self.few = 0
+        self.direct: Callable[..., None] | None = None  # does all that `put` does, once there is such a call
+        self.looked_at = looked_at
+        self.advanced = False  # whether the key has advanced publishers
+        self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
+        self.passed = self.seen = self.rewritten = 0
+        self.senders: set[str] = set()
+
+    def put(self, payload: Any, **more: Any) -> None:
+        if self.few <= FEW:
+            self.few += 1
+            if self.few > FEW:
+                self._keep_publishers()
+        for publisher, outlet in zip(self.publishers, self.outlets, strict=True):
+            publisher.put(outlet.shared(payload) if self.shared else payload, **more)
+
+    def _keep_publishers(self) -> None:
+        self.publishers = [each.publisher(self.key, self.qos, self.text) for each in self.outlets]
+        if len(self.publishers) == 1 and not self.shared:
+            self.direct = self.publishers[0].put
+
+
+class Lane:
+    """Receives on one segment and forwards to the others, through the pipeline where it wants to see messages.
+
+    Order is kept within a lane. A receiver that is slow for `BLOCK` messages holds the lane up, and in the end the
+    senders, as in a plain router. Droppable messages for which there is no room are dropped and counted.
+
+    Args:
+        segment: Name of the segment.
+        session: The segment's own session.
+        expression: What is intercepted.
+        crossing: What happens to the messages.
+        convert: Makes messages of samples.
+        owner: Says which of several overlapping expressions a key belongs to.
+    """
+
+    def __init__(
+        self,
+        segment: str,
+        session: zenoh.Session,
+        expression: str,
+        *,
+        crossing: Crossing,
+        convert: Converter,
+        owner: Callable[[str], str | None],
+    ) -> None:
+        library = library_of(session)
+        self.segment = segment
+        self.expression = expression
+        self.waiting = False
+        """Whether everything so far was processed."""
+        self.received = 0
+        self.shed = Tally()
+        """Droppable messages per key for which there was no room."""
+        self._crossing = crossing
+        self._convert = convert
+        self._owner = owner
+        self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
+        self._by_qos: dict[tuple[str, Qos], _Way] = {}
+        self._former: deque[dict[tuple[str, Qos], _Way]] = deque()  # forgotten, but perhaps still counting
+        self._passed = Tally()
+        self._seen = Tally()
+        self._senders: dict[str, set[str]] = {}
+        self._backlog: deque[zenoh.Sample] = deque()
+        self._out: deque[tuple[_Way, list[bytes | None], dict[str, Any] | None]] = deque()
+        self._rewriting: list[_Way] = []
+        self._room = _BACKLOG
+        self._current: zenoh.Sample | None = None
+        self._generation = 0
+        self._zenoh_error = library.ZError
+        self._frequent = FrequentKeys(session)
+        hold(session, expression)
+        self._subscriber = session.declare_subscriber(
+            expression,
+            library.handlers.FifoChannel(_CHANNEL),
+            allowed_origin=library.Locality.REMOTE,  # what we publish ourselves must not come back
+        )
+        self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
+        self._thread = self._spawn()
+
+    def passed(self) -> Counter[str]:
+        """Return how many messages per key were forwarded without a look at them."""
+        counts = Counter(self._passed)
+        for way in self._all_ways():
+            if way.passed:
+                counts[way.key] += way.passed
+        return counts
+
+    def flows(self) -> Counter[str]:
+        """Return how many messages per key came."""
+        counts = self.passed() + self._seen.copy() + self.shed.copy()  # they may grow meanwhile
+        for way in self._all_ways():
+            counts[way.key] += way.seen
+        return counts
+
+    def senders(self) -> dict[str, set[str]]:
+        """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
+        found = {key: set(zids) for key, zids in self._senders.items()}
+        for way in self._all_ways():
+            if way.senders:
+                found.setdefault(way.key, set()).update(way.senders)
+        return found
+
+    def forget(self) -> None:
+        """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
+        former, self._ways, self._by_qos = self._by_qos, {}, {}
+        self._former.append(former)
+
+    def _all_ways(self) -> list[_Way]:
+        return [way for ways in [*self._former, self._by_qos] for way in list(ways.values())]
+
+    def _fold(self) -> None:
+        """Add the counts of ways that were forgotten, when nobody takes one any more."""
+        while self._former:
+            for way in self._former.popleft().values():
+                self._passed.add(way.key, way.passed)
+                self._seen.add(way.key, way.seen)
+                if way.senders and (way.key in self._senders or len(self._senders) < _CACHED_KEYS):
+                    self._senders.setdefault(way.key, set()).update(way.senders)
+
+    def close(self) -> None:
+        """Forward what has come in, then end; safe to call twice."""
+        release(self._subscriber)
+        if self._thread is not threading.current_thread():
+            while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
+                self._thread.join(_TURN_S)
+            self.forget()
+            self._fold()  # and with it the publishers; a retired lane is kept for its counts
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way."""
+        return self.waiting or not self._thread.is_alive()
+
+    def take_over(self) -> None:
+        """Go on with another thread, beginning with the message at which the present one is stuck."""
+        stuck, self._current = self._current, None
+        if stuck is not None:
+            self._backlog.appendleft(stuck)
+        self._generation += 1
+        self._thread = self._spawn()
+
+    def _spawn(self) -> threading.Thread:
+        name = f"riot-lane-{self.segment}"
+        thread = threading.Thread(target=self._run, args=(self._generation,), name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def _run(self, generation: int) -> None:
+        backlog, receive, fill, slice_ = self._backlog, self._channel.recv, self._fill, self._slice
+        self.flush()
+        while generation == self._generation:
+            try:
+                if not backlog:
+                    self.waiting = True
+                    sample = receive()
+                    self.waiting = False
+                    backlog.append(sample)
+                    self.received += 1
+                fill()
+            except self._zenoh_error:  # the subscriber is closed, and nothing is left in its channel
+                if not backlog:
+                    self.waiting = True
+                    return
+            try:
+                slice_()
+            except AbandonedError:
+                return
+            except Exception:
+                current, self._current = self._current, None
+                key = self.expression if current is None else str(current.key_expr)
+                _LOG.exception("a message of %s was lost", key)
+                self._crossing.lose(key, "failure of ours")
+                self.flush()  # what came before goes out, though nothing may come after
+
+    def _fill(self) -> None:
+        backlog, fetch = self._backlog, self._channel.try_recv
+        before = len(backlog)
+        backlog.extend(itertools.islice(iter(fetch, None), max(0, min(_SLICE, self._room - before))))
+        if len(backlog) >= self._room:
+            self._shed()
+        self.received += len(backlog) - before
+
+    def _shed(self) -> None:
+        """Take a little more in than there is room for, and keep only what must not be dropped."""
+        most = self._room + _SURPLUS
+        for _ in range(_SLICE):
+            if len(self._backlog) >= most or (sample := self._channel.try_recv()) is None:
+                return
+            if is_droppable(sample):
+                key = str(sample.key_expr)
+                if self._owner(key) == self.expression:
+                    self.shed.add(key)
+            else:
+                self._backlog.append(sample)
+
+    def _slice(self) -> None:
+        if self._former and not self._out:
+            self._fold()
+        backlog = self._backlog
+        first = backlog[0]
+        size = len(first.payload)
+        self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
+        began = time.monotonic()
+        take, next_sample, ways, out = _TAKE, backlog.popleft, self._ways, self._out.append
+        last: _Way | None = None  # whose payloads `also` adds to
+        also = out
+        for _ in range(min(len(backlog), _SLICE)):
+            sample = next_sample()
+            key, priority, congestion, express, encoding, attachment, payload = take(sample)
+            try:
+                way = ways[key]
+            except KeyError:
+                way = self._learn(key, sample)
+            if way is None:
+                continue
+            if not (way.express is express and way.priority == priority and way.congestion == congestion):
+                way = self._learn(key, sample)
+                if way is None:
+                    continue
+            if not way.looked_at:
+                payload = payload.to_bytes()  # objects of one library are strange to another
+            else:
+                payload = self._rewritten(way, payload.to_bytes()) if way.rewrite is not None else None
+            if not payload:
+                last = None
+                self._look(way, sample)
+                if time.monotonic() - began > _TURN_S:
+                    break  # interceptors are slow: see what has come in meanwhile
+                continue
+            if attachment is not None:
+                last = None
+                text = way.text if way.encoding == encoding else str(encoding)
+                out((way, [payload], {"encoding": text, "attachment": attachment.to_bytes()}))
+            elif way.encoding == encoding:
+                if way is last:
+                    also(payload)
+                else:
+                    payloads = [payload]
+                    out((way, payloads, None))
+                    last, also = way, payloads.append
+            else:
+                last = None
+                out((way, [payload], {"encoding": str(encoding)}))
+        self.flush()
+        took = time.monotonic() - began
+        for name in self._crossing.targets[self.segment]:
+            self._crossing.outlets[name].took(took)
+        self._note(first)
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        """Take down what need not be known of every message: whose it is, and that its key has come again."""
+        stamp, key = sample.timestamp, sample.key_expr
+        way = self._ways.get(key)
+        if way is not None:
+            self._frequent.saw(key)
+        if stamp is not None and way is not None and len(way.senders) < _MOST_SENDERS:
+            way.senders.add(str(stamp.get_id()))
+
+    def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _Way | None:
+        """Find out how messages of this key and QoS pass; None if another lane has them."""
+        if len(self._ways) >= _CACHED_KEYS:
+            self.forget()
+        ways, by_qos = self._ways, self._by_qos  # those that are forgotten meanwhile get what has become wrong
+        key = str(key_expr)
+        if self._owner(key) != self.expression:
+            ways[key_expr] = None
+            return None
+        qos = self._convert.qos(sample)
+        way = by_qos.get((key, qos))
+        if way is None:
+            crossing = self._crossing
+            advanced = crossing.advanced is not None and crossing.advanced.concerns(self.segment, key, sample)
+            looked_at = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
+            outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
+            way = _Way(key, qos, sample, outlets, looked_at=looked_at or advanced)
+            way.advanced = advanced
+            if looked_at and not advanced and crossing.recorder is None:
+                way.rewrite = crossing.gate.rewriter(key, sample.payload.to_bytes())
+            by_qos[key, qos] = way
+        ways[key_expr] = way
+        return way
+
+    def _rewritten(self, way: _Way, payload: bytes) -> bytes | None:
+        """Return another payload, None if this message is one to look at, as one without a payload is."""
+        assert way.rewrite is not None
+        try:
+            changed = way.rewrite(payload) if payload else b""
+        except Exception:  # whatever it is, it is said when an interceptor looks
+            return None
+        if not changed:
+            return None
+        if not way.rewritten:
+            self._rewriting.append(way)
+        way.rewritten += 1
+        return changed
+
+    def _look(self, way: _Way, sample: zenoh.Sample) -> None:
+        """Take one message that somebody wants to see, or one that has no payload."""
+        payload: Any = None
+        if way.looked_at:
+            way.seen += 1
+            self._current = sample
+            if way.advanced:
+                self._crossing.take(sample, self.segment, self)
+                self._current = None
+                return
+            arrival = SampleArrival(sample, way.key, time.time_ns(), self.segment, self._convert.at)
+            what = self._crossing.feed(way.key, arrival, self)
+            self._current = None
+            if what is None:
+                return
+            payload = None if what is True else what
+        if payload is None:
+            payload = sample.payload.to_bytes()
+        encoding, found = sample.encoding, sample.attachment
+        attachment = None if found is None else found.to_bytes()
+        if is_delete(sample):
+            self._out.append((way, [None], {"attachment": attachment}))
+        elif attachment is None and way.encoding == encoding:
+            self._out.append((way, [payload], None))
+        else:
+            self._out.append((way, [payload], {"encoding": str(encoding), "attachment": attachment}))
+
+    def flush(self) -> None:
+        """Publish what is ready. In one go, since what Zenoh gets at once it sends at once."""
+        out = self._out
+        while out:
+            way, payloads, more = out.popleft()
+            if not way.looked_at:
+                way.passed += len(payloads)
+            put = way.direct or way.put
+            for payload in payloads:
+                try:
+                    if more is None:
+                        put(payload)
+                    elif payload is not None:
+                        put(payload, **more)
+                    else:  # a delete
+                        for publisher in way.publishers:
+                            publisher.delete(**more)
+                except Exception as problem:  # whatever it is, the others go on
+                    self._failed(way.key, problem)
+        while self._rewriting:
+            way = self._rewriting.pop()
+            count, way.rewritten = way.rewritten, 0
+            way.seen += count
+            try:
+                self._crossing.gate.rewrote(way.key, count)
+            except Exception:  # theirs, and no reason to stop here
+                _LOG.exception("an interceptor of %s could not count what it did", way.key)
+
+    def _failed(self, key: str, error: Exception) -> None:
+        _LOG.warning("a message of %s could not be forwarded: %s", key, error)
+        self._crossing.lose(key, "not published")

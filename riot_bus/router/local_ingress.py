@@ -1,0 +1,333 @@
+"""A ramp: the way of what the router's own process puts on a segment, through the pipeline to the other segments.
+
+It is to a bridge in this process what lanes are to components elsewhere. Between processes a message takes several
+threads and two sockets; here it takes none of them, if interceptors do no more to it than a pure function does.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import queue
+import threading
+import time
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from riot_bus.pipeline.runner import AbandonedError
+from riot_bus.router.audience import Audience
+from riot_bus.router.counts import Tally
+from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    import zenoh
+
+    from riot_bus.router.audience import Take
+    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.vocabulary.message import Qos
+
+__all__ = ["Ramp", "Track"]
+
+_LOG = logging.getLogger(__name__)
+_ROOM = 4096
+_TURN_S = 0.005
+
+
+class Track:
+    """One key of a ramp; see `Ramp.track`. It is used by one thread at a time."""
+
+    __slots__ = (
+        "_ramp",
+        "audiences",
+        "generation",
+        "key",
+        "looked_at",
+        "native",
+        "passed",
+        "puts",
+        "qos",
+        "rewrite",
+        "rewritten",
+        "seen",
+        "takes",
+        "text",
+        "told",
+    )
+
+    def __init__(self, ramp: Ramp, key: str, qos: Qos, text: str) -> None:
+        self._ramp = ramp
+        self.key, self.qos, self.text = key, qos, text
+        self.generation = -1
+        self.native = self.looked_at = False
+        self.rewrite: Callable[[bytes], bytes] | None = None  # what interceptors do, if it is no more than this
+        self.audiences: dict[str, Audience] = {}
+        self.puts: list[Callable[[bytes, bytes | None], None]] = []
+        self.takes: tuple[Take, ...] = ()
+        self.passed = self.seen = self.rewritten = self.told = 0
+
+    def put(self, payload: bytes, attachment: bytes | None) -> None:
+        """Take a message to the other segments; waits if too many are under way, or receivers are slow."""
+        self._ramp.put_all([self], [payload], attachment)
+
+    def straight(self, payload: bytes) -> bytes | None:
+        """Return with which payload a message goes on, and count it; None if an interceptor has to look at it."""
+        rewrite = self.rewrite
+        if rewrite is not None:
+            try:
+                payload = rewrite(payload)
+            except Exception:  # whatever it is, it is said when an interceptor looks
+                return None
+            self.rewritten += 1
+        elif self.looked_at:
+            return None
+        else:
+            self.passed += not self.native
+        return payload
+
+    def close(self) -> None:
+        """Put no more; counts stay."""
+        self._ramp.end(self)
+        for audience in self.audiences.values():
+            audience.close()
+
+
+class Ramp:
+    """Takes messages from one segment to the others, in the order in which they are put, key by key.
+
+    Interceptors are asked on a thread of the ramp's, which is left to them if they block. What passes as it is, or with
+    a field set, goes on the thread that puts it, unless something of the ramp's is still on the other one.
+
+    Args:
+        segment: Name of the segment.
+        crossing: What happens to the messages.
+        sessions: The segments' own.
+        owner: Says which intercepted expression a key belongs to.
+        sequence: Numbers of messages.
+
+    Attributes:
+        generation: Changes when what is known of keys may have changed.
+        waiting: What interceptors have to look at, or nothing is known of yet.
+    """
+
+    def __init__(
+        self,
+        segment: str,
+        crossing: Crossing,
+        sessions: Mapping[str, zenoh.Session],
+        *,
+        owner: Callable[[str], str | None],
+        sequence: Iterator[int],
+    ) -> None:
+        self.segment = segment
+        self._generations = itertools.count()
+        self.generation = next(self._generations)
+        self.waiting: queue.Queue[tuple[Track, bytes, bytes | None] | None] = queue.Queue(_ROOM)
+        self._crossing, self._sessions, self._owner, self._sequence = crossing, sessions, owner, sequence
+        self._tracks: dict[int, Track] = {}
+        self._ended_passed, self._ended_flows = Tally(), Tally()
+        self._telling, self._changing = threading.Lock(), threading.Lock()
+        self._current: tuple[Track, bytes, bytes | None] | None = None
+        self._turn = 0
+        self._thread = self._spawn()
+
+    def track(self, key: str, qos: Qos, encoding: str) -> Track:
+        """Return what takes messages of a key.
+
+        Args:
+            key: Without wildcards.
+            qos: Of all of them.
+            encoding: Zenoh's encoding string, empty for its default.
+        """
+        track = Track(self, key, qos, encoding)
+        with self._changing:
+            self._tracks[id(track)] = track
+        return track
+
+    def put_all(self, tracks: Sequence[Track], payloads: Sequence[bytes], attachment: bytes | None) -> None:
+        """Take messages to the other segments; waits if too many are under way, or receivers are slow.
+
+        Args:
+            tracks: Of each message its key's.
+            payloads: Of each message.
+            attachment: Of all of them.
+        """
+        going: list[Track] = []
+        ready: list[tuple[bytes, bytes | None]] = []
+        for track, payload in zip(tracks, payloads, strict=True):
+            known = track.generation == self.generation and not self.waiting.unfinished_tasks
+            changed = track.straight(payload) if known else None
+            if going and (changed is None or (track.takes is not going[0].takes and track.takes != going[0].takes)):
+                self._go(going, ready)
+                going, ready = [], []
+            if changed is None:
+                self.waiting.put((track, payload, attachment))
+            else:
+                going.append(track)
+                ready.append((changed, attachment))
+        if going:
+            self._go(going, ready)
+
+    def owns(self, key: str) -> bool:
+        """Return whether messages of a key take this way; if not, they are routed."""
+        return bool(self._crossing.targets[self.segment]) and self._owner(key) is not None
+
+    def forget(self) -> None:
+        """Look everything up again that concerns a key: interceptors, recorder or claims have changed."""
+        self.generation = next(self._generations)
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way."""
+        return not self.waiting.unfinished_tasks
+
+    def passed(self) -> Counter[str]:
+        """Return how many messages per key were forwarded without a look at them; tell the pipeline of others."""
+        with self._changing:
+            counts, tracks = Counter(self._ended_passed), list(self._tracks.values())
+        for track in tracks:
+            self.tell(track)
+            if track.passed:
+                counts[track.key] += track.passed
+        return counts
+
+    def flows(self) -> Counter[str]:
+        """Return how many messages per key came, of those that are intercepted."""
+        with self._changing:
+            counts, tracks = Counter(self._ended_flows), list(self._tracks.values())
+        for track in tracks:
+            counts[track.key] += track.passed + track.seen + track.rewritten
+        return +counts
+
+    def tell(self, track: Track) -> None:
+        """Tell the pipeline how many messages of a key were rewritten."""
+        with self._telling:
+            count = track.rewritten - track.told
+            track.told += count
+        if count:
+            self._crossing.gate.rewrote(track.key, count)
+
+    def end(self, track: Track) -> None:
+        """Keep no more than the counts of a key."""
+        self.tell(track)
+        with self._changing:
+            if self._tracks.pop(id(track), None) is not None:
+                self._ended_passed.add(track.key, track.passed)
+                self._ended_flows.add(track.key, track.passed + track.seen + track.rewritten)
+
+    def close(self) -> None:
+        """Let pass what was put, then end; safe to call twice."""
+        if self._thread.is_alive():
+            self.waiting.put(None)
+            while self._thread.is_alive():  # not simply join: a thread that is stuck is replaced by another
+                self._thread.join(_TURN_S)
+        self.passed()
+
+    def _go(self, tracks: Sequence[Track], messages: list[tuple[bytes, bytes | None]]) -> None:
+        """Give messages to who listens in this process, the same for all of them, then publish them."""
+        for take in tracks[0].takes:
+            take(messages)
+        for track, message in zip(tracks, messages, strict=True):
+            try:
+                for put in track.puts:
+                    put(*message)
+            except Exception as error:
+                _LOG.warning("a message of %s could not be forwarded: %s", track.key, error)
+                self._crossing.lose(track.key, "not published")
+
+    # -- on the ramp's thread -----------------------------------------------------------------------------------------
+
+    def take_over(self) -> None:
+        """Go on with another thread, beginning with the message at which the present one is stuck."""
+        self._turn += 1
+        self._thread = self._spawn()
+
+    def flush(self) -> None:
+        """Everything is published at once."""
+
+    def _spawn(self) -> threading.Thread:
+        name = f"riot-ramp-{self.segment}"
+        thread = threading.Thread(target=self._run, args=(self._turn,), name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def _run(self, turn: int) -> None:
+        while turn == self._turn:
+            item = self._current or self.waiting.get()
+            if item is None:
+                self.waiting.task_done()
+                return
+            self._current = item
+            try:
+                self._carry(*item)
+            except AbandonedError:
+                return
+            except Exception:
+                _LOG.exception("a message of %s was lost", item[0].key)
+                self._crossing.lose(item[0].key, "failure of ours")
+            self._current = None
+            self.waiting.task_done()
+
+    def _carry(self, track: Track, payload: bytes, attachment: bytes | None) -> None:
+        if track.generation != self.generation:
+            self._learn(track, payload)
+        changed = track.straight(payload)
+        if changed is not None:
+            self._go([track], [(changed, attachment)])
+            return
+        message = Message(
+            time.time_ns(),
+            track.key,
+            payload,
+            encoding=track.text,
+            attachment=attachment,
+            qos=track.qos,
+            segment=self.segment,
+            sequence=next(self._sequence),
+        )
+        self._crossing.send(message, self)
+        track.seen += 1
+
+    def _learn(self, track: Track, payload: bytes) -> None:
+        """Find out how messages of a key pass."""
+        self.tell(track)  # interceptors count the messages before this one
+        generation, crossing, key = self.generation, self._crossing, track.key
+        advanced = crossing.advanced is not None and key in crossing.advanced.keys
+        wanted = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
+        simple = wanted and not advanced and crossing.recorder is None
+        track.native = not self.owns(key)
+        track.looked_at = (wanted or advanced) and not track.native
+        track.rewrite = crossing.gate.rewriter(key, payload) if simple and not track.native else None
+        targets = () if track.native else crossing.targets[self.segment]
+        track.puts = [put for name in targets for put in self._puts(track, name)]
+        track.takes = tuple(take for name in targets for take in self._takes(key, name))
+        track.generation = generation
+
+    def _puts(self, track: Track, name: str) -> list[Callable[[bytes, bytes | None], None]]:
+        """Return what publishes on another segment."""
+        crossing, key = self._crossing, track.key
+        outlet = crossing.outlets[name]
+        if name in crossing.observed:
+            encoding = outlet.encoding(track.text)
+            publisher = outlet.publisher(key, track.qos, encoding)
+
+            def publish(payload: bytes, attachment: bytes | None) -> None:
+                began = time.monotonic()
+                try:
+                    publisher.put(payload, encoding=encoding, attachment=attachment)
+                finally:
+                    outlet.took(time.monotonic() - began)
+
+            return [publish]
+        if name not in track.audiences:
+            track.audiences[name] = Audience(
+                self._sessions[name], key, qos=track.qos, encoding=track.text, took=outlet.took
+            )
+        return [track.audiences[name].put]
+
+    def _takes(self, key: str, name: str) -> list[Take]:
+        """Return what gives messages of a key to who listens in this process."""
+        crossing = self._crossing
+        if name in crossing.observed:
+            return []
+        return [each.take for each in crossing.inner.get(name, ()) if each.expression.includes(key)]

@@ -1,0 +1,239 @@
+"""The gate to the pipeline: one thread at a time, and none for ever."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.pipeline.runner import AbandonedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from riot_bus.pipeline.event import Arrival, Event
+    from riot_bus.pipeline.runner import Pipeline, Result, Route
+    from riot_bus.pipeline.stage import Stage
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["BUDGET_S", "Gate", "Holder", "end_interceptors"]
+
+_LOG = logging.getLogger(__name__)
+_RETRY_S = 0.1
+_END_S = 10.0
+BUDGET_S = 1.0
+"""How long an interceptor may take for one message before it is bypassed."""
+
+
+class Holder(Protocol):
+    """Whose thread runs the pipeline."""
+
+    def take_over(self) -> None:
+        """Go on with another thread; this one is stuck in an interceptor."""
+        ...
+
+    def flush(self) -> None:
+        """Publish what it has ready."""
+        ...
+
+
+class Gate:
+    """Lets several threads feed one pipeline, and frees them from an interceptor that does not come back.
+
+    Args:
+        pipeline: What is fed.
+        budget_s: How long one interceptor may take for one message.
+    """
+
+    def __init__(self, pipeline: Pipeline, *, budget_s: float = BUDGET_S) -> None:
+        self.pipeline = pipeline
+        self._budget_s = budget_s
+        self._lock = threading.Lock()
+        self._thread_id = 0
+        self._holder: Holder | None = None
+        self._route: Route | None = None
+        self._stop = threading.Event()
+        self._watch: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Watch for interceptors that block."""
+        self._watch = threading.Thread(target=self._watching, name="riot-gate", daemon=True)
+        self._watch.start()
+
+    def close(self) -> None:
+        """Stop watching; safe to call twice."""
+        self._stop.set()
+        if self._watch is not None:
+            self._watch.join()
+            self._watch = None
+
+    def feed(
+        self,
+        key: str,
+        now: int,
+        *,
+        message: Message | None = None,
+        arrival: Arrival | None = None,
+        segment: str = "",
+        targets: tuple[str, ...] = (),
+        holder: Holder | None = None,
+    ) -> tuple[Event, Result | None]:
+        """Run one message through the pipeline.
+
+        Args:
+            key: The message's key.
+            now: Its time.
+            message: The message, or
+            arrival: what makes one.
+            segment: Where it comes from.
+            targets: Segments that it goes to.
+            holder: Told when its thread is stuck; without one, the message is fed again when the thread comes back.
+
+        Returns:
+            The event, and what follows from it; no result when the message goes to all targets at once, at most with
+            another payload.
+
+        Raises:
+            AbandonedError: `holder` goes on with another thread.
+        """
+        while True:
+            lock = self._lock
+            if not lock.acquire(blocking=False) or lock is not self._lock:
+                lock = self._enter()
+            self._thread_id, self._holder = threading.get_ident(), holder
+            try:
+                pipeline = self.pipeline
+                self._route = route = pipeline.route(key)
+                event = pipeline.run(route, now, message=message, arrival=arrival, segment=segment, targets=targets)
+                if (
+                    event.dropped
+                    or event.added
+                    or event.branches
+                    or event.delay_ns > 0
+                    or event.copies > 0
+                    or (event.touched and event.new_payload is None)
+                ):
+                    return event, pipeline.result(event, route)
+                route.counts.delivered += 1
+                route.counts.changed += event.touched
+                return event, None
+            except AbandonedError:
+                if holder is not None:
+                    raise
+            finally:
+                lock.release()
+
+    def change(self, action: Callable[[Pipeline], None]) -> None:
+        """Do something to the pipeline while nobody feeds it; again, if an interceptor blocks meanwhile."""
+        while True:
+            lock = self._enter()
+            self._thread_id, self._holder, self._route = threading.get_ident(), None, None
+            try:
+                action(self.pipeline)
+                return
+            except AbandonedError:
+                continue
+            finally:
+                lock.release()
+
+    def call(self, stage: Stage, hook: str, *arguments: object, holder: Holder) -> None:
+        """Call a method of an interceptor, such as `joined`, unless it has gone.
+
+        Raises:
+            AbandonedError: It blocked, and `holder` goes on with another thread.
+        """
+        lock = self._enter()
+        self._thread_id, self._holder, self._route = threading.get_ident(), holder, None
+        try:
+            if any(each.interceptor is stage.interceptor for each in self.pipeline.stages):
+                self.pipeline.call(stage, hook, *arguments)
+        finally:
+            lock.release()
+
+    def rewriter(self, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
+        """Return `Pipeline.rewriter`; None also if an interceptor raises or blocks there."""
+        found: list[Callable[[bytes], bytes]] = []
+
+        def ask(pipeline: Pipeline) -> None:
+            function = pipeline.rewriter(key, payload)
+            if function is not None:
+                found.append(function)
+
+        try:
+            self.change(ask)
+        except Exception:
+            _LOG.exception("interceptors of %s cannot say what they make of payloads", key)
+        return found[0] if found else None
+
+    def rewrote(self, key: str, count: int) -> None:
+        """Count messages as `Pipeline.rewrote` does."""
+        self.change(lambda pipeline: pipeline.rewrote(key, count))
+
+    def replace(self, interceptors: Sequence[object]) -> None:
+        """Go on with other interceptors from the next message on; raises ConfigError if they are not usable."""
+        self.change(lambda pipeline: pipeline.replace(interceptors))
+
+    def _enter(self) -> threading.Lock:
+        while True:
+            lock = self._lock
+            if not (lock.acquire(blocking=False) or lock.acquire(timeout=_RETRY_S)):
+                continue
+            if lock is self._lock:
+                return lock
+            lock.release()  # its former holder hung; others use another lock by now
+
+    def _watching(self) -> None:
+        asked: list[Stage] = []
+        since = time.monotonic()
+        while not self._stop.wait(self._budget_s / 4):
+            current = self.pipeline.current
+            if current is not asked or not current:
+                asked, since = current, time.monotonic()
+            elif time.monotonic() - since >= self._budget_s:
+                self._free(asked)
+
+    def _free(self, asked: list[Stage]) -> None:
+        pipeline, holder = self.pipeline, self._holder
+        try:
+            stage = asked[0]
+        except IndexError:
+            return
+        place = stage.place_of_frame(sys._current_frames().get(self._thread_id))
+        reason = f"blocked for more than {self._budget_s:g} s; it is bypassed from now on"
+        if not pipeline.abandon(asked, reason, place):
+            return
+        if self._route is not None:
+            self._route.counts.seen -= 1  # the message will be fed again
+        _LOG.warning("interceptor %s (%s) %s", stage.name, place, reason)
+        self._lock = threading.Lock()
+        if holder is not None:
+            holder.take_over()
+
+
+def end_interceptors(pipeline: Pipeline, *, patience_s: float = _END_S) -> None:
+    """Call every interceptor's `stop`, and wait for none of them for ever; call when nobody feeds the pipeline.
+
+    Args:
+        pipeline: Whose.
+        patience_s: How long one may take; more than for a message, since it may have a file to finish.
+    """
+
+    def close() -> None:
+        with suppress(AbandonedError):
+            pipeline.close()
+
+    while True:
+        thread = threading.Thread(target=close, name="riot-end", daemon=True)
+        thread.start()
+        thread.join(patience_s)
+        if not thread.is_alive():
+            return
+        asked = pipeline.current
+        for stage in asked[:1]:
+            place = stage.place_of_frame(sys._current_frames().get(thread.ident or 0))
+            reason = f"did not stop within {patience_s:g} s"
+            if pipeline.abandon(asked, reason, place):
+                _LOG.warning("interceptor %s (%s) %s", stage.name, place, reason)

@@ -1,0 +1,293 @@
+"""Recording what crosses the bus, without ever stalling it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import defaultdict
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+from riot_bus.log.account import LOST, Account
+from riot_bus.log.writer import LostMessagesError
+from riot_bus.router.counts import Tally
+from riot_bus.zenoh.mailbox import Mailbox
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from riot_bus.log.layout import Role
+    from riot_bus.pipeline.event import Change
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Recorder", "Writer"]
+
+_LOG = logging.getLogger(__name__)
+_TICK_S = 0.25
+_LINGER_S = 0.005
+_HANDFUL = 256
+_PATIENCE_S = 5.0
+
+
+class Writer(Protocol):
+    """Where messages are written; `riot_bus.log.writer.LogWriter` is one.
+
+    What raises LostMessagesError says which messages are lost besides; of other errors, only this message is.
+
+    Attributes:
+        problem: Why nothing can be written at present, empty if all is well.
+        refused: Messages that it cannot hold.
+    """
+
+    problem: str
+    refused: int
+
+    def write(
+        self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...
+    ) -> None:
+        """Write one message."""
+        ...
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> None:
+        """Write something else that belongs to the log."""
+        ...
+
+    def renew(self, key: str) -> None:
+        """Write further messages of a key with what is known of it now."""
+        ...
+
+    def tick(self) -> None:
+        """Make what was written readable, if it is time."""
+        ...
+
+    def flush(self) -> None:
+        """Return when all that was written is in the file, or known to be lost."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file."""
+        ...
+
+
+class _Entry(NamedTuple):
+    message: Message
+    role: Literal["delivered", "original"]
+    changes: Sequence[Change]
+
+
+class _Note(NamedTuple):
+    name: str
+    mapping: Mapping[str, str]
+
+
+class _Switch(NamedTuple):
+    writer: Writer
+    totals: Future[tuple[int, int]]
+
+
+class Recorder:
+    """Writes on a thread of its own, behind a queue; what does not fit is counted in `lost`.
+
+    Of an intercepted message that was changed, delayed, copied or dropped both the original and what was delivered are
+    written, under the same sequence number.
+
+    Args:
+        writer: Where to; closed by `close`.
+        capacity: Most messages that wait.
+        capacity_bytes: Most payload bytes that wait.
+        topic: Names the topic of a key.
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        *,
+        capacity: int = 200_000,
+        capacity_bytes: int = 1 << 28,
+        topic: Callable[[str], str] = str,
+    ) -> None:
+        self.recorded = Tally()
+        """Messages written per topic, originals not counted."""
+        self.lost = Tally()
+        """Messages per topic that did not fit or could not be written."""
+        self._reasons: defaultdict[str, Tally] = defaultdict(Tally)
+        self._former = Account()
+        self._writer = writer
+        self._topic = topic
+        self._mailbox: Mailbox[_Entry | _Note | _Switch] = Mailbox(capacity=capacity, capacity_bytes=capacity_bytes)
+        self._lock = threading.Lock()
+        self._done = 0
+        self._closing = False
+        self._urgent: _Switch | None = None
+        self._said: set[type[Exception]] = set()
+        self._thread = threading.Thread(target=self._run, name="riot-record", daemon=True)
+        self._thread.start()
+
+    @property
+    def problem(self) -> str:
+        """Why nothing can be written at present; empty as long as all is well."""
+        return self._writer.problem
+
+    def original(self, message: Message, changes: Sequence[Change]) -> None:
+        """Record a message as it was before interceptors had it."""
+        self._offer(_Entry(message, "original", changes))
+
+    def delivered(self, message: Message, changes: Sequence[Change] = ()) -> None:
+        """Record a message as it was delivered."""
+        self._offer(_Entry(message, "delivered", changes))
+
+    def note(self, name: str, mapping: Mapping[str, str]) -> bool:
+        """Write something that is no message, in its place among the messages; return whether there was room.
+
+        Args:
+            name: Such as `riot_bus.graph`.
+            mapping: Keys and texts.
+        """
+        return self._mailbox.offer(_Note(name, mapping), sum(map(len, mapping.values())))
+
+    def renew(self, key: str) -> None:
+        """Write further messages of a key with its type, which has become known."""
+        self._writer.renew(key)
+
+    def totals(self) -> tuple[int, int]:
+        """Return how many messages were written so far, originals not counted, and how many were lost."""
+        return sum(self.recorded.copy().values()), sum(self.lost.copy().values())
+
+    def switch(self, writer: Writer, *, patience: float = _PATIENCE_S, timeout: float = 60.0) -> tuple[int, int]:
+        """Go on with another writer: each message is in one of both files, and in one only.
+
+        Args:
+            writer: The new one; the former is closed.
+            patience: Seconds to wait for what came before. What of it is not written by then, since more comes than can
+                be written, is left to the new one.
+            timeout: Seconds to wait until the former is closed.
+
+        Returns:
+            `totals` of what is in the former and all before it.
+
+        Raises:
+            TimeoutError: That took longer; the new writer takes over all the same.
+        """
+        switch = _Switch(writer, Future())
+        if self._mailbox.offer(switch, 0):
+            with suppress(TimeoutError):
+                return switch.totals.result(patience)
+        self._urgent = switch
+        return switch.totals.result(timeout)
+
+    def idle(self) -> bool:
+        """Return whether everything so far was written."""
+        return self._done >= self._mailbox.accepted
+
+    def close(self) -> None:
+        """Write what waits and finish the file; safe to call twice."""
+        self._closing = True
+        if self._thread.is_alive():
+            self._mailbox.wake()
+            self._thread.join()
+            self._finish()
+
+    def account(self) -> Account:
+        """Return what was recorded so far, and what was lost and why."""
+        with self._lock:
+            reasons = {reason: dict(topics) for reason, topics in self._reasons.items()}
+        return Account(self.recorded.copy(), reasons)
+
+    def _finish(self) -> None:
+        """Write into the file what is missing in it, and close it."""
+        self._guard(self._writer.flush)
+        account = self.account()
+        self._guard(lambda: self._writer.note(LOST, account.since(self._former).record()))
+        self._former = account
+        self._guard(self._writer.close)
+
+    def _offer(self, entry: _Entry) -> None:
+        if not self._mailbox.offer(entry, len(entry.message.payload)):
+            self._count_lost(entry.message, "no room")
+
+    def _count_lost(self, message: Message, reason: str) -> None:
+        topic = self._topic(message.key)
+        with self._lock:
+            self.lost.add(topic)
+            self._reasons[reason].add(topic)
+
+    def _run(self) -> None:
+        ticked = time.monotonic()
+        while True:
+            self._hurry()
+            items = self._mailbox.take_many(_HANDFUL, 0 if self._closing else _TICK_S, linger_s=_LINGER_S)
+            for item in items:
+                self._take(item)
+                self._done += 1
+            if self._closing and not items:
+                return
+            now = time.monotonic()
+            if now - ticked >= _TICK_S:
+                ticked = now
+                self._guard(self._writer.tick)
+
+    def _take(self, item: _Entry | _Note | _Switch) -> None:
+        if isinstance(item, _Entry):
+            self._write(item)
+        elif isinstance(item, _Note):
+            self._guard(lambda: self._writer.note(item.name, item.mapping))
+        else:
+            self._change(item)
+
+    def _hurry(self) -> None:
+        """Make the change that has waited too long for its turn."""
+        urgent = self._urgent
+        if urgent is not None:
+            self._urgent = None
+            self._change(urgent)
+
+    def _change(self, switch: _Switch) -> None:
+        if switch.totals.done():  # its turn has come all the same
+            return
+        self._finish()
+        self._writer = switch.writer
+        self._said.clear()
+        switch.totals.set_result(self.totals())
+
+    def _write(self, entry: _Entry) -> None:
+        message, writer = entry.message, self._writer
+        refused = writer.refused
+        try:
+            writer.write(message, role=entry.role, changes=entry.changes)
+        except Exception as error:
+            self._failed(error)
+            self._count_lost(message, "disk" if isinstance(error, LostMessagesError) else "damaged")
+            return
+        if writer.refused != refused:
+            self._count_lost(message, "refused")
+        elif entry.role == "delivered":
+            self.recorded.add(self._topic(message.key))
+
+    def _guard(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:
+            self._failed(error)
+
+    def _failed(self, error: Exception) -> None:
+        if isinstance(error, LostMessagesError):
+            for reason, lost in error.reasons.items():
+                self._take_back(reason, lost)
+        if type(error) in self._said:  # else a full disk would be followed by a full log
+            return
+        self._said.add(type(error))
+        if isinstance(error, LostMessagesError):
+            _LOG.error("%s", error)
+        else:
+            _LOG.error("the recording failed; further failures of this kind are only counted", exc_info=error)
+
+    def _take_back(self, reason: str, lost: Mapping[tuple[str, Role], int]) -> None:
+        with self._lock:
+            for (key, role), number in lost.items():
+                topic = self._topic(key)
+                self.lost.add(topic, number)
+                self._reasons[reason].add(topic, number)
+                if role == "delivered":
+                    self.recorded.add(topic, -number)

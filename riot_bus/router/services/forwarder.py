@@ -1,0 +1,380 @@
+"""The way of calls from one segment to the services of the others, and of the replies back."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.pipeline.runner import AbandonedError, Result
+from riot_bus.router.advanced.worker import Worker
+from riot_bus.router.counts import Tally
+from riot_bus.router.services.call import Call, encoding_text, payload_of
+from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of
+from riot_bus.vocabulary.message import Message, Qos
+from riot_bus.zenoh.convert import is_delete
+from riot_bus.zenoh.libraries import library_of, moved
+from riot_bus.zenoh.session import includes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    import zenoh
+
+    from riot_bus.pipeline.runner import Emission
+    from riot_bus.router.delivery_queue import Crossing
+
+__all__ = ["CallLane", "Limits"]
+
+_LOG = logging.getLogger(__name__)
+_FOREVER_S = 30 * 86_400.0
+_QOS = Qos()
+
+
+class Limits:
+    """What one lane may hold; attributes of the class, so that a test can set them."""
+
+    calls = 1 << 14
+    """Calls without an end. The oldest is given up for a new one: its caller may have gone, which cannot be seen."""
+    call_bytes = 1 << 28
+    """Payloads of their requests."""
+    queued = 1 << 16
+    """Requests and replies that wait for the pipeline."""
+    queued_bytes = 1 << 28
+    silent = 1 << 10
+    """Calls of which something was dropped, so that their callers wait until their own time is up ..."""
+    silent_s = 600.0
+    """... and how long they may do so."""
+
+
+class CallLane:
+    """Takes in what components of one segment ask services that one key expression matches.
+
+    One thread does all of it, so calls keep their order. Zenoh's threads only hand over. Who is asked answers to this
+    router; each reply goes to the caller as soon as it is through the pipeline. A caller hears of the end of its call
+    when all services that were asked have ended it.
+
+    Args:
+        segment: Name of the segment.
+        expression: Which services.
+        sessions: The segments' own sessions.
+        crossing: The way through the interceptors.
+        sequence: Numbers for calls.
+        owner: Says which of several overlapping expressions a key belongs to.
+        asked: Returns the other segments that may have a service for a key that somebody in a segment asks for, and
+            whether only complete services are asked there; else those that a plain query would reach.
+    """
+
+    def __init__(
+        self,
+        segment: str,
+        expression: str,
+        *,
+        sessions: Mapping[str, zenoh.Session],
+        crossing: Crossing,
+        sequence: Iterator[int],
+        owner: Callable[[str], str | None],
+        asked: Callable[[str, str], Mapping[str, bool]],
+    ) -> None:
+        self.segment, self.expression = segment, expression
+        self.shed = Tally()
+        """Requests and replies, by key, for which there was no room."""
+        self._sessions, self._crossing, self._sequence = sessions, crossing, sequence
+        self._owner, self._asked = owner, asked
+        self._lock = threading.Lock()
+        self._queued = self._queued_bytes = 0
+        self._held: Counter[str] = Counter()
+        self._calls: dict[int, Call] = {}
+        self._call_bytes = 0
+        self._silent: deque[tuple[float, Call]] = deque()
+        self._sweeping = False
+        self._retiring = False
+        self._worker = Worker(f"riot-calls-{segment}")
+
+    # -- on Zenoh's threads -------------------------------------------------------------------------------------------
+
+    def take(self, query: Any) -> None:
+        """Take a query in; returns at once."""
+        key = str(query.key_expr)
+        owner = self._owner(key)
+        if owner != self.expression and owner is not None:
+            query.drop()  # another lane has it
+            return
+        size = 0 if query.payload is None else len(query.payload)
+        if self._enqueue(size, partial(self._begin, query, key, size)):
+            return
+        self.shed.add(f"{key}/{REQUEST}")
+        query.drop()
+
+    def _replied(self, call: Call, target: str, reply: zenoh.Reply) -> None:
+        result: Any = reply.result
+        size = len(result.payload)
+        if not call.over and not self._enqueue(size, partial(self._reply, call, target, reply)):
+            self.shed.add(f"{call.query.key_expr}/{REPLY}")
+
+    def _enqueue(self, size: int, job: Callable[[], None]) -> bool:
+        with self._lock:
+            if self._queued >= Limits.queued or (self._queued and self._queued_bytes + size > Limits.queued_bytes):
+                return False
+            self._queued += 1
+            self._queued_bytes += size
+        self._worker.do(partial(self._run, size, job))
+        return True
+
+    # -- on the lane's thread -----------------------------------------------------------------------------------------
+
+    def _run(self, size: int, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except AbandonedError:
+            raise  # another thread does it again
+        except Exception:
+            self._dequeue(size)
+            raise
+        self._dequeue(size)
+
+    def _begin(self, query: Any, key: str, size: int) -> None:
+        wide = self._owner(key) is None
+        if wide and includes(key, self.expression):
+            key = self.expression
+        targets = self._asked(self.segment, key)
+        if not targets:  # nobody is there, or only in the caller's own segment
+            query.drop()
+            return
+        request = Request(
+            time.time_ns(),
+            f"{key}/{REQUEST}",
+            payload_of(query),
+            "put",
+            encoding_text(query.encoding),
+            None if query.attachment is None else query.attachment.to_bytes(),
+            _QOS,
+            self.segment,
+            next(self._sequence),
+            parameters=str(query.parameters),
+        )
+        result = self._crossing.result(request, self._worker, tuple(targets))
+        call = Call(query, request.sequence, targets, wide, pending=1, size=size)
+        self._remember(call)
+        self._settle(call, result, None)
+        self._ended(call)
+
+    def _reply(self, call: Call, target: str, reply: zenoh.Reply) -> None:
+        sample = reply.ok
+        if call.over or (call.wide and sample is not None and self._owner(str(sample.key_expr)) != self.expression):
+            return  # it comes natively, or by another lane
+        message = self._message(call, target, reply)
+        result = self._crossing.result(message, self._worker, (self.segment,))
+        self._settle(call, result, None if sample is None else sample.timestamp)
+
+    def _message(self, call: Call, target: str, reply: zenoh.Reply) -> Message:
+        sample = reply.ok
+        key, kind, attachment = f"{call.query.key_expr}/{ERROR}", "put", None
+        if sample is not None:
+            key, kind = f"{sample.key_expr}/{REPLY}", "delete" if is_delete(sample) else "put"
+            attachment = None if sample.attachment is None else sample.attachment.to_bytes()
+        result: Any = reply.result
+        encoding = encoding_text(result.encoding)
+        return Message(
+            time.time_ns(),
+            key,
+            payload_of(result),
+            "delete" if kind == "delete" else "put",
+            encoding,
+            attachment,
+            _QOS,
+            target,
+            call.number,
+        )
+
+    def _settle(self, call: Call, result: Result, stamp: zenoh.Timestamp | None) -> None:
+        """Do what is left of a message: parts of the call go on in the call, all else is published."""
+        recorder = self._crossing.recorder
+        if recorder is not None and result.changes:
+            recorder.original(result.original, result.changes)
+        own = [each for each in result.emissions if part_of(each.message.key) is not None]
+        others = tuple(each for each in result.emissions if part_of(each.message.key) is None)
+        if others:
+            self._crossing.deliver(Result(result.original, others))
+        if not own:
+            call.silent = True
+        now = time.time_ns()
+        for emission in own:
+            call.pending += 1
+            if emission.due <= now:
+                self._emit(call, emission, stamp)
+            else:
+                self._hold(_counted_key(emission), 1)
+                self._worker.later((emission.due - now) / 1e9, partial(self._emit_held, call, emission, stamp))
+
+    def _emit_held(self, call: Call, emission: Emission, stamp: zenoh.Timestamp | None) -> None:
+        self._emit(call, emission, stamp)
+        self._hold(_counted_key(emission), -1)
+
+    def _emit(self, call: Call, emission: Emission, stamp: zenoh.Timestamp | None) -> None:
+        message, key = emission.message, _counted_key(emission)
+        if emission.original is None:
+            message = message.with_(sequence=call.number, segment=emission.message.segment or self.segment)
+        base, part = part_of(message.key) or (message.key, "")
+        try:
+            if call.over:
+                self._crossing.lose(key, "call given up")
+            elif part == REQUEST:
+                for target in emission.targets or call.targets:
+                    self._ask(call, base, message, target)
+            else:
+                _answer(call, base, part, message, stamp)
+        except Exception as error:  # the session is closed, or the key is none that this query accepts
+            _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
+            self._crossing.lose(key, "not published")
+        else:
+            recorder = self._crossing.recorder
+            if recorder is not None and not call.over:
+                late = message.with_(time=emission.due) if emission.due > message.time else message
+                recorder.delivered(late, emission.changes)
+        self._ended(call)
+
+    def _ask(self, call: Call, key: str, message: Message, target: str) -> None:
+        session = self._sessions[target]
+        zenoh = library_of(session)
+        query, payload, complete = call.query, call.payload(message), zenoh.QueryTarget.ALL_COMPLETE
+        call.pending += 1
+        asked: Any = zenoh.Selector(key, message.parameters if isinstance(message, Request) else "")
+        question = object()
+        call.questions.add(question)
+        token = zenoh.CancellationToken()
+        call.tokens.append(token)
+        ended = partial(self._worker.do, partial(self._answered, call, question))
+        try:
+            session.get(
+                asked,
+                zenoh.handlers.Callback(partial(self._replied, call, target), drop=ended, indirect=False),
+                target=complete if call.targets.get(target) else zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=_FOREVER_S,  # the caller's own timeout counts; it is not told to who is asked
+                payload=payload,
+                encoding=None if payload is None else zenoh.Encoding(message.encoding or "zenoh/bytes"),
+                attachment=message.attachment,
+                accept_replies=zenoh.ReplyKeyExpr.ANY if _anywhere(query) else zenoh.ReplyKeyExpr.MATCHING_QUERY,
+                allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins
+                cancellation_token=token,
+            )
+        except zenoh.ZError:  # whether it is said to have ended as well depends on the error
+            call.questions.discard(question)
+            call.pending -= 1
+            raise
+
+    def _answered(self, call: Call, question: object) -> None:
+        if question in call.questions:
+            call.questions.discard(question)
+            self._ended(call)
+
+    def _ended(self, call: Call) -> None:
+        """Take note that one thing less is pending in a call; end it with the last."""
+        call.pending -= 1
+        if call.pending or call.over:
+            return
+        self._forget(call)
+        if not call.silent:
+            call.query.drop()
+        else:
+            self._silent.append((time.monotonic() + Limits.silent_s, call))
+            self._sweep()
+        if self._retiring and not self._calls:
+            self.close()
+
+    def _sweep(self, *, again: bool = False) -> None:
+        """End calls that were silent for long enough."""
+        silent, now = self._silent, time.monotonic()
+        while silent and (silent[0][0] <= now or len(silent) > Limits.silent):
+            silent.popleft()[1].query.drop()
+        if silent and (again or not self._sweeping):
+            self._worker.later(silent[0][0] - now, partial(self._sweep, again=True), background=True)
+        self._sweeping = bool(silent)
+
+    def _remember(self, call: Call) -> None:
+        self._calls[call.number] = call
+        self._call_bytes += call.size
+        while len(self._calls) > 1 and (len(self._calls) > Limits.calls or self._call_bytes > Limits.call_bytes):
+            oldest = next(iter(self._calls.values()))
+            _LOG.warning("a call of %s without an end was given up for newer ones", oldest.query.key_expr)
+            self._give_up(oldest)
+
+    def _forget(self, call: Call) -> None:
+        call.over = True
+        if self._calls.pop(call.number, None) is not None:
+            self._call_bytes -= call.size
+
+    def _give_up(self, call: Call) -> None:
+        self._forget(call)
+        for token in call.tokens:
+            token.cancel()
+        call.query.drop()
+
+    # -- for others ---------------------------------------------------------------------------------------------------
+
+    def held(self) -> Counter[str]:
+        """Return how many messages wait until they are due, by key."""
+        with self._lock:
+            return +self._held
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way; services that have not answered yet are not waited for."""
+        return self._worker.idle()
+
+    def retire(self) -> None:
+        """End with the last call that is under way; call when no more can come."""
+        self._worker.do(self._retire)
+
+    def _retire(self) -> None:
+        self._retiring = True
+        if not self._calls:
+            self.close()
+
+    def close(self) -> None:
+        """Do what is ready, then end all calls; safe to call twice."""
+        self._worker.close()
+        for call in list(self._calls.values()):
+            self._give_up(call)
+        while self._silent:
+            self._silent.popleft()[1].query.drop()
+        for key, number in self.held().items():
+            for _ in range(number):
+                self._crossing.lose(key, "held at the end")
+            self._hold(key, -number)
+
+    def _dequeue(self, size: int) -> None:
+        with self._lock:
+            self._queued -= 1
+            self._queued_bytes -= size
+
+    def _hold(self, key: str, number: int) -> None:
+        with self._lock:
+            self._held[key] += number
+            if not self._held[key]:
+                del self._held[key]
+
+
+def _answer(call: Call, key: str, part: str, message: Message, stamp: zenoh.Timestamp | None) -> None:
+    """Pass a reply on to the caller, with the service's own timestamp, by which replies are consolidated."""
+    query, encoding = call.query, message.encoding or "zenoh/bytes"
+    stamp = moved(stamp, library_of(query))
+    if part == ERROR:
+        query.reply_err(message.payload, encoding=encoding)
+    elif message.kind == "delete":
+        query.reply_del(key, attachment=message.attachment, timestamp=stamp)
+    else:
+        query.reply(key, message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp)
+
+
+def _anywhere(query: Any) -> bool:
+    """Return whether replies may have other keys than a query."""
+    return bool(query.accepts_replies() == library_of(query).ReplyKeyExpr.ANY)
+
+
+def _counted_key(emission: Emission) -> str:
+    """Return the key under which the pipeline has counted an emission, whatever its message is called by now."""
+    return (emission.original or emission.message).key

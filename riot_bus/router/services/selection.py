@@ -1,0 +1,62 @@
+"""Which keys are meant when a user selects services."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.types.serve import REQUEST, part_of
+from riot_bus.zenoh.session import includes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["is_served", "service_keys", "split", "with_spaces"]
+
+
+def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
+    """Return what has to be intercepted for services and actions, as a user could have written it.
+
+    Args:
+        names: Names or key expressions; of an action, all its services and topics are meant.
+        registry: Knows names.
+
+    Example:
+        `/fibonacci` of ROS: `/fibonacci/@request`, `/fibonacci/_action/*/@request`, `/fibonacci/_action/*`
+    """
+    found: list[str] = []
+    for name in names:
+        found.append(f"{name}/{REQUEST}")
+        for each in registry.servings():
+            parts = each.action_parts(name)
+            if parts is not None:
+                found += [f"{parts}/{REQUEST}", parts]
+    return list(dict.fromkeys(found))
+
+
+def split(keys: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return topics and services of what has to be intercepted; each of a call's parts means the service."""
+    topics: list[str] = []
+    services: list[str] = []
+    for key in keys:
+        call = part_of(key)
+        if call is None:
+            topics.append(key)
+        else:
+            services.append(call[0])
+    return topics, list(dict.fromkeys(services))
+
+
+def is_served(expression: str, spaces: Sequence[str]) -> bool:
+    """Return whether all keys that an expression matches are those of complete services (`Serving.services`)."""
+    return any(includes(space, expression) for space in spaces)
+
+
+def with_spaces(expressions: Sequence[str], spaces: Sequence[str]) -> list[str]:
+    """Return the expressions, and before them the spaces of complete services that one of them includes.
+
+    These need stand-ins of their own, which are complete: the first expression that includes a key has it.
+    """
+    inner = [space for space in spaces if any(includes(text, space) for text in expressions)]
+    return list(dict.fromkeys([*inner, *expressions]))

@@ -1,0 +1,64 @@
+"""A tap: the thread that takes down the messages of one key expression that are routed natively."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING
+
+from riot_bus.zenoh.batches import Batches
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh.convert import Converter
+
+__all__ = ["Tap"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class Tap:
+    """Observes; it holds nothing up but by the time that `take` takes.
+
+    Args:
+        session: Where.
+        expression: What.
+        take: Called with each message on the tap's own thread.
+        convert: Turns samples into messages.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, expression: str, *, take: Callable[[Message], None], convert: Converter
+    ) -> None:
+        self.waiting = False
+        """Whether everything so far was taken."""
+        self._take, self._convert = take, convert
+        self._batches = Batches(session, expression)
+        self._thread = threading.Thread(target=self._run, name="riot-tap", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take what has come in, then end; safe to call twice."""
+        self._batches.close()
+        self._thread.join()
+
+    def idle(self) -> bool:
+        """Return whether nothing is under way."""
+        return self.waiting or not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while True:
+            self.waiting = True
+            samples = self._batches.receive()
+            self.waiting = False
+            if not samples:
+                return
+            for sample in samples:
+                try:
+                    self._take(self._convert(sample))
+                except Exception:
+                    _LOG.exception("a message of %s was not observed", sample.key_expr)

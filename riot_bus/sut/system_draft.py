@@ -1,0 +1,269 @@
+"""A first system file from what was seen on a network; pure. What a network cannot tell is said in comments."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+    from riot_bus.graph.survey import Started
+    from riot_bus.types.announcement import Announcement
+
+__all__ = ["Part", "Sketch", "Used", "sketch"]
+
+_PLUMBING = frozenset({"/rosout", "/parameter_events"})
+_SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability):\s*(\w+)\s*$", re.MULTILINE)
+_QOS = {
+    ("reliability", "2"): "best effort",
+    ("reliability", "best_effort"): "best effort",
+    ("durability", "1"): "transient local",
+    ("durability", "transient_local"): "transient local",
+    ("history", "2"): "keep all",
+    ("history", "keep_all"): "keep all",
+}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Used:
+    """A topic that a component reads or writes.
+
+    Attributes:
+        topic: Its name.
+        type_name: Its type.
+        qos: What is unusual about how it is published; empty for reliable and volatile.
+    """
+
+    topic: str
+    type_name: str = ""
+    qos: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A component: what one Zenoh session announces, which is one process.
+
+    Attributes:
+        name: In the system file.
+        nodes: Its ROS nodes; none for a bridge.
+        zid: Its session.
+        services: What it serves and calls, as text.
+        actions: Likewise.
+        external: Why it is taken for the outside world; empty if it is not.
+        started: How its process was started, if that is known.
+    """
+
+    name: str
+    nodes: tuple[str, ...]
+    zid: str
+    inputs: tuple[Used, ...] = ()
+    outputs: tuple[Used, ...] = ()
+    services: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    external: str = ""
+    started: Started | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """A system as far as it shows.
+
+    Attributes:
+        external: Topics that the outside world controls, and why it is thought so.
+        unit: The component under test, if one was chosen.
+        bridged: Whether it is behind a DDS bridge, so that keys do not name types.
+        unknown: Types without a definition here.
+    """
+
+    parts: tuple[Part, ...]
+    external: Mapping[str, str] = field(default_factory=dict)
+    unit: str | None = None
+    bridged: bool = False
+    unknown: tuple[str, ...] = ()
+
+
+def sketch(
+    announcements: Iterable[Announcement],
+    *,
+    offered: Mapping[str, Mapping[str, str]] | None = None,
+    known: Callable[[str], bool] = lambda _: True,
+    unit: str | None = None,
+    external: Collection[str] = (),
+    started: Mapping[str, Started] | None = None,
+    where: str = "",
+) -> Sketch:
+    """Return the system that nodes and bridges announce.
+
+    A component is taken for the outside world if the user says so; else if it subscribes to nothing. External topics
+    are those that such a component publishes for another one, and those that nobody was seen to publish. With a unit,
+    only what reaches it counts; and if nothing external does, those who feed it are taken for the outside world.
+
+    Args:
+        announcements: What was seen.
+        offered: Quality of service by key.
+        known: Whether there is a definition of a type.
+        unit: Node to test: its full name, its last part, or the component's name.
+        external: Nodes that play the outside world, likewise.
+        started: How processes were started, by the ids of their sessions.
+        where: Names the network in errors.
+
+    Raises:
+        EnvironmentFaultError: No nodes were seen.
+        ConfigError: A node that was named was not seen.
+    """
+    seen = [each for each in announcements if each.source != "advanced token" and not _hidden(each.node)]
+    parts = _parts(seen, offered or {})
+    if not parts:
+        raise EnvironmentFaultError(
+            "no ROS 2 nodes were seen",
+            where=where,
+            hint="do they run with RMW_IMPLEMENTATION=rmw_zenoh_cpp (or behind zenoh-bridge-ros2dds) and connect to "
+            "this router? Give it more time with --seconds, or name the router's endpoint with -e",
+        )
+    named = {_find(name, parts) for name in external}
+    chosen = None if unit is None else _find(unit, parts)
+    parts = [replace(each, external="you said so") if each.name in named else each for each in parts]
+    parts = [replace(each, started=(started or {}).get(each.zid)) for each in parts]
+    if chosen in named:
+        raise ConfigError(f"{unit!r} cannot be under test and external", where="--external")
+    if not named:
+        parts = _guess(parts, chosen)
+    types = sorted({used.type_name for part in parts for used in (*part.inputs, *part.outputs)} - {""})
+    return Sketch(
+        tuple(parts),
+        _external(parts, chosen),
+        chosen,
+        bridged=any(each.source == "bridge token" for each in seen),
+        unknown=tuple(name for name in types if not known(name)),
+    )
+
+
+def _hidden(name: str) -> bool:
+    return any(part.startswith("_") for part in name.split("/"))
+
+
+def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]]) -> list[Part]:
+    by_session: defaultdict[str, list[Announcement]] = defaultdict(list)
+    for each in seen:
+        by_session[each.zid].append(each)
+    drafts = []
+    for zid, told in by_session.items():
+        nodes = tuple(sorted({each.node for each in told} - {""}))
+        drafts.append((nodes or (f"/bridge_{zid[:6]}",), nodes, zid, told))
+    taken: set[str] = set()
+    parts = []
+    for names, nodes, zid, told in sorted(drafts, key=lambda each: (each[0], each[2])):
+        data = [each for each in told if not each.action and each.topic not in _PLUMBING and not _hidden(each.topic)]
+        parts.append(
+            Part(
+                _free_name(names[0], taken),
+                nodes,
+                zid,
+                inputs=_used(data, "subscribes", {}),
+                outputs=_used(data, "publishes", offered),
+                services=tuple(sorted({f"{each.role} {each.topic}" for each in data if _asks(each)})),
+                actions=tuple(sorted({each.action for each in told} - {""})),
+            )
+        )
+    return parts
+
+
+def _asks(each: Announcement) -> bool:
+    parameters = each.topic.rpartition("/")[2].endswith(("_parameters", "_parameter_types", "get_type_description"))
+    return each.role in ("serves", "calls") and not parameters
+
+
+def _used(told: Sequence[Announcement], role: str, offered: Mapping[str, Mapping[str, str]]) -> tuple[Used, ...]:
+    found = {
+        each.topic: Used(each.topic, each.type_name, _qos(offered.get(each.key, {})))
+        for each in told
+        if each.role == role
+    }
+    return tuple(sorted(found.values()))
+
+
+def _qos(details: Mapping[str, str]) -> str:
+    settings = _SETTING.findall(details.get("offered_qos_profiles", ""))
+    words = list(dict.fromkeys(_QOS[each] for each in settings if each in _QOS))
+    depths = {value for name, value in settings if name == "depth"}
+    if "transient local" in words and len(depths) == 1 and "keep all" not in words:
+        words.append(f"depth {depths.pop()}")
+    return ", ".join(words)
+
+
+def _free_name(node: str, taken: set[str]) -> str:
+    base = re.sub(r"[^A-Za-z0-9_-]+", "_", node.strip("/")) or "node"
+    name, number = base, 1
+    while name in taken:
+        number += 1
+        name = f"{base}_{number}"
+    taken.add(name)
+    return name
+
+
+def _find(name: str, parts: Sequence[Part]) -> str:
+    spellings = (
+        {part.name: (part.name,) for part in parts},
+        {part.name: part.nodes for part in parts},
+        {part.name: tuple(node.rpartition("/")[2] for node in part.nodes) for part in parts},
+    )
+    for spelled in spellings:
+        found = [part for part, words in spelled.items() if name in words]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ConfigError(f"several nodes are called {name!r}", hint=f"name one of: {', '.join(found)}")
+    known = [node for part in parts for node in (*part.nodes, part.name)]
+    raise ConfigError(f"no node {name!r} was seen", hint=did_you_mean(name, known))
+
+
+def _guess(parts: Sequence[Part], unit: str | None) -> list[Part]:
+    """Mark as external what only publishes; and if nothing of that reaches the unit, what feeds it."""
+    reaching = _upstream(parts, unit)
+    found = [
+        replace(each, external="it subscribes to nothing")
+        if each.outputs and not each.inputs and each.name != unit
+        else each
+        for each in parts
+    ]
+    if unit is None or any(each.external and each.name in reaching for each in found):
+        return found
+    inputs = {used.topic for part in parts if part.name == unit for used in part.inputs}
+    feeding = {part.name for part in parts if any(used.topic in inputs for used in part.outputs)} - {unit}
+    why = f"it feeds {unit}, and nothing else of what reaches that comes from outside"
+    return [replace(each, external=why) if each.name in feeding else each for each in found]
+
+
+def _upstream(parts: Sequence[Part], unit: str | None) -> set[str]:
+    """Return the components that reach the unit over topics, itself included; all if there is none."""
+    if unit is None:
+        return {part.name for part in parts}
+    reached = {unit}
+    while True:
+        wanted = {used.topic for part in parts if part.name in reached for used in part.inputs}
+        more = {part.name for part in parts if any(used.topic in wanted for used in part.outputs)} - reached
+        if not more:
+            return reached
+        reached |= more
+
+
+def _external(parts: Sequence[Part], unit: str | None) -> dict[str, str]:
+    reaching = _upstream(parts, unit)
+    published: defaultdict[str, list[Part]] = defaultdict(list)
+    for part in parts:
+        for used in part.outputs:
+            published[used.topic].append(part)
+    read = {used.topic for part in parts if part.name in reaching and not part.external for used in part.inputs}
+    found = {}
+    for topic in sorted(read):
+        outside = [part.name for part in published[topic] if part.external]
+        if outside:
+            found[topic] = f"from {', '.join(outside)}"
+        elif not published[topic]:
+            found[topic] = "nobody was seen to publish it"
+    return found

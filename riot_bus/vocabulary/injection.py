@@ -1,0 +1,90 @@
+"""Injections: for messages of topic T in [t1, t2] (and while predicate P), set field f to v, or apply a timing fault.
+
+This is data only; `riot_bus.inject` reads plans and carries them out.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["Formula", "Injection", "Signal"]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A random piecewise-constant signal over the messages of one topic (RIOT II-C: perturbation of system inputs).
+
+    The value depends on the seed and the per-topic index alone, never on arrival order across topics.
+
+    Attributes:
+        center: Middle of the range, in the field's unit.
+        amplitude: Half of the range.
+        hold: Number of messages for which a value is kept.
+        seed: Seed of this signal.
+        integer: Whether values are rounded.
+    """
+
+    center: float
+    amplitude: float
+    hold: int = 5
+    seed: int = 0
+    integer: bool = False
+
+    def value(self, index: int) -> float:
+        """Return the value for the topic's `index`-th message (0, 1, ...)."""
+        draw = random.Random(f"{self.seed}:{index // self.hold}").uniform(-1.0, 1.0)  # noqa: S311
+        value = self.center + self.amplitude * draw
+        return float(round(value)) if self.integer else value
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """A value that depends on other fields of the message, as they were before any injection: `width + 1`.
+
+    Attributes:
+        text: See `riot_bus.inject.formula`.
+        base: Path of the part of the message whose fields the text names; empty for the whole.
+    """
+
+    text: str
+    base: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """One injection policy.
+
+    Attributes:
+        topic: Topic name or key expression of the messages.
+        field: Field path that is set; None for a timing fault.
+        value: Value that is set, or a `Signal` or `Formula` that gives one per message.
+        fault: What happens to a selected message.
+        start: Earliest time, seconds since the first message that the pipeline saw.
+        end: Latest time (exclusive), seconds; None for ever.
+        first: First per-topic message index.
+        last: Last per-topic message index (inclusive); None for ever.
+        where: Predicate on the message's fields, such as `mode == 2 and speed > 1.5`; None for always.
+        probability: Share of the selected messages, chosen by the message's content and the seed.
+        delay: Seconds, for `fault = "delay"`.
+        copies: Extra copies, for `fault = "duplicate"`.
+        seed: Seed of the choice.
+    """
+
+    topic: str
+    field: str | None = None
+    value: Scalar | Signal | Formula | None = None
+    fault: Literal["set", "drop", "delay", "duplicate"] = "set"
+    start: float = 0.0
+    end: float | None = None
+    first: int = 0
+    last: int | None = None
+    where: str | None = None
+    probability: float = 1.0
+    delay: float = 0.0
+    copies: int = 1
+    seed: int = 0

@@ -1,0 +1,66 @@
+"""Selectors: one language for choosing messages and fields in every command.
+
+`KEYEXPR[:FIELD][ where PREDICATE]`, for example `/odom:twist.twist.linear.x where pose.pose.position.x > 3`. A key
+expression is Zenoh's (`*` one chunk, `**` any number, `$*` within a chunk); a name that begins with `/` is a ROS topic.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+from riot_bus.vocabulary.errors import ConfigError
+
+__all__ = ["Selector", "key_matches", "parse_selector"]
+
+_FIELD = re.compile(r"(len\()?[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*(\.[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*)*\)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Selector:
+    """Which messages (`topic`, `where`) and which field of them."""
+
+    topic: str
+    field: str | None = None
+    where: str | None = None
+
+    def __str__(self) -> str:
+        text = self.topic if self.field is None else f"{self.topic}:{self.field}"
+        return text if self.where is None else f"{text} where {self.where}"
+
+
+def parse_selector(text: str) -> Selector:
+    """Parse `KEYEXPR[:FIELD][ where PREDICATE]`.
+
+    Raises:
+        ConfigError: The text is not a selector; the message names the offending part.
+    """
+    body, _, where = text.partition(" where ")
+    topic, colon, path = body.strip().partition(":")
+    while path.startswith(":"):  # `::` belongs to type names in ROS 2 keys
+        head, colon, path = path[1:].partition(":")
+        topic = f"{topic}::{head}"
+    if not topic:
+        raise ConfigError(f"selector {text!r} names no topic", hint="write KEYEXPR[:FIELD], such as '/odom:pose'")
+    if colon and not _FIELD.fullmatch(path):
+        raise ConfigError(f"{path!r} in selector {text!r} is not a field path", hint="write it like 'scan.ranges[3]'")
+    return Selector(topic, path or None, where.strip() or None)
+
+
+@lru_cache(maxsize=4096)
+def _pattern(expression: str) -> re.Pattern[str]:
+    parts = []
+    for chunk in expression.split("/"):
+        if chunk == "**":
+            parts.append(r"(?:/(?!@)[^/]*)*")
+        elif chunk == "*":
+            parts.append(r"/(?!@)[^/]+")
+        else:
+            parts.append("/" + re.escape(chunk).replace(r"\$\*", "[^/]*"))
+    return re.compile("".join(parts))
+
+
+def key_matches(expression: str, key: str) -> bool:
+    """Return whether a Zenoh key expression includes `key` (wildcards never match `@` chunks)."""
+    return expression == key or _pattern(expression).fullmatch("/" + key) is not None

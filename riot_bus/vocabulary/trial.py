@@ -1,0 +1,118 @@
+"""Test cases, outcomes and the `Runner` that turns one into the other.
+
+`generalize` and `backchain` know only this module: they work against a live system, a pool, a cluster or a pure
+function in a test.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Ask", "Outcome", "Progress", "Runner", "Scalar", "Series", "TestCase", "Verdict", "Violation"]
+
+Scalar = bool | int | float | str | bytes
+"""What one field can hold."""
+
+QuestionT = TypeVar("QuestionT")
+
+Ask = Callable[[Sequence[QuestionT]], Sequence[bool]]
+"""A batch of questions to the system: one answer each, in order, True where the failure under study happened."""
+
+Progress = Callable[[int, int | None, str], None]
+"""Called with (trials done, trials expected or None, what is going on)."""
+
+
+class Verdict(StrEnum):
+    """How one trial ended."""
+
+    PASS = "pass"  # noqa: S105
+    FAIL = "fail"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """What one monitor saw go wrong in one trial.
+
+    `signature` identifies the failure across trials (monitor, component, place), `detail` is for people.
+    """
+
+    monitor: str
+    component: str
+    signature: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One field over time: seconds since the start of the trial, and as many values."""
+
+    times: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TestCase:
+    """A log (or part of one) + injections + seed.
+
+    `messages` are played to the system under test; empty means that its own external components drive it.
+    """
+
+    __test__ = False  # not a pytest class
+
+    messages: tuple[Message, ...] = ()
+    injections: tuple[Injection, ...] = ()
+    seed: int = 0
+
+    def digest(self) -> str:
+        """Return a hash of everything that decides the outcome; equal cases have equal digests."""
+        digest = hashlib.sha256()
+        for message in self.messages:
+            digest.update(message.digest())
+        rest = {"seed": self.seed, "injections": [asdict(injection) for injection in self.injections]}
+        digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
+        return digest.hexdigest()[:32]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one trial showed.
+
+    `observed` holds the watched fields (`topic:field`) as they arrived at the system's inputs and inside it.
+    """
+
+    verdict: Verdict
+    violations: tuple[Violation, ...] = ()
+    seconds: float = 0.0
+    detail: str = ""
+    observed: Mapping[str, Series] = field(default_factory=dict)
+    log: str | None = None
+    statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def failed_as(self, signature: str | None) -> bool:
+        """Return whether this is the failure under study (any failure when `signature` is None)."""
+        if self.verdict is not Verdict.FAIL:
+            return False
+        return signature is None or any(violation.signature == signature for violation in self.violations)
+
+
+class Runner(Protocol):
+    """Executes test cases against freshly started components."""
+
+    @property
+    def parallelism(self) -> int:
+        """How many cases are worth asking at once."""
+        ...
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Execute all cases and return their outcomes in the same order."""
+        ...

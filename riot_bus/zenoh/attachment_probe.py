@@ -1,0 +1,71 @@
+"""Listens to a key just long enough to hear how its publishers sign their messages."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import zenoh
+
+__all__ = ["Ear"]
+
+_ENOUGH = 16
+_LONGEST = 256
+_CACHE_S = 2.0
+
+
+class Ear:
+    """Hears the attachments of a key's messages, also of those that publishers keep for late joiners.
+
+    Args:
+        key: What to listen to.
+        sessions: Where.
+        heard: Called, on a thread of Zenoh's, when there is something new.
+
+    Attributes:
+        attachments: What was heard, the first few.
+    """
+
+    def __init__(self, key: str, sessions: Sequence[zenoh.Session], heard: Callable[[], None]) -> None:
+        self.attachments: list[bytes] = []
+        self._heard = heard
+        self._listeners: list[Any] = []
+        for session in sessions:
+            zenoh = library_of(session)
+            try:
+                hold(session, key)
+                self._listeners.append(
+                    session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
+                )
+                session.get(
+                    f"{key}/@adv/pub/**",
+                    zenoh.handlers.Callback(self._take_reply, indirect=False),
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    accept_replies=zenoh.ReplyKeyExpr.ANY,
+                    allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for caches
+                    timeout=_CACHE_S,
+                )
+            except zenoh.ZError:  # it is closed
+                continue
+
+    def close(self) -> None:
+        """Listen no more; safe to call twice."""
+        listeners, self._listeners = self._listeners, []
+        release(*listeners)
+
+    def _take_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._take(reply.ok)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        if attachment is None or len(self.attachments) >= _ENOUGH or len(attachment) > _LONGEST:
+            return
+        self.attachments.append(attachment.to_bytes())
+        self._heard()

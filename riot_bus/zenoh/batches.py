@@ -1,0 +1,65 @@
+"""A subscription whose messages are received in batches.
+
+A full channel of Zenoh's wakes its sender for each single message that is taken out, and a callback takes the
+interpreter for each: neither keeps up with a sender that is fast.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, hold
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["Batches"]
+
+_CHANNEL = 256
+_MOST = 512
+_MOST_BYTES = 1 << 24
+
+
+class Batches:
+    """Subscribes when it is made; for one thread that receives.
+
+    Args:
+        session: Where.
+        expression: What.
+    """
+
+    def __init__(self, session: zenoh.Session, expression: str) -> None:
+        zenoh = library_of(session)
+        self._error = zenoh.ZError
+        self._frequent = FrequentKeys(session)
+        hold(session, expression)
+        self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
+        self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
+        self._most = _MOST
+        self._closed = False
+
+    def receive(self) -> list[Any]:
+        """Wait for samples and return them; none when it is closed, or the session is, and all were received."""
+        fetch = self._channel.try_recv
+        try:
+            samples = [self._channel.recv()]
+        except self._error:
+            return []
+        with suppress(self._error):
+            for _ in range(self._most):
+                sample = fetch()
+                if sample is None:
+                    break
+                samples.append(sample)
+        self._frequent.saw(samples[-1].key_expr)
+        self._most = min(_MOST, _MOST_BYTES // (len(samples[-1].payload) + 1))
+        return samples
+
+    def close(self) -> None:
+        """Let nothing more come in; safe to call twice."""
+        if not self._closed:
+            self._closed = True
+            release(self._subscriber)

@@ -1,0 +1,145 @@
+"""Keys and values of Zenoh's configuration, as the installed Zenoh itself judges them."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["check_config", "forbidden", "leaves", "value_of"]
+
+_LISTEN = "write listen = [...] in the segment's table"
+_CONNECT = "write connect = [...] in the segment's table"
+_PASSWORD = (
+    "the segment would refuse everybody without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
+)
+_FORBIDDEN = {
+    "mode": "a segment is always a router",
+    "namespace": "a segment sees the keys as its components write them",
+    "listen": _LISTEN,
+    "listen/endpoints": _LISTEN,
+    "connect": _CONNECT,
+    "connect/endpoints": _CONNECT,
+    "transport/auth/usrpwd/user": _PASSWORD,
+    "transport/auth/usrpwd/password": _PASSWORD,
+}
+_NEEDED = ("adminspace/enabled", "adminspace/permissions/read")
+
+_PLACE = re.compile(r"\s+at /\S+\.rs:\d+.*", re.DOTALL)
+_REASON = re.compile(r'msg: "(.*?)", location', re.DOTALL)
+
+
+def forbidden(key: str, value: Any) -> str | None:
+    """Return why a segment cannot have this setting, or None if it can."""
+    if key in _NEEDED and value is False:
+        return "it cannot be false: riot asks there where a segment listens"
+    return _FORBIDDEN.get(key.strip("/"))
+
+
+def leaves(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration with every table taken apart, down to the values that Zenoh takes as a whole.
+
+    A table given to Zenoh replaces all keys below it, those that the router needs among them.
+    """
+    return dict(pair for key, value in config.items() for pair in _leaves(key.strip("/"), value))
+
+
+def check_config(config: Mapping[str, Any], *, where: str) -> None:
+    """Check every key and value of a segment.
+
+    Args:
+        config: Keys joined by `/`, and JSON values.
+        where: Place for errors; the key is added.
+
+    Raises:
+        ConfigError: Zenoh does not know a key, or refuses a value, or riot cannot work with it.
+    """
+    for key, value in config.items():
+        why = forbidden(key, value)
+        if why is not None:
+            raise ConfigError(f"{key!r} cannot be set here", where=where, hint=why)
+        problem = _refusal(key, json.dumps(value))
+        if problem is not None:
+            raise _refused(key, json.dumps(value), problem, where)
+
+
+def value_of(key: str, text: str, *, where: str) -> Any:
+    """Return the value that a person wrote on a command line: JSON5, or text without quotes.
+
+    What Zenoh takes as JSON5 is JSON5, all else is text: `true`, `[1, 2]`, `cert.pem`, and `1234` for a password.
+
+    Args:
+        key: The key that it is meant for.
+        text: As written.
+        where: Place for errors.
+
+    Raises:
+        ConfigError: Zenoh does not know the key, or takes neither.
+    """
+    problem = _refusal(key, text)
+    if problem is None:
+        return _json5(text)
+    if _refusal(key, json.dumps(text)) is None:
+        return text
+    raise _refused(key, text, problem, where)
+
+
+def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if not isinstance(value, dict) or not isinstance(known := _default(key), dict) or not known:
+        yield key, value
+        return
+    for name, each in value.items():
+        yield from _leaves(f"{key}/{name}", each)
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    import zenoh
+
+    table: dict[str, Any] = json.loads(str(zenoh.Config()))
+    return table
+
+
+def _default(key: str) -> Any:
+    table: Any = _defaults()
+    for part in key.split("/"):
+        table = table.get(part) if isinstance(table, dict) else None
+    return table
+
+
+@cache
+def _known() -> list[str]:
+    return [key for name, value in _defaults().items() for key, _ in _leaves(name, value)]
+
+
+def _refusal(key: str, value: str) -> str | None:
+    import zenoh
+
+    try:
+        zenoh.Config().insert_json5(key, value)
+    except zenoh.ZError as error:
+        return str(error)
+    return None
+
+
+def _refused(key: str, value: str, problem: str, where: str) -> ConfigError:
+    if "unknown key" in problem:
+        return ConfigError(f"Zenoh has no key {key!r}", where=where, hint=did_you_mean(key, _known()))
+    found = _REASON.search(problem)
+    short = _PLACE.sub("", found.group(1) if found else problem).replace("\\n", "\n").strip().splitlines()[-1]
+    hint = "values are JSON; keys and values are those of Zenoh's DEFAULT_CONFIG.json5"
+    return ConfigError(f"Zenoh refuses {value} for {key!r}: {short.strip(' =')}", where=where, hint=hint)
+
+
+def _json5(text: str) -> Any:
+    import zenoh
+
+    config = zenoh.Config()
+    config.insert_json5("metadata", text)  # takes any JSON5 and gives it back as JSON
+    return json.loads(config.get_json("metadata"))

@@ -1,0 +1,282 @@
+"""The junction: the router that joins all segments and keeps the intercepted keys apart."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections import Counter
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.junction_sockets import Meeting
+from riot_bus.zenoh.libraries import borrow, give_back, library_of
+from riot_bus.zenoh.session import open_session, release, wait_until
+from riot_bus.zenoh.session_config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from types import ModuleType
+
+    import zenoh
+
+    from riot_bus.zenoh.direct_links import DirectLinks
+    from riot_bus.zenoh.segments import Segment
+
+__all__ = ["Junction"]
+
+_PROBE_INTERVAL_S = 0.002
+_ROUTES_S = 1.0
+_FORGET_S = 0.2
+_PROBES = 4
+_TOKENS_S = 2.0
+_WEIGHTS = "routing/router/linkstate/transport_weights"
+_LEAST_WEIGHT = 100
+_MOST_WEIGHT = 65_000
+
+
+class Junction:
+    """Joins segments; everything that is not cut flows through it natively and never enters Python.
+
+    While there are direct links between the segments, it flows through those instead.
+
+    Access control cannot be changed in a running router, so another cut means another router with another id.
+
+    Args:
+        segments: At least two.
+        direct: Severed when something else is to be cut than what they cut.
+        inner: Where it listens by turns, for segments without doors; as many places as others have doors, at least two.
+        config: Further Zenoh configuration.
+        wait_before_close_s: Longest wait of a BLOCK publication for a slow segment.
+        timeout: Seconds within which links and routes must be up.
+    """
+
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        *,
+        direct: DirectLinks | None = None,
+        inner: Sequence[str] = (),
+        config: Mapping[str, Any] | None = None,
+        wait_before_close_s: float = WAIT_BEFORE_CLOSE_S,
+        timeout: float = 10.0,
+    ) -> None:
+        self.session: zenoh.Session | None = None
+        self.zid = ""
+        """Id of the present router, empty while the segments are apart."""
+        self.ids: set[str] = set()
+        """Ids of all routers that were in this place."""
+        self._segments = tuple(segments)
+        self._direct = direct
+        self._probes = _probes(segments)
+        self._meetings = itertools.cycle(_meetings(segments, inner))
+        self._meeting: Meeting | None = None
+        self._left = -math.inf
+        self._weight = _LEAST_WEIGHT
+        self._begun: tuple[list[str], list[str]] | None = None
+        self._config = dict(config or {})
+        self._wait_before_close_s = wait_before_close_s
+        self._library: ModuleType | None = borrow()
+        self._timeout = timeout
+
+    def begin(self, cut: Sequence[str] = (), services: Sequence[str] = ()) -> None:
+        """Begin to join the segments for the first time; `open` has to follow, which waits until they are."""
+        self._begin(cut, services)
+        self._begun = list(cut), list(services)
+
+    def open(self, cut: Sequence[str], services: Sequence[str] = ()) -> zenoh.Session:
+        """Join the segments, or cut other keys if they are joined; return once links and routes are up.
+
+        Args:
+            cut: Canonical key expressions that must not cross.
+            services: Canonical key expressions of services that must not be seen or asked across.
+
+        Raises:
+            EnvironmentFaultError: The segments are not joined in time.
+        """
+        # The former router stays until the new one works. If it left first, the new one would take its place in the
+        # segments' tables, and they would not tell each other of subscriptions that exist already.
+        begun = self.session if self._begun == (list(cut), list(services)) else None
+        self._begun = None
+        former = (self.session, self.zid, self._meeting) if begun is None else (None, "", None)
+        patience = 1
+        deadline = time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            self.settle(patience)
+            if former[0] is not None:
+                self._flush(former[1])  # what lanes have just undeclared
+            session, begun = begun or self._begin(cut, services, former[2]), None
+            linked = wait_until(self._linked, deadline - time.monotonic())
+            if self._meeting is not None:
+                self._meeting.widen()
+            if linked and self._routes({"": session}, patience * _ROUTES_S):
+                self._leave(*former)
+                former = None, "", None
+                if self._direct is not None and not self._direct.cuts(cut, services):
+                    self._sever(self._direct)
+                if self._routes({each.name: each.session for each in self._segments}, patience * _ROUTES_S):
+                    return session
+            self._leave(self.session, self.zid, self._meeting)
+            self.session, self.zid, self._meeting = former
+            patience *= 2
+        self.close()
+        names = ", ".join(each.name for each in self._segments)
+        raise EnvironmentFaultError(
+            f"the segments {names} were not joined in {self._timeout:g} s",
+            where="junction",
+            hint="is the machine overloaded? look at ZENOH_RUNTIME and at Zenoh's log (RUST_LOG=zenoh=debug)",
+        )
+
+    def settle(self, patience: int = 1) -> None:
+        """Wait, if it is necessary, until segments have drawn their routes without the last one that left.
+
+        They do so 100 ms later. Until then, zenoh 1.10.2 takes another router for the one that has left, and does not
+        tell it what components have subscribed to. Nobody can see when it is done, so the probes judge whether it was
+        long enough; the former router still works meanwhile.
+        """
+        time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
+
+    def _begin(self, cut: Sequence[str], services: Sequence[str], taken: Meeting | None = None) -> zenoh.Session:
+        meeting = next(each for each in self._meetings if each is not taken)
+        rules = access_control(cut, services=services, tokens=self._tokens(cut))
+        settings = router_config(
+            connect=meeting.connect,
+            listen=meeting.listen,
+            wait_before_close_s=self._wait_before_close_s,
+            extra={**self._config, **rules, _WEIGHTS: self._weights()},
+        )
+        session = open_session(settings, purpose="junction", library=self._library)
+        self.session, self.zid, self._meeting = session, str(session.info.zid()), meeting
+        self.ids.add(self.zid)
+        return session
+
+    def _weights(self) -> list[dict[str, Any]]:
+        """Return the costs of the next router's links: more than the present one's, so that nothing goes its way yet.
+
+        With two ways that cost the same, routers choose one each as soon as they hear of both. While they have not all
+        chosen the same, messages come twice or overtake each other.
+        """
+        self._weight = self._weight % _MOST_WEIGHT + 1
+        return [{"dst_zid": segment.zid, "weight": self._weight} for segment in self._segments]
+
+    def close(self) -> None:
+        """Separate the segments; return once all of them know; safe to call twice."""
+        former, self.session, self.zid = (self.session, self.zid, self._meeting), None, ""
+        if self._direct is not None:
+            self._sever(self._direct)
+        try:
+            self._leave(*former)
+        finally:
+            library, self._library = self._library, None
+            if library is not None:
+                give_back(library)
+
+    def _tokens(self, cut: Sequence[str]) -> list[str]:
+        """Return which tokens of advanced publishers must not cross.
+
+        Those of a key where one has crossed already go on: else nobody would hear that it is withdrawn, and it would
+        stay for ever. The tokens of our own stand-ins never cross.
+        """
+        refused = []
+        for expression in cut:
+            text = f"{expression}/@adv/pub/"
+            seen: Counter[str] = Counter()
+            for segment in self._segments if self.session is not None else ():
+                replies = segment.session.liveliness().get(f"{text}**", timeout=_TOKENS_S)
+                seen.update({str(reply.ok.key_expr) for reply in replies if reply.ok is not None})
+            crossed = any(number > 1 for number in seen.values())
+            refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
+        return refused
+
+    def _leave(self, session: zenoh.Session | None, zid: str, meeting: Meeting | None) -> None:
+        if session is None or meeting is None:
+            return
+
+        def parted() -> bool:
+            return not session.info.transports() and all(zid not in each.peers() for each in self._segments)
+
+        # Zenoh 1.10.2 can panic in a router that closes a link between routers which the other end closes, too.
+        with ExitStack() as stack:
+            stack.callback(meeting.reopen)
+            stack.callback(release, session)
+            self._flush(zid)
+            meeting.end()
+            wait_until(parted, self._timeout)
+        self._left = time.monotonic()
+
+    def _sever(self, direct: DirectLinks) -> None:
+        if not direct.severed:
+            direct.sever(self._segments)
+            self._left = time.monotonic()
+
+    def _flush(self, zid: str) -> None:
+        """Wait until the junction has taken in what segments told it.
+
+        Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
+        """
+        for segment in self._segments:
+            segment.flush([zid])
+
+    def _linked(self) -> bool:
+        return all(self.zid in segment.peers() for segment in self._segments)
+
+    def _routes(self, sources: Mapping[str, zenoh.Session], timeout: float) -> bool:
+        """Send probes to all segments until each has arrived; routes come about 100 ms after links.
+
+        They go to subscriptions that are as old as the segments: only these show that the junction has been told what
+        components have subscribed to already.
+
+        Args:
+            sources: Who sends: segments by name, or the junction.
+            timeout: Seconds.
+        """
+        missing = {(name, probe) for name in sources for probe in self._probes if probe.segment != name}
+        text = self.zid.encode()
+
+        def arrived() -> bool:
+            for name, probe in missing:
+                sources[name].put(probe.key, text + b" " + name.encode())
+            for probe in {probe for _, probe in missing}:
+                while (sample := probe.channel.try_recv()) is not None:
+                    zid, _, name = sample.payload.to_bytes().partition(b" ")
+                    if zid == text:
+                        missing.discard((name.decode(), probe))
+            return not missing
+
+        return wait_until(arrived, timeout, interval=_PROBE_INTERVAL_S)
+
+
+class _Probe(NamedTuple):
+    """One of a segment's own subscriptions, for the junction to reach."""
+
+    segment: str
+    key: str
+    subscriber: Any
+
+    @property
+    def channel(self) -> Any:
+        return self.subscriber.handler
+
+
+def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[Meeting]:
+    """Return where a junction and the segments can meet, by turns."""
+    doors = list(zip(*(segment.doors for segment in segments if segment.doors), strict=True))
+    listens = any(not segment.doors for segment in segments)
+    count = len(doors) or len(inner)
+    return [Meeting(doors[k] if doors else (), [inner[k]] if listens else []) for k in range(count)]
+
+
+def _probes(segments: Sequence[Segment]) -> list[_Probe]:
+    """Several per segment, since some of the subscriptions may get through."""
+    result = []
+    for segment in segments:
+        zenoh = library_of(segment.session)
+        for number in range(_PROBES):
+            # A verbatim chunk (`@riot`) stays out of everybody's wildcards; the id keeps probes of other routers out.
+            key = f"{OWN_CHUNK}/{segment.zid}/{number}"
+            channel: Any = zenoh.handlers.RingChannel(1024)
+            declare = segment.session.declare_subscriber
+            subscriber = declare(key, channel, allowed_origin=zenoh.Locality.REMOTE)
+            result.append(_Probe(segment.name, key, subscriber))
+    return result

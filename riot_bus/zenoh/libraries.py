@@ -1,0 +1,163 @@
+"""Copies of Zenoh's library in one process, each with threads of its own.
+
+All sessions that one copy opens share Tokio's receive threads, and so may come to wait for each other: after 128 reads
+in a row, Tokio 1.53 sets a task aside until its thread has nothing else to do, and no other thread may take it. If that
+thread then takes up a link that waits for room towards the very task that was set aside, both wait until Zenoh closes
+their links. Routers in one process that are linked to each other therefore come from different copies.
+
+The types of one copy are strange to another: whoever gives something to a session takes the types of `library_of` it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import sys
+import tempfile
+import threading
+from contextlib import suppress
+from importlib.machinery import ExtensionFileLoader
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    import zenoh
+
+__all__ = ["borrow", "give_back", "library_of", "moved"]
+
+_NAME = "zenoh.zenoh"
+_CHUNK = 1 << 26
+_lock = threading.Lock()
+_copies: list[ModuleType] = []
+_idle: list[ModuleType] = []
+_by_type: dict[type, ModuleType] = {}
+
+
+def borrow() -> ModuleType:
+    """Return a copy that nobody else has now, and load one if there is none; give it back once nothing of it is open.
+
+    Raises:
+        EnvironmentFaultError: It cannot be loaded.
+    """
+    with _lock:
+        if _idle:
+            return _idle.pop()
+        library = _load(len(_copies))
+        _copies.append(library)
+        return library
+
+
+def give_back(library: ModuleType) -> None:
+    """Let others have a copy; its threads stay."""
+    with _lock:
+        _idle.append(library)
+
+
+def library_of(thing: object) -> Any:
+    """Return the copy that something comes from: `zenoh` itself, unless it was borrowed.
+
+    Args:
+        thing: A session, or what comes from one, such as a sample or a query.
+    """
+    kind = type(thing)
+    found = _by_type.get(kind)
+    if found is None:
+        import zenoh
+
+        own = (each for each in list(_copies) if getattr(each, kind.__name__, None) is kind)
+        found = _by_type[kind] = next(own, zenoh)
+    return found
+
+
+def moved(stamp: zenoh.Timestamp | None, library: Any) -> Any:
+    """Return a timestamp as one of another copy; its time is a nanosecond at most before, since more cannot be said."""
+    if stamp is None or type(stamp) is library.Timestamp:
+        return stamp
+    time = stamp.get_time_as_ntp64()
+    return library.Timestamp(library.NTP64(time.as_secs(), time.subsec_nanos()), bytes(stamp.get_id()))
+
+
+def _load(number: int) -> ModuleType:
+    import zenoh
+
+    original = Path(sys.modules[_NAME].__file__ or "")
+    try:
+        return _loaded(str(_kept(original, number)), zenoh)
+    except (OSError, ImportError, RuntimeError):  # such as no home, or one from which nothing may be executed
+        try:
+            return _loaded(_in_memory(original), zenoh)
+        except (OSError, ImportError, AttributeError) as error:
+            text = f"Zenoh's library cannot be loaded once more: {error}"
+            raise EnvironmentFaultError(text, hint="set XDG_CACHE_HOME to where libraries may be kept") from error
+
+
+def _kept(original: Path, number: int) -> Path:
+    """Return a copy on disk, which processes share; the loader takes files with one inode for the same library."""
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    folder = (Path(home) if home else Path.home() / ".cache") / "riot-bus"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path = folder / f"zenoh-{_build(original)}-{number}.so"
+    if not path.exists() or path.stat().st_size != original.stat().st_size:  # such as after a loss of power
+        _copy(original, path)
+    if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (path.stat(), folder.stat())):
+        raise PermissionError(f"others may write to {path}")
+    return path
+
+
+def _copy(original: Path, path: Path) -> None:
+    """Copy a file so that nobody sees a part of it."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with original.open("rb") as source, os.fdopen(handle, "wb") as sink:
+            shutil.copyfileobj(source, sink)
+            sink.flush()
+            os.fsync(sink.fileno())
+        Path(temporary).chmod(0o500)
+        Path(temporary).replace(path)
+    except BaseException:
+        with suppress(OSError):
+            Path(temporary).unlink()
+        raise
+
+
+def _build(original: Path) -> str:
+    """Return what tells one build from others: the checksum that its wheel gave, else the time of the file."""
+    for record in original.parents[1].glob("eclipse_zenoh-*.dist-info/RECORD"):
+        for line in record.read_text(encoding="utf-8").splitlines():
+            name, _, rest = line.partition(",")
+            if name == f"{original.parent.name}/{original.name}":
+                return rest.partition(",")[0].removeprefix("sha256=")[:20]
+    return str(original.stat().st_mtime_ns)
+
+
+def _in_memory(original: Path) -> str:
+    file = os.memfd_create("zenoh")  # it stays open: the loader knows libraries by their path, too
+    with original.open("rb") as source:
+        while os.sendfile(file, source.fileno(), None, _CHUNK):
+            pass
+    return f"/proc/self/fd/{file}"
+
+
+def _loaded(path: str, original: ModuleType) -> ModuleType:
+    before = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == original.__name__}
+    try:
+        library = _executed(_NAME, path, ExtensionFileLoader(_NAME, path))
+        extensions = Path(original.__file__ or "").with_name("ext.py")
+        library.ext = _executed("zenoh.ext", str(extensions), None)  # type: ignore[attr-defined]
+    finally:
+        sys.modules.update(before)  # a library enters its parts there
+    return library
+
+
+def _executed(name: str, path: str, loader: ExtensionFileLoader | None) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no module")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,94 @@
+"""Who announces publishers by liveliness tokens, and what that says of a key; its type, if only they know it."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.libraries import library_of
+from riot_bus.zenoh.session import release, wait_until
+from riot_bus.zenoh.type_learner import Learner
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Announcements"]
+
+_ANSWER_S = 2.0
+_TOLD_S = 2.0
+_LOOK_S = 0.01
+_MOST_TOKENS = 50_000
+
+
+class Announcements:
+    """The present tokens of one network, or of segments that are joined; thread-safe.
+
+    Args:
+        registry: Its adapters say which tokens there are, and what they mean.
+        wanted: Whether somebody here looks at the messages of a key, so that its type should be known.
+        learnt: Called with a key when those who use it have told its type; on a thread that may take its time.
+    """
+
+    def __init__(self, registry: TypeRegistry, *, wanted: Callable[[str], bool], learnt: Callable[[str], None]) -> None:
+        self._registry = registry
+        self._lock = threading.Lock()
+        self._tokens: set[str] = set()
+        self._listeners: list[Any] = []
+        self._learner = Learner(registry, tokens=self._present, wanted=wanted, learnt=learnt)
+
+    def __bool__(self) -> bool:
+        return bool(self._tokens)
+
+    def watch(self, session: zenoh.Session, *, wait: bool = True) -> None:
+        """Take in who is there, now and later.
+
+        Args:
+            session: A session of the network.
+            wait: Return once present tokens are known, and their owners have been asked for unknown types; with those
+                who say nothing, this takes two seconds.
+        """
+        liveliness = session.liveliness()
+        self._learner.sessions.append(session)
+        # On the thread that reads the link, for then the end of an answer comes after all that was heard before it:
+        # zenoh 1.10.2 may leave out of the answer what the session has heard of.
+        heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
+        for adapter in self._registry.stampings():
+            self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
+            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():  # what goes now is heard
+                if reply.ok is not None:
+                    self._take(reply.ok)
+        if wait:
+            wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
+
+    def close(self) -> None:
+        """Listen no more; safe to call twice."""
+        listeners, self._listeners = self._listeners, []
+        release(*listeners)
+        self._learner.close()
+
+    def details(self, key: str) -> Mapping[str, str]:
+        """Return metadata for a key's channel in a log."""
+        adapter = self._registry.stamping(key)
+        if adapter is None:
+            return {}
+        return adapter.details(key, self._present())
+
+    def _present(self) -> list[str]:
+        with self._lock:
+            return list(self._tokens)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        kind: Any = sample.kind
+        token, gone = str(sample.key_expr), int(kind) != 0
+        found = self._registry.announcement(token)  # which may tell a key's type
+        with self._lock:
+            if gone:
+                self._tokens.discard(token)
+            elif len(self._tokens) < _MOST_TOKENS:
+                self._tokens.add(token)
+        if found is not None and found.role == "publishes" and not gone:
+            self._learner.look(found.key)

@@ -1,0 +1,199 @@
+"""Opening Zenoh sessions: their threads, ports, and errors that people understand."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import re
+import threading
+import time
+import warnings
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import zenoh
+
+    from riot_bus.zenoh.session_config import SessionConfig
+
+__all__ = [
+    "canonical",
+    "free_endpoint",
+    "includes",
+    "intersects",
+    "listening",
+    "open_session",
+    "prepare_runtime",
+    "reason",
+    "release",
+    "wait_until",
+]
+
+_VARIABLE = "ZENOH_RUNTIME"
+_RECEIVERS = 128
+_FEW_RECEIVERS = 4
+_ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
+_CALLBACKS = "pyo3-closure"
+_CALLBACKS_S = 3.0
+_SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
+
+
+def prepare_runtime() -> None:
+    """Give Zenoh's runtimes enough receive threads; call before the first session of the process.
+
+    A receive task that pushes into a full queue blocks its thread: as many threads of a router may be blocked as
+    components publish faster than somebody receives. If none is left for the link that the receivers are behind, and
+    they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost nothing.
+    """
+    if _VARIABLE not in os.environ:
+        os.environ[_VARIABLE] = f"(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))"
+        return
+    receivers = _receivers_of(os.environ[_VARIABLE])
+    if receivers < _FEW_RECEIVERS:
+        hint = f"set {_VARIABLE}='(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))'"
+        text = f"receive threads per router: {receivers}: expect stalls and closed links under load; {hint}"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+@atexit.register
+def _end_callbacks() -> None:
+    """Wait for the threads on which Zenoh calls back, which end after their sessions.
+
+    Python does so itself, but not where a daemon thread has declared them, as they are daemons then. One of these that
+    wants the interpreter while that goes down aborts the whole process (Rust cannot be unwound by `pthread_exit`).
+    """
+    deadline = time.monotonic() + _CALLBACKS_S
+    for thread in threading.enumerate():
+        if thread.daemon and _CALLBACKS in thread.name:
+            thread.join(max(0.0, deadline - time.monotonic()))
+
+
+def _receivers_of(value: str) -> int:
+    found = re.search(r"\brx\s*:\s*\([^()]*?worker_threads\s*:\s*(\d+)", value)
+    return int(found.group(1)) if found else _ZENOH_RECEIVERS
+
+
+def free_endpoint(host: str = "127.0.0.1") -> str:
+    """Return a TCP endpoint that is free now; prefer listening on port 0, which cannot be taken in between."""
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        return f"tcp/{host}:{probe.getsockname()[1]}"
+
+
+def open_session(config: SessionConfig, *, purpose: str, library: Any = None) -> zenoh.Session:
+    """Open a Zenoh session.
+
+    Args:
+        config: Configuration keys and JSON values.
+        purpose: What the session is for, as errors name it: `segment 'unit'`.
+        library: The copy of Zenoh's library (`libraries.borrow`); none means `zenoh` itself.
+
+    Raises:
+        ConfigError: Zenoh does not know a key or refuses its value.
+        EnvironmentFaultError: A port is in use, or nobody answers at an endpoint.
+    """
+    import zenoh
+
+    library = library or zenoh
+    library.try_init_log_from_env()  # RUST_LOG
+    settings = library.Config()
+    for key, value in config.items():
+        try:
+            settings.insert_json5(key, json.dumps(value))
+        except library.ZError as error:
+            raise ConfigError(
+                f"Zenoh refuses {json.dumps(value)}: {reason(error)}",
+                where=f"{purpose}: {key}",
+                hint="keys are those of Zenoh's configuration file, joined by '/'",
+            ) from error
+    try:
+        session: zenoh.Session = library.open(settings)
+    except library.ZError as error:
+        raise _open_error(error, config, purpose) from error
+    return session
+
+
+def _open_error(error: Exception, config: SessionConfig, purpose: str) -> EnvironmentFaultError:
+    text = reason(error)
+    listen = ", ".join(config.get("listen/endpoints", ()))
+    connect = ", ".join(config.get("connect/endpoints", ()))
+    if "in use" in text:
+        found = re.search(r"\w+/\S+:\d+(?=: )", text)
+        hint = f"stop what listens there, or choose another endpoint, such as --segment NAME={free_endpoint()}"
+        return EnvironmentFaultError(f"{found.group() if found else listen} is in use", where=purpose, hint=hint)
+    if "connect" in text.lower() and connect:
+        return EnvironmentFaultError(f"nobody answers at {connect}", where=purpose, hint="is the router running?")
+    return EnvironmentFaultError(f"Zenoh does not open {listen or connect}: {text}", where=purpose)
+
+
+def reason(error: Exception) -> str:
+    """Return Zenoh's message without the places in its source code."""
+    return _SOURCE.sub("", str(error)).strip()
+
+
+def listening(session: zenoh.Session) -> list[str]:
+    """Return where a router session really listens: port 0 is replaced by the port that was given."""
+    for reply in session.get(f"@/{session.info.zid()}/router", timeout=5.0):
+        if reply.ok is not None:
+            return [str(locator) for locator in json.loads(reply.ok.payload.to_bytes())["locators"]]
+    return []
+
+
+def release(*things: Any) -> None:
+    """Close sessions and undeclare everything else; Zenoh's stubs leave these methods untyped."""
+    for thing in things:
+        getattr(thing, "close" if hasattr(thing, "close") else "undeclare")()
+
+
+def canonical(expressions: Sequence[str]) -> list[str]:
+    """Return key expressions in Zenoh's canonical form.
+
+    Raises:
+        ConfigError: One is not a key expression.
+    """
+    import zenoh
+
+    result = []
+    for text in expressions:
+        try:
+            result.append(str(zenoh.KeyExpr.autocanonize(text)))
+        except zenoh.ZError as error:
+            hint = "write chunks joined by '/', with * for one chunk and ** for any number, such as 'robot/*/odom'"
+            raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
+    return list(dict.fromkeys(result))
+
+
+def includes(expression: str, other: str) -> bool:
+    """Return whether a canonical key expression matches all keys that another one matches."""
+    import zenoh
+
+    return bool(zenoh.KeyExpr(expression).includes(other))
+
+
+def intersects(expression: str, other: str) -> bool:
+    """Return whether there can be a key that two canonical key expressions match."""
+    import zenoh
+
+    return bool(zenoh.KeyExpr(expression).intersects(other))
+
+
+def wait_until(condition: Callable[[], bool], timeout: float, *, interval: float = 0.001) -> bool:
+    """Ask until the condition holds; return whether it did before the deadline.
+
+    Args:
+        condition: Asked again and again; must be cheap.
+        timeout: Seconds.
+        interval: Seconds between two questions.
+    """
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(interval)
+    return True

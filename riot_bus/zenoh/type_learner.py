@@ -1,0 +1,208 @@
+"""Asks those who use a key for its type, if nothing here defines it: on a thread of its own, one question at a time.
+
+Only keys count whose messages somebody here looks at. Nobody waits for the answers. A component that comes up may
+publish before it answers questions, so it is asked again, a few times.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.attachment_probe import Ear
+from riot_bus.zenoh.libraries import library_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    import zenoh
+
+    from riot_bus.types.registry import TypeRegistry
+
+__all__ = ["Learner"]
+
+_LOG = logging.getLogger(__name__)
+_FIRST_S = 0.05  # what a component announces comes in a burst
+_AGAIN_S = (1.0, 5.0, 20.0, 60.0)
+_LOOK_S = 2.0
+_ANSWER_S = 2.0
+_MOST_KEYS = 1 << 14
+_MOST_EARS = 64
+_MOST_QUESTIONS = 10_000
+_MOST_REPLIES = 4
+_MOST_BYTES = 1 << 20
+
+
+@dataclass(slots=True, eq=False)
+class _Pursuit:
+    """What has been done about one key.
+
+    Attributes:
+        key: Whose type is wanted.
+        due: When to look at it again.
+        missing: Whether the type is missing; None before the first look.
+        asked: How often somebody was asked.
+        ear: Listens to its messages.
+    """
+
+    key: str
+    due: float
+    missing: bool | None = None
+    asked: int = 0
+    ear: Ear | None = None
+
+    def close(self) -> None:
+        if self.ear is not None:
+            self.ear.close()
+            self.ear = None
+
+
+class Learner:
+    """Learns the types of keys.
+
+    Args:
+        registry: Its adapters know what is missing, whom to ask and how.
+        tokens: Returns all present liveliness tokens.
+        wanted: Whether somebody here looks at the messages of a key.
+        learnt: Called with each key whose type has become known.
+
+    Attributes:
+        sessions: Where to listen and to ask, one after the other until somebody answers.
+    """
+
+    def __init__(
+        self,
+        registry: TypeRegistry,
+        *,
+        tokens: Callable[[], Sequence[str]],
+        wanted: Callable[[str], bool],
+        learnt: Callable[[str], None],
+    ) -> None:
+        self.sessions: list[zenoh.Session] = []
+        self._registry, self._tokens, self._wanted, self._learnt = registry, tokens, wanted, learnt
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._settled: set[str] = set()
+        self._pursued: dict[str, _Pursuit] = {}
+        self._questions = 0
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        self._asking: Any = None
+
+    def look(self, key: str) -> None:
+        """Learn the type of a key, soon, if it is missing; returns at once. Call it whenever the key is announced."""
+        with self._lock:
+            if self._closed or key in self._settled or key in self._pursued or len(self._pursued) >= _MOST_KEYS:
+                return
+            self._pursued[key] = _Pursuit(key, time.monotonic() + _FIRST_S)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="riot-types", daemon=True)
+                self._thread.start()
+        self._wake.set()
+
+    def idle(self) -> bool:
+        """Return whether somebody was asked for all that is missing and wanted."""
+        return all(
+            each.missing is False or (each.missing and (each.asked > 0 or not self._wanted(each.key)))
+            for each in list(self._pursued.values())
+        )
+
+    def close(self) -> None:
+        """Ask no more; safe to call twice."""
+        with self._lock:
+            self._closed = True
+            if self._asking is not None:
+                self._asking.cancel()
+        self._wake.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closed:
+            now = time.monotonic()
+            pursued = list(self._pursued.values())
+            for each in pursued:
+                if each.due <= now and not self._closed:
+                    try:
+                        self._pursue(each)
+                    except Exception:  # somebody else's adapter
+                        _LOG.exception("the type of %s cannot be learnt", each.key)
+                        self._settle(each)
+            due = min((each.due for each in list(self._pursued.values())), default=now + _LOOK_S)
+            self._wake.wait(max(0.0, due - time.monotonic()))
+            self._wake.clear()
+        for each in self._pursued.values():
+            each.close()
+
+    def _pursue(self, pursuit: _Pursuit) -> None:
+        key, registry = pursuit.key, self._registry
+        pursuit.due = time.monotonic() + _LOOK_S
+        if pursuit.missing is None or self._wanted(key):
+            pursuit.missing = registry.missing(key)
+        if not pursuit.missing:
+            self._settle(pursuit)
+            return
+        if not self._wanted(key):
+            pursuit.close()
+            return
+        if pursuit.ear is None:
+            if sum(each.ear is not None for each in list(self._pursued.values())) < _MOST_EARS:
+                pursuit.ear = Ear(key, self.sessions, partial(self._hurry, pursuit))
+            return
+        before = self._questions
+        if registry.learn(key, self._tokens(), pursuit.ear.attachments, self._ask):
+            self._settle(pursuit)
+            _LOG.info("the type of %s was told by those who use it", registry.topic(key))
+            self._learnt(key)
+        elif self._questions > before:
+            pursuit.asked += 1
+            if pursuit.asked > len(_AGAIN_S):
+                pursuit.close()
+                self._pursued.pop(key)  # until somebody else announces it
+            else:
+                pursuit.due = time.monotonic() + _AGAIN_S[pursuit.asked - 1]
+
+    def _hurry(self, pursuit: _Pursuit) -> None:
+        if not pursuit.asked:
+            pursuit.due = 0.0
+            self._wake.set()
+
+    def _settle(self, pursuit: _Pursuit) -> None:
+        pursuit.close()
+        if len(self._settled) >= _MOST_KEYS:
+            self._settled.clear()
+        self._settled.add(pursuit.key)
+        self._pursued.pop(pursuit.key)
+
+    def _ask(self, key: str, payload: bytes, attachment: bytes) -> Iterator[bytes]:
+        for session in self.sessions:
+            zenoh = library_of(session)
+            with self._lock:
+                if self._closed or self._questions >= _MOST_QUESTIONS:
+                    return
+                self._asking = zenoh.CancellationToken()
+            self._questions += 1
+            try:
+                replies = session.get(
+                    key,
+                    payload=payload,
+                    attachment=attachment,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    timeout=_ANSWER_S,
+                    allowed_destination=zenoh.Locality.REMOTE,  # not our own stand-ins for services
+                    cancellation_token=self._asking,
+                )
+            except zenoh.ZError:  # it is closed, or this is no key
+                continue
+            answered = False
+            for _, reply in zip(range(_MOST_REPLIES), replies, strict=False):
+                sample = reply.ok
+                if sample is not None and len(sample.payload) <= _MOST_BYTES:
+                    answered = True
+                    yield sample.payload.to_bytes()
+            if answered:
+                return

@@ -1,0 +1,66 @@
+import pytest
+
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.predicate import parse_predicate
+
+FIELDS = {"mode": 2, "speed": 1.5, "name": "home", "on": True, "bad": float("nan"), "a.b[2].c": -3, "len(xs)": 4}
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("mode == 2", True),
+        ("mode != 2", False),
+        ("speed > 1.5 or mode >= 2", True),
+        ("speed >= 1.5 and mode < 2", False),
+        ("mode == 1 and speed > 0 or on == true", True),
+        ("mode == 1 and (speed > 0 or on == true)", False),
+        ("name == 'home'", True),
+        ('name == "ho\\"me"', False),
+        ("a.b[2].c <= -3", True),
+        ("len(xs) == 4", True),
+        ("bad == nan", True),
+        ("bad != nan", False),
+        ("speed != nan", True),
+        ("bad < 1", False),
+        ("speed < inf and speed > -inf", True),
+        ("mode == 0x2", True),
+        ("mode==2and on==true", True),
+        ("order == 1", KeyError),
+        ("name > 3", PayloadError),
+        ("mode == '2'", PayloadError),
+    ],
+)
+def test_meaning(text, answer):
+    predicate = parse_predicate(text)
+    if isinstance(answer, bool):
+        assert predicate(FIELDS.__getitem__) is answer
+    else:
+        with pytest.raises(answer):
+            predicate(FIELDS.__getitem__)
+
+
+@pytest.mark.parametrize(
+    ("text", "column"),
+    [
+        ("", 1),
+        ("mode", 5),
+        ("mode ==", 8),
+        ("mode == 2 speed > 1", 11),
+        ("(mode == 2", 11),
+        ("mode = 2", 6),
+        ("mode == two", 9),
+        ("mode == 2 and", 14),
+        ("2 == mode", 1),
+        ("__import__('os') == 1", 11),
+        ("true == 1", 1),
+        ("(" * 100 + "mode == 1" + ")" * 100, 51),
+    ],
+)
+def test_errors_name_the_column(text, column):
+    with pytest.raises(ConfigError, match=f"column {column}:"):
+        parse_predicate(text)
+
+
+def test_fields_are_listed_once():
+    assert parse_predicate("b > 1 and (a == 2 or b < 0)").fields == ("b", "a")

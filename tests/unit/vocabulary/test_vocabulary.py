@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from riot_bus.vocabulary.clock import ManualClock
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.selector import Selector, key_matches, parse_selector
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
+
+chunk = st.sampled_from(["a", "b", "ab", "@v", "a.b", "std_msgs::msg::String_"])
+wild = st.sampled_from(["a", "b", "*", "**", "a$*", "$*b", "@v"])
+
+
+@given(st.lists(wild, min_size=1, max_size=5), st.lists(chunk, min_size=1, max_size=5))
+def test_key_matches_as_zenoh_does(expression: list[str], key: list[str]) -> None:
+    text = str(zenoh.KeyExpr.autocanonize("/".join(expression)))
+    assert key_matches(text, "/".join(key)) == zenoh.KeyExpr(text).intersects(zenoh.KeyExpr("/".join(key)))
+
+
+@pytest.mark.parametrize(
+    ("text", "selector"),
+    [
+        ("/odom", Selector("/odom")),
+        ("/odom:twist.twist.linear.x", Selector("/odom", "twist.twist.linear.x")),
+        ("a/**:len(ranges)", Selector("a/**", "len(ranges)")),
+        ("cmd:v[3].x where mode == 2", Selector("cmd", "v[3].x", "mode == 2")),
+        ("0/odom/nav_msgs::msg::dds_::Odometry_/*:pose", Selector("0/odom/nav_msgs::msg::dds_::Odometry_/*", "pose")),
+    ],
+)
+def test_selectors(text: str, selector: Selector) -> None:
+    assert parse_selector(text) == selector
+    assert parse_selector(str(selector)) == selector
+
+
+@pytest.mark.parametrize("text", ["", ":x", "a:", "a:b..c", "a:1x"])
+def test_wrong_selectors(text: str) -> None:
+    with pytest.raises(ConfigError):
+        parse_selector(text)
+
+
+@given(st.integers(0, 500), st.integers(1, 9), st.integers(0, 9))
+def test_signals_are_held_bounded_and_stateless(index: int, hold: int, seed: int) -> None:
+    signal = Signal(10.0, 2.0, hold=hold, seed=seed)
+    assert 8.0 <= signal.value(index) <= 12.0
+    assert signal.value(index) == signal.value(index // hold * hold) == Signal(10.0, 2.0, hold, seed).value(index)
+
+
+def test_digest_follows_whatever_decides_the_outcome() -> None:
+    message = Message(1, "k", b"x")
+    case = TestCase((message,), (Injection("k", "f", 1),), seed=1)
+    same = TestCase((message.with_(time=9, sequence=7),), (Injection("k", "f", 1),), seed=1)
+    assert case.digest() == same.digest()
+    others = [
+        TestCase((message.with_(payload=b"y"),), case.injections, seed=1),
+        TestCase((message.with_(attachment=b""),), (Injection("k", "f", 2),), seed=1),
+        TestCase((message,), case.injections, seed=2),
+        TestCase((message, message), case.injections, seed=1),
+    ]
+    assert len({case.digest(), *(other.digest() for other in others)}) == 5
+
+
+def test_failing_as() -> None:
+    failed = Outcome(Verdict.FAIL, (Violation("crash", "a", "s"), Violation("hang", "b", "t")))
+    assert failed.failed_as("t")
+    assert failed.failed_as(None)
+    assert not failed.failed_as("u")
+    assert not Outcome(Verdict.ERROR).failed_as(None)
+
+
+def test_hints_and_clock() -> None:
+    assert did_you_mean("segmets", ["segments", "types"]) == "did you mean 'segments'?"
+    assert did_you_mean("zzz", ["a"]) == "known: a"
+    clock = ManualClock(5)
+    clock.sleep_until(3)
+    clock.advance(1)
+    clock.sleep_until(9)
+    assert clock.now() == 9
