@@ -18,7 +18,7 @@ from scipy.stats import ks_2samp
 
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
-from riot_bus.backchain.permeability import Drive, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, Run, analyse
 from riot_bus.backchain.region import map_region
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
@@ -65,7 +65,7 @@ def multiplexed(runs: int, *, externals: int, seed: int, weak: float) -> list[Ru
         sent = [[signal.value(index) for index in range(len(times))] for signal in signals]
         output = internal([np.asarray(one) for one in sent], rng, weak=weak)
         drives = {
-            f"ext{at:02d}": Drive(Series(times, tuple(one)), signal)
+            f"ext{at:02d}": FieldDrive(Series(times, tuple(one)), signal)
             for at, (one, signal) in enumerate(zip(sent, signals, strict=True))
         }
         made.append(Run(drives, {"unit:y": Series(times, tuple(output.tolist()))}))

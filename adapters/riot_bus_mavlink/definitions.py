@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LONGEST_PAYLOAD",
     "SIZES",
-    "DefinitionError",
+    "DialectError",
     "EnumEntry",
     "EnumTable",
     "FieldText",
@@ -34,7 +34,7 @@ SIZES = {
 _TYPES = {"char": "string", "float": "float32", "double": "float64"}
 
 
-class DefinitionError(ValueError):
+class DialectError(ValueError):
     """A message cannot be as it is defined."""
 
 
@@ -169,12 +169,12 @@ def make_message(message_id: int, name: str, fields: Sequence[FieldText]) -> Mes
     size = base_size = 0
     for each in (*base, *(each for each in fields if each.extension)):
         if each.name in offsets:
-            raise DefinitionError(f"two fields are called {each.name!r}")
+            raise DialectError(f"two fields are called {each.name!r}")
         offsets[each.name] = size
         size += each.size
         base_size = base_size if each.extension else size
     if size > LONGEST_PAYLOAD:
-        raise DefinitionError(f"its fields take {size} bytes of {LONGEST_PAYLOAD}")
+        raise DialectError(f"its fields take {size} bytes of {LONGEST_PAYLOAD}")
     places = {each.name: Place(each, offsets[each.name]) for each in fields}
     return MessageTable(message_id, name, places, base_size, size, _crc_extra(name, base))
 

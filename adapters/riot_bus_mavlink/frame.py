@@ -23,9 +23,9 @@ __all__ = [
     "SIGNED",
     "V1",
     "V2",
-    "Counts",
     "Frame",
     "Framer",
+    "StreamCounts",
     "checksum_fits",
     "frame_length",
     "is_plain",
@@ -82,7 +82,7 @@ class Frame(NamedTuple):
 
 
 @dataclass(slots=True)
-class Counts:
+class StreamCounts:
     """What came out of a stream; `bytes` is the sum of `frame_bytes`, `junk_bytes` and what waits for more.
 
     Attributes:
@@ -102,7 +102,7 @@ class Counts:
     junk_bytes: int = 0
 
 
-class Kind(Protocol):
+class FrameKind(Protocol):
     """What is known of frames of one message from one component."""
 
     @property
@@ -110,7 +110,7 @@ class Kind(Protocol):
         """The message's extra byte of the checksum."""
 
 
-KindT = TypeVar("KindT", bound=Kind)
+KindT = TypeVar("KindT", bound=FrameKind)
 
 
 class Framer:
@@ -128,7 +128,7 @@ class Framer:
     """
 
     def __init__(self, crc_extra: Callable[[int], int | None]) -> None:
-        self.counts = Counts()
+        self.counts = StreamCounts()
         self._extra = crc_extra
         self._crc = load_crc()
         self._rest = b""

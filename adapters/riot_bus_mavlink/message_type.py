@@ -14,7 +14,7 @@ from riot_bus_mavlink.definitions import Place
 from riot_bus_mavlink.exceptional import exceptional_values, why_brittle
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V1, V2, trimmed
 from riot_bus_mavlink.schema_text import ENCODING, schema_of
-from riot_bus_mavlink.slots import HEADER, Number, Slot, find_slot, slots_of
+from riot_bus_mavlink.slots import HEADER, NumberSlot, Slot, find_slot, slots_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.types.bulk import Gathered, Payloads
-    from riot_bus.types.exceptional import Entry
+    from riot_bus.types.exceptional import ExceptionalValue
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
@@ -116,7 +116,7 @@ class MavlinkType:
         for path, value in changes.items():
             places = HEADER.get(path)
             if places is not None:
-                head[places[parts.version - 1]] = Number(path, "uint8", 0, _BYTE).pack(value)[0]
+                head[places[parts.version - 1]] = NumberSlot(path, "uint8", 0, _BYTE).pack(value)[0]
                 continue
             slot = self._slot(path)
             if isinstance(slot, Place):
@@ -207,7 +207,7 @@ class MavlinkType:
                 if place.end <= len(body):
                     yield np.frombuffer(body, dtype, place.field.array, place.offset)
 
-    def exceptional(self, payload: bytes, path: str) -> Sequence[Entry]:
+    def exceptional(self, payload: bytes, path: str) -> Sequence[ExceptionalValue]:
         """Return values worth trying, as `riot_bus.types.exceptional.Exceptions` says."""
         return exceptional_values(self, self.message, self._enums, payload, path)
 

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.dialect import Dialect
-    from riot_bus_mavlink.survey import Speaker, Survey
+    from riot_bus_mavlink.survey import LinkSurvey, Speaker
 
-__all__ = ["Part", "Sketch", "sketch", "sketch_json", "sketch_toml"]
+__all__ = ["LinkComponent", "Sketch", "sketch", "sketch_json", "sketch_toml"]
 
 OUTSIDE, INSIDE = "outside", "inside"
 UNIT = "unit"
@@ -25,7 +25,7 @@ _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LinkComponent:
     """A component of the system file: those who are behind a link, or the unit.
 
     Attributes:
@@ -53,13 +53,13 @@ class Sketch:
         skipped: Frames that were too many to look at.
     """
 
-    outside: Sequence[Part]
-    unit: Part
+    outside: Sequence[LinkComponent]
+    unit: LinkComponent
     skipped: int
 
 
 def sketch(
-    survey: Survey, specs: Sequence[LinkSpec], dialect: Dialect, *, seconds: float, unit: int | None = None
+    survey: LinkSurvey, specs: Sequence[LinkSpec], dialect: Dialect, *, seconds: float, unit: int | None = None
 ) -> Sketch:
     """Return what was heard as parts of a system.
 
@@ -88,14 +88,14 @@ def sketch(
         unit = next((system for system in systems if _has_no_autopilot(system, survey)), None)
     keys = KeyTemplate()
 
-    def part(name: str, link: str, url: str, sources: Iterable[tuple[int, int]]) -> Part:
+    def part(name: str, link: str, url: str, sources: Iterable[tuple[int, int]]) -> LinkComponent:
         who, topics = [], {}
         for source in sorted(sources):
             speaker = survey.speakers[source]
             who.append(_who(source, speaker, dialect))
             for number, count in speaker.messages.items():
                 topics[keys.key(link, *source, dialect.name_of(number))] = count / seconds
-        return Part(name, who, url, dict(sorted(topics.items())), link)
+        return LinkComponent(name, who, url, dict(sorted(topics.items())), link)
 
     own = [source for source in survey.speakers if source[0] == unit]
     taken = {UNIT}
@@ -107,7 +107,7 @@ def sketch(
     return Sketch(outside, part(UNIT, UNIT, "", own), survey.skipped)
 
 
-def _has_no_autopilot(system: int, survey: Survey) -> bool:
+def _has_no_autopilot(system: int, survey: LinkSurvey) -> bool:
     kinds = [each for (one, _), each in survey.speakers.items() if one == system and each.kind is not None]
     return bool(kinds) and all(each.autopilot == _NO_AUTOPILOT for each in kinds)
 
@@ -174,7 +174,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
     return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
 
 
-def _outside(part: Part) -> list[str]:
+def _outside(part: LinkComponent) -> list[str]:
     return [
         f"[components.{part.name}]",
         f"# Heard there: {toml_comment(', '.join(part.who))}.",
@@ -186,7 +186,7 @@ def _outside(part: Part) -> list[str]:
     ]
 
 
-def _inside(unit: Part, inputs: Collection[str]) -> list[str]:
+def _inside(unit: LinkComponent, inputs: Collection[str]) -> list[str]:
     who = toml_comment(", ".join(unit.who)) or "it was not heard"
     return [
         f"[components.{unit.name}]",

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import MessageTable, Place
 
-__all__ = ["HEADER", "Number", "Slot", "Text", "find_slot", "slots_of"]
+__all__ = ["HEADER", "NumberSlot", "Slot", "TextSlot", "find_slot", "slots_of"]
 
 _CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
@@ -26,7 +26,7 @@ HEADER = {"header.sequence": (2, 4), "header.system_id": (3, 5), "header.compone
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class NumberSlot:
     """A number at a place of the payload."""
 
     path: str
@@ -65,7 +65,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class TextSlot:
     """An array of characters: text that ends at the first NUL, or at the end of the array."""
 
     path: str
@@ -99,7 +99,7 @@ class Text:
         return data[: self.size].ljust(self.size, b"\0")
 
 
-Slot = Number | Text
+Slot = NumberSlot | TextSlot
 
 
 def slots_of(message: MessageTable) -> dict[str, Slot]:
@@ -130,10 +130,11 @@ def find_slot(slots: dict[str, Slot], message: MessageTable, path: str) -> Slot 
 def _slots(name: str, place: Place) -> list[Slot]:
     field = place.field
     if field.type == "char":
-        return [Text(name, place.offset, field.size)]
+        return [TextSlot(name, place.offset, field.size)]
     form = struct.Struct("<" + _CODES[field.kind])
     if not field.array:
-        return [Number(name, field.kind, place.offset, form)]
+        return [NumberSlot(name, field.kind, place.offset, form)]
     return [
-        Number(f"{name}[{index}]", field.kind, place.offset + index * form.size, form) for index in range(field.array)
+        NumberSlot(f"{name}[{index}]", field.kind, place.offset + index * form.size, form)
+        for index in range(field.array)
     ]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.frame import Frame
     from riot_bus_mavlink.links.end import Batching
 
-__all__ = ["Speaker", "Survey", "listen"]
+__all__ = ["LinkSurvey", "Speaker", "listen"]
 
 _HEARTBEAT = 0
 _MOST_SPEAKERS = 1024
@@ -49,7 +49,7 @@ class Speaker:
     targets: set[int] = field(default_factory=set)
 
 
-class Survey:
+class LinkSurvey:
     """Takes in frames.
 
     Args:
@@ -88,7 +88,7 @@ class Survey:
 
 def listen(
     links: Sequence[str], dialect: Dialect, *, seconds: float, warn: Callable[[str], None] = lambda line: None
-) -> tuple[Survey, list[LinkSpec]]:
+) -> tuple[LinkSurvey, list[LinkSpec]]:
     """Listen to links for a while; nothing is sent.
 
     Args:
@@ -128,7 +128,7 @@ class _Listener:
     def __init__(self, dialect: Dialect, warn: Callable[[str], None]) -> None:
         self.loop = Loop()
         self.crc_extra: Callable[[int], int | None] = dialect.crc_extra
-        self.survey = Survey(dialect.targets)
+        self.survey = LinkSurvey(dialect.targets)
         self._warn = warn
 
     def join(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.keys import KeyTemplate
 
-__all__ = ["ENCODING", "LINK", "Record", "TlogCounts", "TlogReader", "TlogUnpacker", "tlog_record"]
+__all__ = ["ENCODING", "LINK", "TlogCounts", "TlogReader", "TlogRecord", "TlogUnpacker", "tlog_record"]
 
 LINK = "tlog"
 """The name of the link over which messages of a telemetry log come."""
@@ -29,7 +29,7 @@ _LEAST, _MOST = 10**15, 5 * 10**15
 """Times between 2001 and 2128, in microseconds."""
 
 
-class Record(NamedTuple):
+class TlogRecord(NamedTuple):
     """A frame and when it was received, in nanoseconds since the Unix epoch."""
 
     time: int
@@ -75,18 +75,18 @@ class TlogReader:
         """Bytes that wait for the rest of their record."""
         return len(self._rest)
 
-    def feed(self, data: bytes) -> list[Record]:
+    def feed(self, data: bytes) -> list[TlogRecord]:
         """Return the records that are complete with these bytes."""
         self.counts.bytes += len(data)
         return self._scan(self._rest + data, ended=False)
 
-    def flush(self) -> list[Record]:
+    def flush(self) -> list[TlogRecord]:
         """Return what is left when the file has ended; the rest of it is junk."""
         return self._scan(self._rest, ended=True)
 
-    def _scan(self, data: bytes, *, ended: bool) -> list[Record]:
+    def _scan(self, data: bytes, *, ended: bool) -> list[TlogRecord]:
         counts = self.counts
-        found: list[Record] = []
+        found: list[TlogRecord] = []
         at, size = 0, len(data)
         while at < size:
             begin = at + _TIME
@@ -113,7 +113,7 @@ class TlogReader:
         self._rest = data[at:]
         return found
 
-    def _record(self, data: bytes, at: int, end: int) -> Record | None:
+    def _record(self, data: bytes, at: int, end: int) -> TlogRecord | None:
         frame = parse_frame(data[at + _TIME : end])
         extra = self._extra(frame.message_id)
         time = int.from_bytes(data[at : at + _TIME])
@@ -125,7 +125,7 @@ class TlogReader:
             return None
         self.counts.unknown += extra is None
         self._in_step = True
-        return Record(time * 1_000, frame)
+        return TlogRecord(time * 1_000, frame)
 
 
 class TlogUnpacker:
@@ -156,7 +156,7 @@ class TlogUnpacker:
             return ""
         return f"{counts.junk_bytes} bytes are no records, {counts.bad_crc} records among them have a wrong checksum"
 
-    def _message(self, record: Record) -> Message:
+    def _message(self, record: TlogRecord) -> Message:
         frame = record.frame
         name = self._dialect.name_of(frame.message_id)
         key = self._template.key(LINK, frame.system, frame.component, name)

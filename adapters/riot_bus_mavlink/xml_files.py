@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus_mavlink.definitions import (
     SIZES,
-    DefinitionError,
+    DialectError,
     EnumEntry,
     EnumTable,
     FieldText,
@@ -47,7 +47,7 @@ class _Builder(ElementTree.TreeBuilder):
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         del name, pubid, system
-        raise DefinitionError("a document type is not allowed in a dialect")
+        raise DialectError("a document type is not allowed in a dialect")
 
 
 def parse_dialect(data: bytes, *, where: str) -> DialectFile:
@@ -68,13 +68,13 @@ def parse_dialect(data: bytes, *, where: str) -> DialectFile:
         parser.feed(data)
         root: Element = parser.close()
         if root.tag != "mavlink":
-            raise DefinitionError(f"the root element is <{root.tag}> instead of <mavlink>")
+            raise DialectError(f"the root element is <{root.tag}> instead of <mavlink>")
         found = DialectFile([(each.text or "").strip() for each in root.iterfind("include")])
         for each in root.iterfind("enums/enum"):
             found.enums.append(_enum(each))
         for each in root.iterfind("messages/message"):
             found.messages.append(_message(each))
-    except (ElementTree.ParseError, DefinitionError, LookupError, ValueError) as error:  # no such encoding
+    except (ElementTree.ParseError, DialectError, LookupError, ValueError) as error:  # no such encoding
         raise ConfigError(f"no dialect of MAVLink: {error}", where=where) from error
     return found
 
@@ -83,7 +83,7 @@ def _message(element: Element) -> MessageTable:
     name = _name(element)
     number = _integer(element.get("id", ""), f"the id of message {name}")
     if not 0 <= number <= _MOST_ID:
-        raise DefinitionError(f"message {name}: {number} is no id")
+        raise DialectError(f"message {name}: {number} is no id")
     fields = []
     extension = False
     for each in element:
@@ -92,8 +92,8 @@ def _message(element: Element) -> MessageTable:
             fields.append(_field(each, name, extension=extension))
     try:
         return make_message(number, name, fields)
-    except DefinitionError as error:
-        raise DefinitionError(f"message {name}: {error}") from None
+    except DialectError as error:
+        raise DialectError(f"message {name}: {error}") from None
 
 
 def _field(element: Element, message: str, *, extension: bool) -> FieldText:
@@ -105,7 +105,7 @@ def _field(element: Element, message: str, *, extension: bool) -> FieldText:
     if kind not in SIZES:
         kind = f"{kind}_t"
     if kind not in SIZES or array > 255 or (match is not None and match[2] is not None and not array):
-        raise DefinitionError(f"message {message}: {name} has type {text!r}; {did_you_mean(text, SIZES)}")
+        raise DialectError(f"message {message}: {name} has type {text!r}; {did_you_mean(text, SIZES)}")
     return FieldText(
         name, kind, array, extension,
         unit=element.get("units", ""),
@@ -145,7 +145,7 @@ def _params(elements: Iterable[Element]) -> Iterable[Param]:
 def _name(element: Element) -> str:
     name = element.get("name", "")
     if not _NAME.fullmatch(name):
-        raise DefinitionError(f"<{element.tag}> has the name {name!r}")
+        raise DialectError(f"<{element.tag}> has the name {name!r}")
     return name
 
 
@@ -156,7 +156,7 @@ def _integer(text: str, what: str) -> int:
             raise ValueError
         return int(power[1]) ** int(power[2]) if power is not None else int(text, 0)
     except ValueError:
-        raise DefinitionError(f"{what} is {text[:40]!r}, which is no integer") from None
+        raise DialectError(f"{what} is {text[:40]!r}, which is no integer") from None
 
 
 def _number(element: Element, name: str) -> float | None:
@@ -164,4 +164,4 @@ def _number(element: Element, name: str) -> float | None:
     try:
         return None if text is None else float(text)
     except ValueError:
-        raise DefinitionError(f"{name}={text!r} of {element.get('name')!r} is no number") from None
+        raise DialectError(f"{name}={text!r} of {element.get('name')!r} is no number") from None

@@ -19,14 +19,14 @@ from riot_bus_ros2.cdr_layout import (
     Node,
     Number,
     Opaque,
-    Record,
+    Struct,
     Text,
     Unpack,
     compile_type,
     length_of,
     skip_elements,
 )
-from riot_bus_ros2.cdr_plan import Plan, Way, find_way, make_plan
+from riot_bus_ros2.cdr_plan import FieldPlan, Way, find_way, make_plan
 from riot_bus_ros2.hashes import PLACEHOLDER
 from riot_bus_ros2.parts import list_parts
 
@@ -67,7 +67,7 @@ class CdrType:
         self.name = name
         self._store = store
         self._schema = schema
-        self._plans: dict[str, Plan] = {}
+        self._plans: dict[str, FieldPlan] = {}
         self._root = Opaque(opaque) if opaque else compile_type(name, store, outer=(), done={})
 
     @property
@@ -213,14 +213,14 @@ class CdrType:
 
         return patch
 
-    def _layout(self) -> Record:
+    def _layout(self) -> Struct:
         if isinstance(self._root, Opaque):
             error = self._root.error()
             error.where = self.name
             raise error
         return self._root
 
-    def _plan(self, path: str) -> Plan:
+    def _plan(self, path: str) -> FieldPlan:
         plan = make_plan(self._way(path))
         if len(self._plans) >= _CACHED_PLANS:
             self._plans.clear()
@@ -273,7 +273,7 @@ def _encoded(value: Scalar) -> bytes:
 
 def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, elements: int, found: list[Leaf]) -> int:
     """List a field's scalars and return where it ends."""
-    if isinstance(node, Record):
+    if isinstance(node, Struct):
         if node.jump is not None and node.jump.first == NOTHING:
             return position
         if position > len(data):  # nested empty messages may be more than anybody can walk over

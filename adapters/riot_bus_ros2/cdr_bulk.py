@@ -12,7 +12,7 @@ import numpy as np
 
 from riot_bus.types.bulk import Gathered
 from riot_bus.vocabulary.errors import PayloadError
-from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Opaque, Record, Table, Text
+from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Opaque, Struct, Table, Text
 from riot_bus_ros2.cdr_plan import Element
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ class _Walk:
             return self._elements(what.element, count, position, ok)
         if isinstance(what, Opaque):
             return position, np.zeros_like(ok)
-        assert isinstance(what, Record)
+        assert isinstance(what, Struct)
         for part in what.parts:
             if not ok.any():  # nested messages may be more than anybody can walk over
                 break

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
-from riot_bus_ros2.cdr_layout import Array, Node, Opaque, Record, Text
+from riot_bus_ros2.cdr_layout import Array, Node, Opaque, Struct, Text
 from riot_bus_ros2.cdr_units import UNITS
 from riot_bus_ros2.hashes import PLACEHOLDER
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["list_fields"]
 
 
-def list_fields(root: Record) -> list[FieldType]:
+def list_fields(root: Struct) -> list[FieldType]:
     """List the scalar fields, and the elements and lengths of arrays, in payload order.
 
     Raises:
@@ -27,7 +27,7 @@ def list_fields(root: Record) -> list[FieldType]:
 
 
 def _fields(node: Node, path: str, length: int, unit: str, known: dict[int, bool]) -> Iterator[FieldType]:
-    if isinstance(node, Record):
+    if isinstance(node, Struct):
         units = UNITS.get(node.name, {})
         for name, each in node.fields.items():
             if name != PLACEHOLDER and _has_fields(each, known):
@@ -47,7 +47,7 @@ def _fields(node: Node, path: str, length: int, unit: str, known: dict[int, bool
 
 def _has_fields(node: Node, known: dict[int, bool]) -> bool:
     """Return whether there is anything to list; nested empty messages may be more than anybody can walk over."""
-    if isinstance(node, Record):
+    if isinstance(node, Struct):
         if id(node) not in known:
             known[id(node)] = any(
                 name != PLACEHOLDER and _has_fields(each, known) for name, each in node.fields.items()

@@ -30,7 +30,7 @@ __all__ = [
     "Node",
     "Number",
     "Opaque",
-    "Record",
+    "Struct",
     "Text",
     "compile_type",
     "joined",
@@ -252,7 +252,7 @@ class Array:
         return numbers
 
 
-class Record:
+class Struct:
     """A message: fields in order; `parts` are the same with runs of fixed size joined.
 
     `before` is for whoever looks for ways to fields.
@@ -282,7 +282,7 @@ class Record:
         return step
 
 
-Varying = Text | Array | Record | Opaque
+Varying = Text | Array | Struct | Opaque
 """What may have no fixed size."""
 Node = Number | Varying
 MoveT = TypeVar("MoveT")
@@ -296,7 +296,7 @@ class Passed(Protocol):
         ...
 
 
-def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Record]) -> Record | Opaque:
+def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: dict[str, Struct]) -> Struct | Opaque:
     """Return the layout of a type; parts that are unknown or not supported are opaque.
 
     Args:
@@ -325,7 +325,7 @@ def compile_type(name: str, store: TypeStore, *, outer: tuple[str, ...], done: d
         else:  # vendors do not agree on the size of characters, nor on the alignment of long doubles
             node = Opaque(f"{field.content} is not supported ({name}: {field.name})")
         nodes[field.name] = Array(node, field.length, field.most) if field.is_array else node
-    done[name] = Record(name, nodes or {PLACEHOLDER: Number("uint8")})
+    done[name] = Struct(name, nodes or {PLACEHOLDER: Number("uint8")})
     return done[name]
 
 

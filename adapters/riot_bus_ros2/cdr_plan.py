@@ -12,7 +12,7 @@ from riot_bus_ros2.cdr_layout import (
     Node,
     Number,
     Opaque,
-    Record,
+    Struct,
     Table,
     Text,
     Varying,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from riot_bus.types.model import FieldPath
     from riot_bus_ros2.cdr_layout import Data, Step, Unpack
 
-__all__ = ["Element", "Move", "Plan", "Way", "find_way", "make_plan"]
+__all__ = ["Element", "FieldPlan", "Move", "Way", "find_way", "make_plan"]
 
 
 _FEW_PARTS = 64
@@ -80,7 +80,7 @@ class Way:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class FieldPlan:
     """How to reach one field: a place known beforehand, steps from there, and what stands at the end."""
 
     start: int
@@ -96,12 +96,12 @@ class Plan:
         return position
 
 
-def find_way(root: Record, field: FieldPath, path: str) -> Way:
+def find_way(root: Struct, field: FieldPath, path: str) -> Way:
     """Return the way to a field; raises PayloadError if the type has no such field, or none that can be reached."""
     node: Node = root
     moves: list[Move] = []
     for step in field.steps:
-        if isinstance(node, Record) and isinstance(step, str):
+        if isinstance(node, Struct) and isinstance(step, str):
             if step not in node.fields:
                 raise PayloadError(f"no field {step!r}", hint=did_you_mean(step, node.fields))
             moves += _before(node, step)
@@ -114,7 +114,7 @@ def find_way(root: Record, field: FieldPath, path: str) -> Way:
     if field.length != isinstance(node, Array):
         kind = "an array" if isinstance(node, Array) else "no array"
         raise PayloadError(f"{path!r}: this field is {kind}", hint="write 'len(name)' or 'name[3]' for arrays")
-    if isinstance(node, Record):
+    if isinstance(node, Struct):
         raise PayloadError("a message is no scalar field", hint=did_you_mean("", node.fields))
     opaque = next((each for each in (*moves, node) if isinstance(each, Opaque)), None)
     if opaque is not None:
@@ -124,17 +124,17 @@ def find_way(root: Record, field: FieldPath, path: str) -> Way:
     return Way(tuple(joined(moves)), node)
 
 
-def make_plan(way: Way) -> Plan:
+def make_plan(way: Way) -> FieldPlan:
     """Return the steps of a way for one payload at a time."""
     moves = list(way.moves)
     start = ORIGIN
     if moves and isinstance(moves[0], tuple):
         start += moves[0][ORIGIN]
         del moves[0]
-    return Plan(start, tuple(pass_through(moves)), way.target, way)
+    return FieldPlan(start, tuple(pass_through(moves)), way.target, way)
 
 
-def _before(record: Record, name: str) -> Sequence[Move]:
+def _before(record: Struct, name: str) -> Sequence[Move]:
     """Return how to pass the fields before one; remembered, since some types have thousands of fields."""
     if len(record.parts) > _FEW_PARTS:
         found: list[Move] = []

@@ -19,7 +19,7 @@ from riot_bus_ros2.cdr_layout import (
     Node,
     Number,
     Opaque,
-    Record,
+    Struct,
     Text,
     length_of,
     skip_elements,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["rebuild", "resized", "with_text"]
 
 
-def rebuild(root: Record, count: Unpack, patch: Callable[[bytes, Mapping[str, Scalar]], bytes],
+def rebuild(root: Struct, count: Unpack, patch: Callable[[bytes, Mapping[str, Scalar]], bytes],
             payload: bytes, changes: Mapping[str, Scalar]) -> bytes:  # fmt: skip
     """Return the payload with all changes: lengths first, from the outside inwards.
 
@@ -63,7 +63,7 @@ def rebuild(root: Record, count: Unpack, patch: Callable[[bytes, Mapping[str, Sc
     return payload
 
 
-def with_text(root: Record, count: Unpack, payload: bytes, path: str, text: bytes) -> bytes:
+def with_text(root: Struct, count: Unpack, payload: bytes, path: str, text: bytes) -> bytes:
     """Return the payload with other text in a string."""
     check_size(len(payload) + len(text), path)
     place = _Place(root, parse_path(path).steps, payload, count)
@@ -72,7 +72,7 @@ def with_text(root: Record, count: Unpack, payload: bytes, path: str, text: byte
     return writer.finish(place)
 
 
-def resized(root: Record, count: Unpack, payload: bytes, path: str, length: int) -> bytes:
+def resized(root: Struct, count: Unpack, payload: bytes, path: str, length: int) -> bytes:
     """Return the payload with so many elements in a sequence."""
     place = _Place(root, parse_path(path).steps, payload, count)
     array = place.node
@@ -104,12 +104,12 @@ class _Place:
         rest: What follows, from the inside outwards: each node so many times.
     """
 
-    def __init__(self, root: Record, steps: tuple[str | int, ...], data: Data, count: Unpack) -> None:
+    def __init__(self, root: Struct, steps: tuple[str | int, ...], data: Data, count: Unpack) -> None:
         node: Node = root
         position = ORIGIN
         outer: list[list[tuple[Node, int]]] = []
         for step in steps:
-            if isinstance(node, Record):
+            if isinstance(node, Struct):
                 names = list(node.fields)
                 at = names.index(str(step))
                 for name in names[:at]:
@@ -165,7 +165,7 @@ class _Writer:
         return position
 
     def _copy(self, node: Node, position: int) -> int:
-        if isinstance(node, Record):
+        if isinstance(node, Struct):
             for each in node.fields.values():
                 position = self.copy(each, position, 1)
             return position
@@ -204,7 +204,7 @@ class _Writer:
             size = node.jump.first[len(self.out) & 7]
             check_size(len(self.out) + size)
             self.out += bytes(size)
-        elif isinstance(node, Record):
+        elif isinstance(node, Struct):
             for each in node.fields.values():
                 self.blank(each)
         elif isinstance(node, Opaque):

@@ -16,7 +16,7 @@ from riot_bus_ros2.definitions import DefinitionError, references
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.hashes import BASE_IDS, BOUNDED, COLLECTIONS, NESTED, type_hash
 from riot_bus_ros2.keys import parse_data_key
-from riot_bus_ros2.tokens import Endpoint, parse_token
+from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -79,7 +79,7 @@ def services_of(key: str, tokens: Iterable[str], heard: Iterable[bytes]) -> dict
         return {}
     marks = f"/{topic.topic.replace('/', '%')}/", f"{_ENDING.replace('/', '%')}/"  # most tokens need no parsing
     likely = {each: parse_token(each) for each in sorted(tokens) if any(mark in each for mark in marks)}
-    endpoints = {each: found for each, found in likely.items() if isinstance(found, Endpoint)}
+    endpoints = {each: found for each, found in likely.items() if isinstance(found, NodeEndpoint)}
     publishers = {each: found.node for each, found in endpoints.items() if (found.kind, found.key) == ("MP", key)}
     nodes = {node: said[gid] for each, node in publishers.items() if (gid := gid_of(each)) in said}
     if not nodes and len(set(publishers.values())) == 1 and len(set(said.values())) == 1:

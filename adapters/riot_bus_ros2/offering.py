@@ -19,7 +19,7 @@ from riot_bus_ros2.definitions import normal_name
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key, is_topic, parse_data_key
 from riot_bus_ros2.qos import RosQos, parse_offered
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -109,7 +109,7 @@ def identity_of(key: DataKey, qos: RosQos, zid: str, entity: int) -> Identity:
         entity: Number of the publisher in it, from 1; the node is number 0.
     """
     node = Node(key.domain, zid, 0, f"/{NODE}")
-    endpoint = Endpoint(node, entity, "MP", key.topic, key.type_name, key.type_hash, qos.announced)
+    endpoint = NodeEndpoint(node, entity, "MP", key.topic, key.type_name, key.type_hash, qos.announced)
     publisher = build_token(endpoint)
     return Identity((build_token(node), publisher), partial(_attachment, gid_of(publisher)))
 

@@ -14,7 +14,7 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import parse_attachment
 from riot_bus_ros2.keys import parse_data_key
 from riot_bus_ros2.qos import AnnouncedQos
-from riot_bus_ros2.tokens import TOKENS, Endpoint, parse_token
+from riot_bus_ros2.tokens import TOKENS, NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -53,7 +53,7 @@ def details_of(key: str, tokens: Iterable[str]) -> dict[str, str]:
     return profiles_of(
         each.qos
         for each in found
-        if isinstance(each, Endpoint)
+        if isinstance(each, NodeEndpoint)
         and each.kind == "MP"
         and (each.node.domain, each.topic, each.type_name) == (wanted.domain, wanted.topic, wanted.type_name)
     )

@@ -18,7 +18,7 @@ from typing import Literal, get_args
 from riot_bus_ros2.keys import NO_HASH, DataKey, build_data_key, dds_type, ros_type
 from riot_bus_ros2.qos import AnnouncedQos
 
-__all__ = ["TOKENS", "Endpoint", "EndpointKind", "Node", "build_token", "parse_token"]
+__all__ = ["TOKENS", "EndpointKind", "Node", "NodeEndpoint", "build_token", "parse_token"]
 
 TOKENS = "@ros2_lv/**"
 """Key expression of all tokens of a network without a Zenoh namespace."""
@@ -56,7 +56,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class NodeEndpoint:
     """A publisher, subscriber, service server or service client of a node.
 
     Attributes:
@@ -91,7 +91,7 @@ class Endpoint:
         return f"{self.node.prefix}/{key}" if self.node.prefix else key
 
 
-def parse_token(token: str) -> Node | Endpoint | None:
+def parse_token(token: str) -> Node | NodeEndpoint | None:
     """Return who announces what, None if this is no token of rmw_zenoh.
 
     Example:
@@ -119,7 +119,7 @@ def parse_token(token: str) -> Node | Endpoint | None:
     if kind not in _KINDS or len(chunks) < _ENDPOINT_CHUNKS:
         return None
     topic, dds, type_hash, qos, *backend = chunks[_NODE_CHUNKS:]
-    return Endpoint(
+    return NodeEndpoint(
         node,
         int(number),
         _KINDS[kind],
@@ -131,14 +131,14 @@ def parse_token(token: str) -> Node | Endpoint | None:
     )
 
 
-def build_token(of: Node | Endpoint) -> str:
+def build_token(of: Node | NodeEndpoint) -> str:
     """Return the token that `parse_token` reads, as rmw_zenoh writes it: the gid is its hash."""
     node = of if isinstance(of, Node) else of.node
     namespace, _, name = node.name.rpartition("/")
     kind = "NN" if isinstance(of, Node) else of.kind
     chunks = [_SPACE, str(node.domain), node.zid, str(node.number), str(of.number), kind]
     chunks += [_mangled(node.enclave or "/"), _mangled(namespace or "/"), name]
-    if isinstance(of, Endpoint):
+    if isinstance(of, NodeEndpoint):
         chunks += [_mangled(of.topic), dds_type(of.type_name), of.type_hash or NO_HASH, of.qos.token()]
         chunks += [of.backend] if of.backend else []
     return "/".join([node.prefix, *chunks] if node.prefix else chunks)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.agent.service import AgentService
-    from riot_bus.control.commands import Request
+    from riot_bus.control.commands import CommandRequest
 
 __all__ = ["AGENT_COMMANDS"]
 
@@ -20,7 +20,7 @@ _LONGEST_WHO = 200
 _ROWS = 100
 
 
-def _arguments(request: Request, *names: str) -> dict[str, Any]:
+def _arguments(request: CommandRequest, *names: str) -> dict[str, Any]:
     found = request.arguments()
     for other in found.keys() - set(names):
         raise ConfigError(f"unknown argument {other[:80]!r}", hint=did_you_mean(other[:80], names))
@@ -40,7 +40,7 @@ def _who(arguments: dict[str, Any]) -> str:
     return who
 
 
-def _logs(service: AgentService, request: Request) -> dict[str, Any]:
+def _logs(service: AgentService, request: CommandRequest) -> dict[str, Any]:
     arguments = _arguments(request, "query", "offset", "limit")
     query = arguments.get("query", "")
     if not isinstance(query, str):
@@ -54,7 +54,7 @@ def _logs(service: AgentService, request: Request) -> dict[str, Any]:
 def _steer(do: Callable[[AgentService, str], object]) -> Command:
     """Return a command whose only argument is who gives it."""
 
-    def run(service: AgentService, request: Request) -> dict[str, Any]:
+    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
         do(service, _who(_arguments(request, "who")))
         return service.status()
 
@@ -64,7 +64,7 @@ def _steer(do: Callable[[AgentService, str], object]) -> Command:
 def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Command:
     """Return a command that takes a number."""
 
-    def run(service: AgentService, request: Request) -> dict[str, Any]:
+    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
         arguments = _arguments(request, name, "who")
         do(service, _number(arguments.get(name), name), _who(arguments))
         return service.status()

@@ -7,11 +7,11 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.agent.operation import FINAL
-from riot_bus.agent.remote_operation import Drive
+from riot_bus.agent.remote_operation import RemoteOperation
 from riot_bus.agent.text import operation_line, silence_line
 from riot_bus.control.remote import error_from
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import DataLossError, EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def drive(
     def told(status: dict[str, Any] | None, silent: float) -> None:
         show(operation_line(status) if status is not None else silence_line(silent))
 
-    with ended_by_signals(interrupted.set), Drive(endpoint, robot, config=config) as wheel:
+    with ended_by_signals(interrupted.set), RemoteOperation(endpoint, robot, config=config) as wheel:
         wheel.begin(kind, arguments, watched=not detach)
         if detach:
             status = wheel.follow(told, give_up=give_up, until=_begun, interrupted=interrupted.is_set)
@@ -83,9 +83,9 @@ def _judge(robot: str, status: Mapping[str, Any], *, interrupted: bool) -> None:
     if isinstance(problem, dict):
         raise error_from(problem)
     if status["state"] == "stopped" and not interrupted:
-        raise EnvironmentFaultError(plain(f"ended before its end: {status.get('reason')}"), where=robot)
+        raise EnvironmentFaultError(escape_control_chars(f"ended before its end: {status.get('reason')}"), where=robot)
     if status["state"] in FINAL and isinstance(result, dict):
         tables = [table for part in _LOSSES if isinstance(table := result.get(part), dict)]
         lost = [f"{name}: {what}" for table in tables for name, what in table.items()]
         if lost:
-            raise DataLossError(plain("; ".join(lost[:5])), where=robot)
+            raise DataLossError(escape_control_chars("; ".join(lost[:5])), where=robot)

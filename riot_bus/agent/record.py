@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
     from riot_bus.record.service import CaptureResult
 
-__all__ = ["Record", "check_room"]
+__all__ = ["RecordOperation", "check_room"]
 
 _LOOK_S = 0.1
 _MOST_ROWS = 20
@@ -27,7 +27,7 @@ _LONGEST = 300
 _MIB = 1 << 20
 
 
-class Record(Operation):
+class RecordOperation(Operation):
     """Records the robot's own bus into its folder of logs.
 
     It ends by itself when the disk becomes too full.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Drive", "Robot", "ask_robot", "find_robots", "who_am_i"]
+__all__ = ["RemoteOperation", "Robot", "ask_robot", "find_robots", "who_am_i"]
 
 _FIND_S = 3.0
 _BEGIN_S = 20.0
@@ -109,7 +109,7 @@ def who_am_i() -> str:
     return f"{user}@{socket.gethostname()}"[:200]
 
 
-class Drive:
+class RemoteOperation:
     """Lets a robot do one operation, and follows it; a context manager.
 
     As long as it is open, its liveliness token tells the robot that somebody watches.

@@ -14,10 +14,10 @@ from riot_bus import __version__
 from riot_bus.agent.library import Library
 from riot_bus.agent.link import FleetLink
 from riot_bus.agent.play import Play
-from riot_bus.agent.record import Record, check_room
+from riot_bus.agent.record import RecordOperation, check_room
 from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, parse_request
 from riot_bus.agent.watch import ControllerWatch
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class AgentService:
         request = parse_request(RecordRequest, payload)
         self._allowed("record")
         check_room(self.options)
-        return self._start(Record(request, request.options(self.options), self.options, self._news.set))
+        return self._start(RecordOperation(request, request.options(self.options), self.options, self._news.set))
 
     def pause(self, who: str) -> None:
         """Pause the operation."""
@@ -220,7 +220,7 @@ class AgentService:
             operation.wait(_END_S)
 
     def _say(self, line: str) -> None:
-        self._sayer(plain(line))
+        self._sayer(escape_control_chars(line))
 
     def _failed(self, error: RiotError) -> None:
         self.failure = error

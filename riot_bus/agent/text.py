@@ -6,7 +6,7 @@ import math
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.play.text import speed
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def robot_lines(robots: Sequence[Robot]) -> list[str]:
             operation = each.status.get("operation")
             busy = bool(each.status.get("busy"))
             what = operation_line(operation) if busy and isinstance(operation, dict) else "idle"
-        lines.append(plain(f"{each.name}: {what}"))
+        lines.append(escape_control_chars(f"{each.name}: {what}"))
     return lines
 
 
@@ -46,7 +46,7 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
         lines += [f"warning: {each}" for each in _texts(operation.get("warnings"))]
     else:
         lines.append("idle")
-    return [plain(line) for line in lines]
+    return [escape_control_chars(line) for line in lines]
 
 
 def operation_line(operation: Mapping[str, Any]) -> str:
@@ -66,7 +66,7 @@ def operation_line(operation: Mapping[str, Any]) -> str:
         parts.append(str(problem.get("message")))
     elif operation.get("reason"):
         parts.append(str(operation["reason"]))
-    return plain(", ".join(parts))
+    return escape_control_chars(", ".join(parts))
 
 
 def silence_line(seconds: float) -> str:
@@ -82,7 +82,7 @@ def log_lines(answer: Mapping[str, Any]) -> list[str]:
     for row in rows:
         state = "" if not row.get("problem") and not row.get("lost") else f"  {row.get('problem') or 'damaged'}"
         lines.append(
-            plain(
+            escape_control_chars(
                 f"{_moment(row.get('start'))}  {_number(row.get('seconds')):8.1f} s  "
                 f"{_number(row.get('messages')):9.0f} messages  {row.get('name')}{state}"
             )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.injection import Signal
 
-__all__ = ["Columns", "Floats", "Grid", "Ints", "RunColumns", "fit_terms", "lag_grid", "standardise"]
+__all__ = ["Floats", "Grid", "Ints", "LagColumns", "RunColumns", "fit_terms", "lag_grid", "standardise"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -105,7 +105,7 @@ class RunColumns:
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class LagColumns:
     """One external field over all runs: linear columns for every lag, then the centred squares.
 
     Runs in which the field was not driven have zero columns.

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-__all__ = ["Component", "Hop", "TopicGraph"]
+__all__ = ["ComponentTopics", "Hop", "TopicGraph"]
 
 
 @dataclass(frozen=True, slots=True)
-class Component:
+class ComponentTopics:
     """The topics that one component reads and writes."""
 
     inputs: frozenset[str] = frozenset()
@@ -65,7 +65,7 @@ class Hop:
 class TopicGraph:
     """Components and the topics between them."""
 
-    components: Mapping[str, Component] = field(default_factory=dict)
+    components: Mapping[str, ComponentTopics] = field(default_factory=dict)
 
     def reaching(self, topic: str) -> frozenset[str]:
         """Return every topic from which some path of components leads to `topic`, and `topic` itself."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.backchain.fir import Columns, Floats, RunColumns, lag_grid, standardise
+from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
 from riot_bus.backchain.strength import estimate
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Signal
     from riot_bus.vocabulary.trial import Progress, Series
 
-__all__ = ["Drive", "Edge", "Effect", "PermeabilityResult", "Run", "Skipped", "analyse"]
+__all__ = ["Effect", "FieldDrive", "PermeabilityEdge", "PermeabilityResult", "Run", "Skipped", "analyse"]
 
 _MIN_SAMPLES = 8
 _ROUNDS = 8
@@ -37,7 +37,7 @@ _LARGEST = 1e3
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class FieldDrive:
     """One external field in one run.
 
     Attributes:
@@ -55,12 +55,12 @@ class Drive:
 class Run:
     """One long system run: what was driven, and what was seen inside (both by `topic:field`)."""
 
-    inputs: Mapping[str, Drive]
+    inputs: Mapping[str, FieldDrive]
     outputs: Mapping[str, Series]
 
 
 @dataclass(frozen=True, slots=True)
-class Edge:
+class PermeabilityEdge:
     """What is known of the path from one external to one internal field.
 
     Attributes:
@@ -99,12 +99,12 @@ class Skipped:
 class PermeabilityResult:
     """All tested pairs, strongest first per internal field, and those that could not be tested."""
 
-    edges: tuple[Edge, ...]
+    edges: tuple[PermeabilityEdge, ...]
     skipped: tuple[Skipped, ...] = ()
     alpha: float = 0.05
     runs: int = 0
 
-    def permeable(self, internal: str | None = None) -> tuple[Edge, ...]:
+    def permeable(self, internal: str | None = None) -> tuple[PermeabilityEdge, ...]:
         """Return the significant edges (into one internal field, when given)."""
         return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
 
@@ -146,7 +146,7 @@ def analyse(
         raise ValueError(f"lags and draws must be positive, not {lags} and {draws}")
     externals = sorted({name for run in runs for name in run.inputs})
     internals = sorted({name for run in runs for name in run.outputs})
-    edges: list[Edge] = []
+    edges: list[PermeabilityEdge] = []
     skipped: list[Skipped] = []
     for done, internal in enumerate(internals):
         output = _usable(runs, internal)
@@ -184,8 +184,8 @@ def _step(times: Sequence[Floats]) -> float:
     return float(np.median(gaps)) if len(gaps) else 0.0
 
 
-def _columns(runs: Sequence[Run], external: str, output: _Output, *, lags: int) -> Columns | None:
-    drives: list[tuple[int, Drive, Floats, Floats]] = []
+def _columns(runs: Sequence[Run], external: str, output: _Output, *, lags: int) -> LagColumns | None:
+    drives: list[tuple[int, FieldDrive, Floats, Floats]] = []
     start = 0
     starts: list[slice] = []
     for place, number in enumerate(output.runs):
@@ -210,10 +210,10 @@ def _columns(runs: Sequence[Run], external: str, output: _Output, *, lags: int) 
         scaled = np.clip((values - drive.signal.center) / unit, -_LARGEST, _LARGEST)
         index = grid.indices(times, output.times[place])
         parts.append(RunColumns(starts[place], index, scaled, drive.signal, drive.first))
-    return Columns(grid, input_step, tuple(parts), start)
+    return LagColumns(grid, input_step, tuple(parts), start)
 
 
-def _evidence(columns: Columns, left_over: Floats, *, draws: int, seed: Sequence[int]) -> Floats:
+def _evidence(columns: LagColumns, left_over: Floats, *, draws: int, seed: Sequence[int]) -> Floats:
     """Return the standardised evidence for each channel, observed first, then of each redraw (1 + draws x channels)."""
     redrawn = columns.correlate_draws(left_over, draws=draws, seed=seed)
     squared = np.concatenate([columns.correlate(left_over), redrawn])
@@ -237,7 +237,9 @@ def _effect(scores: Floats) -> Effect:
     return "level" if level >= _CLEAR * scores.max() else CHANNELS[int(scores.argmax())]
 
 
-def _select(output: _Output, columns: Mapping[str, Columns], *, draws: int, alpha: float, seed: int) -> list[Edge]:
+def _select(
+    output: _Output, columns: Mapping[str, LagColumns], *, draws: int, alpha: float, seed: int
+) -> list[PermeabilityEdge]:
     names = sorted(columns)
     designs = {name: columns[name].design() for name in names}
     raw, left_over = residuals(output.values, designs, selected=())
@@ -264,12 +266,12 @@ def _select(output: _Output, columns: Mapping[str, Columns], *, draws: int, alph
     for name in names:
         by_effect[effects[name]].append(name)
     groups = np.repeat(np.arange(len(output.values)), [len(one) for one in output.values])
-    edges: list[Edge] = []
+    edges: list[PermeabilityEdge] = []
     for effect, members in by_effect.items():
         response = raw[:, CHANNELS.index(effect)]
         shares = estimate(response, designs, selected=selected, asked=members, groups=groups)
         edges += [
-            Edge(
+            PermeabilityEdge(
                 share.name,
                 output.name,
                 share.strength,

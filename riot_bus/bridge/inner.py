@@ -10,7 +10,7 @@ from riot_bus.bridge.port import message_of, put_one_by_one
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
 from riot_bus.router.audience import Audience, Inner
 from riot_bus.vocabulary.message import Qos
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from riot_bus.router.audience import Take
     from riot_bus.router.bus import Bus
-    from riot_bus.router.local_ingress import Track
+    from riot_bus.router.local_ingress import IngressKey
 
 __all__ = ["InnerOutlet", "InnerPort"]
 
@@ -37,7 +37,7 @@ class InnerOutlet:
     """
 
     def __init__(
-        self, audience: Audience, track: Track, *, owns: Callable[[str], bool], speaking: threading.local | None
+        self, audience: Audience, track: IngressKey, *, owns: Callable[[str], bool], speaking: threading.local | None
     ) -> None:
         self.track, self.echo = track, audience.put
         self._audience, self._owns, self._speaking = audience, owns, speaking
@@ -175,6 +175,6 @@ class InnerPort:
                 give([message_of(sample)])
 
         handler: Any = library_of(self._session).handlers.Callback(receive, indirect=False)
-        hold(self._session, expression)
+        pin(self._session, expression)
         subscriber = self._session.declare_subscriber(expression, handler)
         return _Listening(subscriber, self._bus.listen(self._segment, Inner(zenoh.KeyExpr(expression), give)))

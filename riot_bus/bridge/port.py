@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus.zenoh.keyexpr_pins import begin_holding, end_holding, hold
+from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning, pin
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import client_config
 
@@ -62,7 +62,7 @@ class Outlet:
         }
         if encoding:
             settings["encoding"] = zenoh.Encoding(encoding)
-        hold(session, key)
+        pin(session, key)
         self._publisher: Any = session.declare_publisher(key, **settings)
         self._put: Any = self._publisher.put
         self._declared: list[Any] = [self._publisher]
@@ -113,7 +113,7 @@ class Collector:
         import zenoh
 
         self._expression, self._take, self._zenoh_error = expression, take, zenoh.ZError
-        hold(session, expression)
+        pin(session, expression)
         self._subscriber: Any = session.declare_subscriber(
             expression, zenoh.handlers.FifoChannel(_CHANNEL), allowed_origin=zenoh.Locality.REMOTE
         )
@@ -206,7 +206,7 @@ class SegmentPort:
         self._session = session
         self.endpoint = endpoint
         self.zid = str(session.info.zid())
-        begin_holding(session)
+        begin_pinning(session)
 
     def publisher(
         self,
@@ -258,7 +258,7 @@ class SegmentPort:
                 take(*message_of(sample))
 
         handler: Any = zenoh.handlers.Callback(receive, indirect=False)
-        hold(self._session, key)
+        pin(self._session, key)
         if latched is None:
             return Inlet(self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE))
         return Inlet(
@@ -324,7 +324,7 @@ class SegmentPort:
         import zenoh
 
         handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
-        hold(self._session, key)
+        pin(self._session, key)
         return Inlet(self._session.declare_queryable(key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE))
 
     def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Asked:
@@ -367,7 +367,7 @@ class SegmentPort:
 
     def __exit__(self, *error: object) -> None:
         release(self._session)
-        end_holding(self._session)
+        end_pinning(self._session)
 
 
 def open_port(endpoints: Sequence[str], *, config: Mapping[str, Any] | None = None) -> SegmentPort:

@@ -13,7 +13,7 @@ from riot_bus.vocabulary.errors import PayloadError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from riot_bus.types.exceptional import Entry
+    from riot_bus.types.exceptional import ExceptionalValue
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
@@ -36,7 +36,7 @@ class Target:
     path: str
     type: str
     messages: int
-    told: tuple[Entry, ...] = ()
+    told: tuple[ExceptionalValue, ...] = ()
 
 
 def targets_of(
@@ -58,7 +58,7 @@ def targets_of(
     targets: dict[str, list[Target]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, str] = {}
-        told: dict[str, dict[object, Entry]] = {}
+        told: dict[str, dict[object, ExceptionalValue]] = {}
         kinds: dict[str, MessageType] = {}
         for kind, payload in samples:
             try:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
-from riot_bus.backchain.graph import Component, TopicGraph
+from riot_bus.backchain.graph import ComponentTopics, TopicGraph
 from riot_bus.campaign.schedule import targets_of
 from riot_bus.chain.logs import nominal_values, read_messages
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
@@ -58,7 +58,7 @@ def topic_graph(file: SystemFile) -> TopicGraph:
     """Return which topics lead to which inside the system, as riot.toml declares it."""
     return TopicGraph(
         {
-            name: Component(frozenset(component.inputs), frozenset(component.outputs))
+            name: ComponentTopics(frozenset(component.inputs), frozenset(component.outputs))
             for name, component in file.components.items()
             if not component.external
         }

@@ -6,7 +6,7 @@ import re
 import zlib
 from typing import TYPE_CHECKING
 
-from riot_bus.backchain.permeability import Drive, PermeabilityResult, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
 from riot_bus.chain.logs import read_messages
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
@@ -125,7 +125,9 @@ def _run(plan: Mapping[ExternalField, Signal], outcome: Outcome, internals: Sequ
     inputs = {}
     for field, signal in plan.items():
         times = outcome.observed[field.topic].times
-        inputs[field.name] = Drive(Series(times, tuple(signal.value(index) for index in range(len(times)))), signal)
+        inputs[field.name] = FieldDrive(
+            Series(times, tuple(signal.value(index) for index in range(len(times)))), signal
+        )
     return Run(inputs, {name: outcome.observed[name] for name in internals})
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from riot_bus.sut.activity import Idle
-    from riot_bus.sut.system import Pace, Unit
+    from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["Narrator", "Step", "Workspace", "open_finding"]
@@ -89,7 +89,7 @@ class Step:
         trial = UnitTrial(self.workspace.context, unit, idle=self.workspace.idle(unit))
         return self._stored(LocalRunner(trial, self.workspace.pool), {"unit": unit})
 
-    def system_runner(self, *, observe: Sequence[str], pace: Pace) -> StoredRunner:
+    def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
         """Return a runner for runs of the whole system."""
         trial = SystemTrial(self.workspace.context, pace, tuple(observe))
         return self._stored(LocalRunner(trial, self.workspace.pool), {"observe": list(observe), **pace.model_dump()})
@@ -180,7 +180,7 @@ class Workspace:
         with LogReader(path) as reader:
             return reader.metadata.get("seed") != str(self.seed)
 
-    def _record(self, path: Path, pace: Pace) -> None:
+    def _record(self, path: Path, pace: RunPace) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial.mcap")
         trial = SystemTrial(self.context, pace, record=partial)

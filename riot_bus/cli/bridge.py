@@ -22,7 +22,7 @@ __all__ = ["register"]
 Names = list[str] | None
 
 
-class Mirror(StrEnum):
+class MirrorMode(StrEnum):
     """What of a frame is published as JSON."""
 
     MESSAGES = "messages"
@@ -90,11 +90,11 @@ def ros2(
     from riot_bus.control.component import client_cfg, segment_endpoints
     from riot_bus.vocabulary.errors import ConfigError
     from riot_bus_ros2.bridge.bridge import Ros2Bridge
-    from riot_bus_ros2.bridge.options import BridgeOptions
+    from riot_bus_ros2.bridge.options import MavlinkBridgeOptions
 
     if (segment is None) == (endpoint is None):
         raise ConfigError("which segment?", where="riot bridge ros2", hint="give --segment NAME or --endpoint ENDPOINT")
-    options = BridgeOptions(
+    options = MavlinkBridgeOptions(
         domain=domain,
         zenoh_domain=zenoh_domain,
         topics=topics,
@@ -190,7 +190,7 @@ def mavlink(
     ] = None,
     sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
     mirror: Annotated[
-        Mirror | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
+        MirrorMode | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
     ] = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
@@ -214,14 +214,14 @@ def mavlink(
     from riot_bus.control.router_flags import RouterFlags
     from riot_bus.control.router_options import RouterOptions, settings_of
     from riot_bus_mavlink.bridge.bridge import MavlinkBridge
-    from riot_bus_mavlink.bridge.options import BridgeOptions
+    from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
     from riot_bus_mavlink.dialect import DEFAULT
     from riot_bus_mavlink.keys import TEMPLATE
 
     joins = segment is not None or endpoint is not None
     wanted = {"listen": listen, "intercept": intercept, "interceptor": interceptor, "inject": inject, "record": record}
     _check_ways(segment, endpoint, cfg, joins=joins, of_router=[name for name, value in wanted.items() if value])
-    options = BridgeOptions(
+    options = MavlinkBridgeOptions(
         links=link or (),
         dialect=dialect or DEFAULT,
         files=definitions or (),

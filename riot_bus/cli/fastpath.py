@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-__all__ = ["OPTIONS", "Option", "parse", "quick_start", "say", "start_router", "warn"]
+__all__ = ["OPTIONS", "FastOption", "parse", "quick_start", "say", "start_router", "warn"]
 
 _WHOLE = re.compile(r"[0-9]{1,18}")
 _DECIMAL = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
 
 
-class Option(NamedTuple):
+class FastOption(NamedTuple):
     """An option of `riot router`.
 
     Attributes:
@@ -50,23 +50,23 @@ def _as_json(text: str) -> bool | None:
 
 
 OPTIONS = {
-    "--system": Option("system", Path, variable="RIOT_SYSTEM"),
-    "-s": Option("system", Path, variable="RIOT_SYSTEM"),
-    "--segment": Option("segment", str, many=True, variable="RIOT_SEGMENT"),
-    "--connect": Option("connect", str, many=True, variable="RIOT_CONNECT"),
-    "--cfg": Option("cfg", str, many=True, variable="RIOT_CFG"),
-    "--name": Option("name", str, variable="RIOT_NAME"),
-    "--intercept": Option("intercept", str, many=True, variable="RIOT_INTERCEPT"),
-    "--intercept-services": Option("intercept_services", str, many=True, variable="RIOT_INTERCEPT_SERVICES"),
-    "--interceptor": Option("interceptor", str, many=True),
-    "--inject": Option("inject", Path, variable="RIOT_INJECT"),
-    "--record": Option("record", Path, variable="RIOT_RECORD"),
-    "--type": Option("type_", str, many=True),
-    "--msg": Option("msg", Path, many=True),
-    "--seed": Option("seed", _number, variable="RIOT_SEED"),
-    "--budget": Option("budget", _seconds, variable="RIOT_BUDGET"),
-    "--control": Option("control", str, many=True, variable="RIOT_CONTROL"),
-    "--format": Option("as_json", _as_json, variable="RIOT_FORMAT"),
+    "--system": FastOption("system", Path, variable="RIOT_SYSTEM"),
+    "-s": FastOption("system", Path, variable="RIOT_SYSTEM"),
+    "--segment": FastOption("segment", str, many=True, variable="RIOT_SEGMENT"),
+    "--connect": FastOption("connect", str, many=True, variable="RIOT_CONNECT"),
+    "--cfg": FastOption("cfg", str, many=True, variable="RIOT_CFG"),
+    "--name": FastOption("name", str, variable="RIOT_NAME"),
+    "--intercept": FastOption("intercept", str, many=True, variable="RIOT_INTERCEPT"),
+    "--intercept-services": FastOption("intercept_services", str, many=True, variable="RIOT_INTERCEPT_SERVICES"),
+    "--interceptor": FastOption("interceptor", str, many=True),
+    "--inject": FastOption("inject", Path, variable="RIOT_INJECT"),
+    "--record": FastOption("record", Path, variable="RIOT_RECORD"),
+    "--type": FastOption("type_", str, many=True),
+    "--msg": FastOption("msg", Path, many=True),
+    "--seed": FastOption("seed", _number, variable="RIOT_SEED"),
+    "--budget": FastOption("budget", _seconds, variable="RIOT_BUDGET"),
+    "--control": FastOption("control", str, many=True, variable="RIOT_CONTROL"),
+    "--format": FastOption("as_json", _as_json, variable="RIOT_FORMAT"),
 }
 """Options that have a value, by what is written for them."""
 

@@ -10,8 +10,8 @@ from collections import Counter
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.control.reach import Bypass, Contact, Sightings, judge
-from riot_bus.graph.model import Component
-from riot_bus.graph.processes import Process, connections, owners
+from riot_bus.graph.model import ConnectedComponent
+from riot_bus.graph.processes import SocketOwner, connections, owners
 from riot_bus.graph.sources import AdminView, admin_views
 from riot_bus.zenoh.scouting import THIS_HOST, scout
 
@@ -65,7 +65,7 @@ class BypassFinder:
 
     def __init__(self, bus: Segmented) -> None:
         self._bus = bus
-        self._owners: dict[str, Process | None] = {}
+        self._owners: dict[str, SocketOwner | None] = {}
         self._answers: Mapping[str, Answer] = {}
 
     def look(self, scouting: Scouting | None) -> list[Bypass]:
@@ -92,14 +92,14 @@ class BypassFinder:
         for view in views.values():
             modes.update(view.sessions)
         others = {
-            zid: Component("", zid, mode, views[zid].name if zid in views else "")
+            zid: ConnectedComponent("", zid, mode, views[zid].name if zid in views else "")
             for zid, mode in modes.items()
             if zid not in known | ours
         }
         return Sightings(components, sorted({*contacts, *_tcp(components)}), others, self._answers)
 
-    def _components(self, ours: Collection[str], views: Mapping[str, AdminView]) -> list[Component]:
-        found: dict[tuple[str, str], Component] = {}
+    def _components(self, ours: Collection[str], views: Mapping[str, AdminView]) -> list[ConnectedComponent]:
+        found: dict[tuple[str, str], ConnectedComponent] = {}
         for segment, session in self._bus.sessions.items():
             ends: dict[str, list[str]] = {}
             for link in session.info.links():
@@ -109,7 +109,7 @@ class BypassFinder:
                 if zid not in ours:
                     name = views[zid].name if zid in views else ""
                     addresses = tuple(sorted(ends.get(zid, ())))
-                    found[segment, zid] = Component(segment, zid, str(transport.whatami), name, (), addresses)
+                    found[segment, zid] = ConnectedComponent(segment, zid, str(transport.whatami), name, (), addresses)
         self._learn({address for each in found.values() for address in each.addresses})
         return [self._owned(each) for _, each in sorted(found.items())]
 
@@ -119,14 +119,14 @@ class BypassFinder:
         found = owners(new) if new else {}
         self._owners.update({each: found.get(each) for each in new})
 
-    def _owned(self, one: Component) -> Component:
+    def _owned(self, one: ConnectedComponent) -> ConnectedComponent:
         owner = next(filter(None, (self._owners.get(each) for each in one.addresses)), None)
         if owner is None:
             return one
-        return Component(one.segment, one.zid, one.mode, one.name, (), one.addresses, owner.pid, owner.command)
+        return ConnectedComponent(one.segment, one.zid, one.mode, one.name, (), one.addresses, owner.pid, owner.command)
 
 
-def _tcp(components: list[Component]) -> list[Contact]:
+def _tcp(components: list[ConnectedComponent]) -> list[Contact]:
     """Return the TCP connections between processes that hold one component each; the bus's own process is left out."""
     sessions = {each.pid: each.zid for each in components if each.pid not in (None, os.getpid())}
     many = Counter(pid for pid, _ in {(each.pid, each.zid) for each in components})

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.control.router_service import RouterService
 
-__all__ = ["COMMANDS", "LARGEST_PAYLOAD", "VERSION", "Command", "Request", "answer", "find_command", "refusal"]
+__all__ = ["COMMANDS", "LARGEST_PAYLOAD", "VERSION", "Command", "CommandRequest", "answer", "find_command", "refusal"]
 
 VERSION = 1
 """Version of the answers' format."""
@@ -28,7 +28,7 @@ _LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class CommandRequest:
     """What somebody sent along with a command."""
 
     payload: bytes
@@ -84,15 +84,15 @@ class Request:
 class Command:
     """A command: what it does, and whether it only reads, so that a question to all may mean it."""
 
-    run: Callable[[Any, Request], Any]
+    run: Callable[[Any, CommandRequest], Any]
     reads: bool = False
 
 
-def _counts(service: RouterService, request: Request) -> dict[str, Any]:
+def _counts(service: RouterService, request: CommandRequest) -> dict[str, Any]:
     return {"counts": count_rows(service.counts()), "losses": loss_rows(service.losses)}
 
 
-def _graph(service: RouterService, request: Request) -> dict[str, Any]:
+def _graph(service: RouterService, request: CommandRequest) -> dict[str, Any]:
     from riot_bus.graph.render import VERSION as GRAPH_VERSION
 
     return {"version": GRAPH_VERSION, **asdict(service.graph())}
@@ -143,7 +143,7 @@ def answer(
     Raises:
         RiotError: It cannot be done.
     """
-    result = find_command(name, commands).run(service, Request(payload, parameters))
+    result = find_command(name, commands).run(service, CommandRequest(payload, parameters))
     document = {"version": VERSION, "router": router, "command": name, "result": result}
     return json.dumps(document, sort_keys=True).encode()
 

@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.status import plan_row
-from riot_bus.router.interception import Plan
+from riot_bus.router.interception import InjectionPlan
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,7 +69,7 @@ class Operations:
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
         """
-        plan = Plan.parse(text, name, seed=self._seed)
+        plan = InjectionPlan.parse(text, name, seed=self._seed)
         with self._changing:
             return {"intercepted": self._interception.set_plan(plan), "plan": plan_row(plan)}
 

@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.graph.model import Component
+from riot_bus.graph.model import ConnectedComponent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,7 +36,7 @@ class Bypass:
     """
 
     kind: Literal["multicast", "direct", "router", "two segments"]
-    components: tuple[Component, ...]
+    components: tuple[ConnectedComponent, ...]
     evidence: str
     cure: str
     active: bool = True
@@ -62,16 +62,16 @@ class Sightings:
         answers: Who answered multicast scouting, by id.
     """
 
-    components: Sequence[Component] = ()
+    components: Sequence[ConnectedComponent] = ()
     contacts: Sequence[Contact] = ()
-    others: Mapping[str, Component] = field(default_factory=dict)
+    others: Mapping[str, ConnectedComponent] = field(default_factory=dict)
     answers: Mapping[str, Answer] = field(default_factory=dict)
 
 
 def judge(seen: Sightings) -> list[Bypass]:
     """Return all ways around the router, sorted by kind."""
     segments: defaultdict[str, set[str]] = defaultdict(set)
-    known: defaultdict[str, list[Component]] = defaultdict(list)
+    known: defaultdict[str, list[ConnectedComponent]] = defaultdict(list)
     for component in seen.components:
         segments[component.zid].add(component.segment)
         known[component.zid].append(component)
@@ -93,8 +93,8 @@ def judge(seen: Sightings) -> list[Bypass]:
     return sorted(found, key=lambda each: (each.kind, [(one.segment, one.zid) for one in each.components]))
 
 
-def _other(zid: str, seen: Sightings) -> Component:
-    return seen.others.get(zid, Component("", zid))
+def _other(zid: str, seen: Sightings) -> ConnectedComponent:
+    return seen.others.get(zid, ConnectedComponent("", zid))
 
 
 def _connected(contacts: Iterable[Contact]) -> list[set[str]]:
@@ -111,11 +111,11 @@ def _connected(contacts: Iterable[Contact]) -> list[set[str]]:
     return groups
 
 
-def _sorted(components: Iterable[Component]) -> tuple[Component, ...]:
+def _sorted(components: Iterable[ConnectedComponent]) -> tuple[ConnectedComponent, ...]:
     return tuple(sorted(components, key=lambda each: (each.segment, each.zid)))
 
 
-def _two_segments(same: list[Component]) -> Bypass:
+def _two_segments(same: list[ConnectedComponent]) -> Bypass:
     names = " and ".join(sorted(each.segment for each in same))
     router = any(each.mode == "router" for each in same)
     what = "router" if router else same[0].mode or "session"
@@ -128,7 +128,7 @@ def _two_segments(same: list[Component]) -> Bypass:
     )
 
 
-def _linked(members: list[Component], how: str, answers: Mapping[str, Answer]) -> Bypass:
+def _linked(members: list[ConnectedComponent], how: str, answers: Mapping[str, Answer]) -> Bypass:
     routers = [each for each in members if each.mode == "router"]
     if routers:
         names = ", ".join(sorted({f"{each.label} ({each.zid})" for each in routers}))
@@ -140,7 +140,7 @@ def _linked(members: list[Component], how: str, answers: Mapping[str, Answer]) -
     return Bypass("direct", _sorted(members), how, cure)
 
 
-def _multicast(members: list[Component], seen: Sightings) -> list[Bypass]:
+def _multicast(members: list[ConnectedComponent], seen: Sightings) -> list[Bypass]:
     if not members:
         return []
     ours = {each.zid for each in seen.components}

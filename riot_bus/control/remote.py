@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session_config import OWN_CHUNK, control_id
@@ -218,4 +218,4 @@ def _document(data: bytes) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str | None:
-    return "\n".join(map(plain, str(value).split("\n"))) if value else None
+    return "\n".join(map(escape_control_chars, str(value).split("\n"))) if value else None

@@ -14,7 +14,7 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.router.interception import Plan
+    from riot_bus.router.interception import InjectionPlan
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = [
@@ -121,18 +121,18 @@ def interceptor_list() -> list[dict[str, Any]]:
     ]
 
 
-def plan_of(options: RouterOptions) -> Plan | None:
+def plan_of(options: RouterOptions) -> InjectionPlan | None:
     """Read the injection plan; None if there is none."""
     if options.inject is None:
         return None
-    from riot_bus.router.interception import Plan
+    from riot_bus.router.interception import InjectionPlan
 
     try:
         text = options.inject.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(f"cannot read the injection plan: {reason}", where=str(options.inject)) from error
-    return Plan.parse(text, str(options.inject), seed=options.seed)
+    return InjectionPlan.parse(text, str(options.inject), seed=options.seed)
 
 
 def registry_of(options: RouterOptions) -> TypeRegistry:

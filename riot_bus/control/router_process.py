@@ -140,7 +140,7 @@ def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[
         DataLossError: Messages were lost.
     """
     from riot_bus.control.status import count_rows, count_table, interceptor_rows, loss_rows
-    from riot_bus.control.status_text import plain
+    from riot_bus.control.status_text import escape_control_chars
 
     counts, losses = service.counts(), service.losses
     if as_json:
@@ -149,7 +149,7 @@ def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[
         say(json.dumps(end, sort_keys=True))
     else:
         for line in count_table(count_rows(counts)):
-            say(plain(line))
+            say(escape_control_chars(line))
     for name, errors in service.pipeline.errors.items():
         warn(f"interceptor {name} raised {errors.count} times; the messages went on without it. First:\n{errors.first}")
     if losses:

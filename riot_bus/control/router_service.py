@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.router.bus import TopicCounts
     from riot_bus.router.counts import Losses
-    from riot_bus.router.interception import Plan
+    from riot_bus.router.interception import InjectionPlan
     from riot_bus.zenoh.network import Network
     from riot_bus.zenoh.scouting import Scouting
 
@@ -63,7 +63,7 @@ class RouterService(Operations):
         settings: RouterSettings,
         *,
         interceptors: Sequence[object] = (),
-        plan: Plan | None = None,
+        plan: InjectionPlan | None = None,
         registry: TypeRegistry | None = None,
         seed: int = 0,
         folder: Path | None = None,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.bus import Bus
     from riot_bus.router.counts import Losses
-    from riot_bus.router.interception import Plan
+    from riot_bus.router.interception import InjectionPlan
 
 __all__ = ["bypass_rows", "count_rows", "count_table", "interceptor_rows", "loss_rows", "plan_row", "segment_rows"]
 
@@ -75,7 +75,7 @@ def _last_error(trace: str) -> str:
     return " ".join(reversed(found))
 
 
-def plan_row(plan: Plan | None) -> dict[str, Any] | None:
+def plan_row(plan: InjectionPlan | None) -> dict[str, Any] | None:
     """Return a plan's name and how often it was carried out; None if there is none."""
     if plan is None:
         return None

@@ -9,10 +9,10 @@ from riot_bus.control.status import count_table
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["answer_lines", "counts_lines", "plain", "status_lines"]
+__all__ = ["answer_lines", "counts_lines", "escape_control_chars", "status_lines"]
 
 
-def plain(text: object) -> str:
+def escape_control_chars(text: object) -> str:
     """Replace what a terminal would obey."""
     return "".join(each if each.isprintable() else "\ufffd" for each in str(text))
 
@@ -38,12 +38,12 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     lines += [line for each in status["interceptors"] for line in _interceptor(each)]
     lines += _plan(status["plan"])
     lines.append(_recording(status["recording"]))
-    return [plain(line) for line in [*lines, *_table(status["counts"])]]
+    return [escape_control_chars(line) for line in [*lines, *_table(status["counts"])]]
 
 
 def counts_lines(answer: Mapping[str, Any]) -> list[str]:
     """Return what `counts` answers: a table by topic, and what was lost."""
-    return [plain(line) for line in [*count_table(answer["counts"]), *_losses(answer["losses"])]]
+    return [escape_control_chars(line) for line in [*count_table(answer["counts"]), *_losses(answer["losses"])]]
 
 
 def answer_lines(answer: Mapping[str, Any]) -> list[str]:
@@ -59,7 +59,7 @@ def answer_lines(answer: Mapping[str, Any]) -> list[str]:
         lines.append(_recording(answer).replace("recording:", "recorded:", 1))
     elif "file" in answer:
         lines.append(f"recording: {answer['file']}")
-    return [plain(line) for line in lines]
+    return [escape_control_chars(line) for line in lines]
 
 
 def _bypasses(status: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.control.bypass import Bypass, BypassWatch
-    from riot_bus.graph.model import Change, Component, Graph
+    from riot_bus.graph.model import ConnectedComponent, Graph, GraphChange
     from riot_bus.graph.watch import GraphWatch
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
@@ -48,7 +48,7 @@ class Watches:
 
         self._bus = bus
         self._changed = changed
-        self._present: dict[tuple[str, str], Component] = {}
+        self._present: dict[tuple[str, str], ConnectedComponent] = {}
         self._graph: GraphWatch = GraphWatch(bus, self._take, senders=bus.senders, registry=registry)
         self._bypasses: BypassWatch | None = None
         if alarm is not None:
@@ -80,7 +80,7 @@ class Watches:
         """The present ways around the router."""
         return self._bypasses.bypasses if self._bypasses is not None else []
 
-    def _take(self, graph: Graph, changes: tuple[Change, ...]) -> None:
+    def _take(self, graph: Graph, changes: tuple[GraphChange, ...]) -> None:
         former, self._present = self._present, {(each.segment, each.zid): each for each in graph.components}
         for who in self._present.keys() - former.keys():
             self._tell("joined", self._present[who])
@@ -88,7 +88,7 @@ class Watches:
             self._tell("left", former[who])
         self._changed(graph)
 
-    def _tell(self, hook: str, component: Component) -> None:
+    def _tell(self, hook: str, component: ConnectedComponent) -> None:
         gate, hooks = self._bus.gate, self._hooks
         for stage in gate.pipeline.stages:
             if stage.hook(hook) is not None:

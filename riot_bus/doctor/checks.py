@@ -5,7 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.doctor.host import Port, Runtime, SharedMemory, open_files, port, python, runtime, shared_memory, versions
+from riot_bus.doctor.host import (
+    PortState,
+    Runtime,
+    SharedMemory,
+    open_files,
+    port,
+    python,
+    runtime,
+    shared_memory,
+    versions,
+)
 from riot_bus.zenoh.scouting import THIS_HOST, scout
 
 if TYPE_CHECKING:
@@ -60,7 +70,7 @@ class Facts:
     python: tuple[int, int] = _LEAST_PYTHON
     versions: Mapping[str, str | None] = field(default_factory=dict)
     runtime: Runtime = field(default_factory=Runtime)
-    ports: Sequence[Port] = ()
+    ports: Sequence[PortState] = ()
     answers: Mapping[str, Answer] | None = field(default_factory=dict)
     memory: SharedMemory | None = None
     files: int | None = None
@@ -170,7 +180,7 @@ def _processors(facts: Facts) -> Check:
     return Check(name, "warning", text, "give riot and the components at least two: one alone distorts all timing")
 
 
-def _port(found: Port) -> Check:
+def _port(found: PortState) -> Check:
     name = f"port {found.endpoint}"
     match found.state:
         case "free":

@@ -16,7 +16,17 @@ from typing import Literal
 from riot_bus.graph.processes import command, endpoint_of
 from riot_bus.zenoh.session import prepare_runtime
 
-__all__ = ["Port", "Runtime", "SharedMemory", "open_files", "port", "python", "runtime", "shared_memory", "versions"]
+__all__ = [
+    "PortState",
+    "Runtime",
+    "SharedMemory",
+    "open_files",
+    "port",
+    "python",
+    "runtime",
+    "shared_memory",
+    "versions",
+]
 
 _PACKAGES = ("riot-bus", "eclipse-zenoh", "mcap", "numpy", "psutil", "pydantic")
 _SHARED = Path("/dev/shm")  # noqa: S108 - Zenoh's own place
@@ -32,7 +42,7 @@ class Runtime:
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
+class PortState:
     """State of an endpoint to listen on; `other` if it is not TCP."""
 
     endpoint: str
@@ -77,16 +87,16 @@ def runtime() -> Runtime:
     return Runtime("ok", os.environ.get("ZENOH_RUNTIME", ""))
 
 
-def port(endpoint: str) -> Port:
+def port(endpoint: str) -> PortState:
     """Try to listen at an endpoint, and let go of it."""
     address = endpoint_of(endpoint)
     if address is None:
-        return Port(endpoint, "other")
+        return PortState(endpoint, "other")
     host, number = address
     try:
         families = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except OSError:
-        return Port(endpoint, "elsewhere")
+        return PortState(endpoint, "elsewhere")
     family, kind, protocol, _, bound = families[0]
     with socket.socket(family, kind, protocol) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # an ended listener's connections do not count
@@ -95,9 +105,9 @@ def port(endpoint: str) -> Port:
             probe.listen(1)
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
-                return Port(endpoint, "taken", _listener(number))
-            return Port(endpoint, "denied" if error.errno == errno.EACCES else "elsewhere")
-    return Port(endpoint, "free")
+                return PortState(endpoint, "taken", _listener(number))
+            return PortState(endpoint, "denied" if error.errno == errno.EACCES else "elsewhere")
+    return PortState(endpoint, "free")
 
 
 def _listener(number: int) -> str:

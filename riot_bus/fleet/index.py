@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from riot_bus.fleet.catalogue import Catalogue
     from riot_bus.fleet.entry import NamedBy
-    from riot_bus.fleet.stores import Found, Store
+    from riot_bus.fleet.stores import Store, StoredLog
     from riot_bus.log.info import LogInfo
 
 __all__ = ["IndexReport", "describe", "index"]
@@ -139,14 +139,14 @@ class _Indexing:
             self.catalogue.name(known.place, self.robot)
 
 
-def _until(logs: Iterator[Found], stop: Callable[[], bool]) -> Iterator[Found]:
+def _until(logs: Iterator[StoredLog], stop: Callable[[], bool]) -> Iterator[StoredLog]:
     for log in logs:
         if stop():
             return
         yield log
 
 
-def describe(store: Store, log: Found, robot: str | None = None, *, scan: bool = False) -> LogEntry:
+def describe(store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False) -> LogEntry:
     """Read what a log holds: from its summary if that is sound, else from all of it.
 
     Args:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
 
-from riot_bus.fleet.stores import ENDING, Found
+from riot_bus.fleet.stores import ENDING, StoredLog
 from riot_bus.log.account import LOST
 from riot_bus.log.engine.scan import MAGIC, parse
 from riot_bus.log.layout import RUN
@@ -64,7 +64,7 @@ class ObjectStore:
         self._within = "".join(url.partition("::")[1:])  # such as `::s3://bucket/logs.zip`
         self.root = self._place(self._path.rstrip("/"))
 
-    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+    def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs, folder by folder; say in a line what could not be looked at."""
         try:
             self._fs.invalidate_cache()
@@ -84,7 +84,7 @@ class ObjectStore:
             failed(f"{self.root}: {_reason(error)}")
 
     @contextmanager
-    def excerpt(self, log: Found) -> Iterator[Path]:
+    def excerpt(self, log: StoredLog) -> Iterator[Path]:
         """Give a file with head and summary of a log, and its run's metadata; what lies between is a hole."""
         with self._temporary(log) as path:
             parts = self._parts(log)
@@ -100,28 +100,30 @@ class ObjectStore:
             yield path
 
     @contextmanager
-    def whole(self, log: Found) -> Iterator[Path]:
+    def whole(self, log: StoredLog) -> Iterator[Path]:
         """Give a copy of a log on this machine's disk."""
         with self._temporary(log) as path:
             self._copy(log, path)
             yield path
 
-    def _found(self, path: str, info: Mapping[str, Any], folder: str, failed: Callable[[str], None]) -> Iterator[Found]:
+    def _found(
+        self, path: str, info: Mapping[str, Any], folder: str, failed: Callable[[str], None]
+    ) -> Iterator[StoredLog]:
         size = info.get("size")
         place = self._place(path)
         if not isinstance(size, int):
             failed(f"{place}: the store does not say how large it is")
             return
         stamp = next((str(info[name]) for name in _STAMPS if info.get(name)), "")
-        yield Found(place, size, stamp, folder)
+        yield StoredLog(place, size, stamp, folder)
 
     def _place(self, path: str) -> str:
         return f"{self._fs.unstrip_protocol(path).rstrip('/')}{self._within}"
 
-    def _inner_path(self, log: Found) -> Any:
+    def _inner_path(self, log: StoredLog) -> Any:
         return self._fs._strip_protocol(log.place.removesuffix(self._within))
 
-    def _parts(self, log: Found) -> list[tuple[int, int]] | None:
+    def _parts(self, log: StoredLog) -> list[tuple[int, int]] | None:
         """Return which parts of a log tell what is in it; None if all of it has to be read."""
         size, foot = log.size, _FOOTER.size + len(MAGIC)
         if size <= _BLOCK:
@@ -135,7 +137,7 @@ class ObjectStore:
         summary = b"".join(self._range(log, begin, min(size, begin + _BLOCK)) for begin in range(start, size, _BLOCK))
         return [(0, _HEAD), *_needed(summary, size), (start - _BEFORE, size)]
 
-    def _range(self, log: Found, start: int, end: int) -> bytes:
+    def _range(self, log: StoredLog, start: int, end: int) -> bytes:
         try:
             found = bytes(self._fs.cat_file(self._inner_path(log), start=start, end=end))
         except Exception as error:
@@ -146,14 +148,14 @@ class ObjectStore:
             )
         return found
 
-    def _copy(self, log: Found, path: Path) -> None:
+    def _copy(self, log: StoredLog, path: Path) -> None:
         try:
             self._fs.get_file(self._inner_path(log), str(path))
         except Exception as error:
             raise EnvironmentFaultError(f"cannot be copied: {_reason(error)}", where=log.place) from error
 
     @contextmanager
-    def _temporary(self, log: Found) -> Iterator[Path]:
+    def _temporary(self, log: StoredLog) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="riot-fleet-") as folder:
             path = Path(folder) / "log.mcap"
             path.touch()

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
-__all__ = ["ENDING", "FolderStore", "Found", "Store", "copied", "is_remote", "open_store"]
+__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "copied", "is_remote", "open_store"]
 
 ENDING = ".mcap"
 """How the names of logs end."""
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class StoredLog:
     """A log that is somewhere.
 
     Attributes:
@@ -49,15 +49,15 @@ class Store(Protocol):
     root: str
     partial: bool
 
-    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+    def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs; say in a line what could not be looked at."""
         ...
 
-    def excerpt(self, log: Found) -> AbstractContextManager[Path]:
+    def excerpt(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Give a local file with at least the summary of a log, and of the same size."""
         ...
 
-    def whole(self, log: Found) -> AbstractContextManager[Path]:
+    def whole(self, log: StoredLog) -> AbstractContextManager[Path]:
         """Give a local file with all of a log."""
         ...
 
@@ -79,12 +79,12 @@ class FolderStore:
             raise ConfigError("there is no such folder or log", where=str(root))
         self.root = str(root.resolve())
 
-    def logs(self, failed: Callable[[str], None]) -> Iterator[Found]:
+    def logs(self, failed: Callable[[str], None]) -> Iterator[StoredLog]:
         """Yield all logs, folder by folder; say in a line what could not be looked at."""
         root = Path(self.root)
         if root.is_file():
             details = root.stat()
-            yield Found(self.root, details.st_size, str(details.st_mtime_ns), root.parent.name)
+            yield StoredLog(self.root, details.st_size, str(details.st_mtime_ns), root.parent.name)
             return
         waiting = [(self.root, "")]
         while waiting:
@@ -98,7 +98,7 @@ class FolderStore:
                             elif entry.name.endswith(ENDING) and stat.S_ISREG((details := entry.stat()).st_mode):
                                 entry.path.encode()
                                 stamp = str(details.st_mtime_ns)
-                                yield Found(entry.path, details.st_size, stamp, below or root.name)
+                                yield StoredLog(entry.path, details.st_size, stamp, below or root.name)
                         except UnicodeEncodeError:
                             failed(f"{os.fsencode(entry.path)!r}: the name is not UTF-8")
                         except OSError as error:
@@ -107,12 +107,12 @@ class FolderStore:
                 failed(f"{path}: {error.strerror}")
 
     @contextmanager
-    def excerpt(self, log: Found) -> Iterator[Path]:
+    def excerpt(self, log: StoredLog) -> Iterator[Path]:
         """Give the log itself."""
         yield Path(log.place)
 
     @contextmanager
-    def whole(self, log: Found) -> Iterator[Path]:
+    def whole(self, log: StoredLog) -> Iterator[Path]:
         """Give the log itself."""
         yield Path(log.place)
 

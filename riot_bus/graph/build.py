@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.graph.model import CALL_ROLES, Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.model import CALL_ROLES, ConnectedComponent, Edge, Graph, Topic, Unknown
 from riot_bus.types.announcement import Announcement
 from riot_bus.vocabulary.selector import key_matches
 
@@ -153,7 +153,7 @@ class _Builder:
         text = "announces nothing: what it publishes and subscribes to shows only by traffic and matching"
         self.unknown += [Unknown(z, s, text) for s, z in self.seen.sessions if z not in speaking]
 
-    def components(self) -> list[Component]:
+    def components(self) -> list[ConnectedComponent]:
         nodes: defaultdict[str, set[str]] = defaultdict(set)
         for token in self.seen.tokens:
             nodes[token.zid].update(filter(None, [token.node]))
@@ -161,13 +161,15 @@ class _Builder:
         for (segment, zid), mode in self.seen.sessions.items():
             addresses = tuple(sorted(self.seen.addresses.get((segment, zid), ())))
             owner = next((self.seen.owners[each] for each in addresses if each in self.seen.owners), None)
-            one = Component(segment, zid, mode, self.seen.names.get(zid, ""), tuple(sorted(nodes[zid])), addresses)
+            one = ConnectedComponent(
+                segment, zid, mode, self.seen.names.get(zid, ""), tuple(sorted(nodes[zid])), addresses
+            )
             result.append(replace(one, pid=owner.pid, command=owner.command) if owner else one)
         for each in self.seen.bridged:
             spoken = tuple(sorted(set(each.publishes.values())))
-            result.append(Component(each.segment, _id_of(each), "link", each.name, spoken, each.addresses))
+            result.append(ConnectedComponent(each.segment, _id_of(each), "link", each.name, spoken, each.addresses))
         for zid in sorted({token.zid for token in self.seen.tokens} - self.segments_of.keys()):
-            result.append(Component("", zid, "", self.seen.names.get(zid, ""), tuple(sorted(nodes[zid]))))
+            result.append(ConnectedComponent("", zid, "", self.seen.names.get(zid, ""), tuple(sorted(nodes[zid]))))
             self.unknown.append(Unknown(zid, "", "announces itself, but is connected to no segment: what is between?"))
         return result
 

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.graph.model import Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic, Unknown
 from riot_bus.graph.render import VERSION
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["graph_from", "record", "replay"]
 
-_PARTS: dict[str, type[Any]] = {"components": Component, "topics": Topic, "edges": Edge, "unknown": Unknown}
+_PARTS: dict[str, type[Any]] = {"components": ConnectedComponent, "topics": Topic, "edges": Edge, "unknown": Unknown}
 
 
 def record(before: Graph | None, after: Graph, *, time: int) -> dict[str, str]:

@@ -10,14 +10,14 @@ if TYPE_CHECKING:
 
     from riot_bus.types.announcement import Role
 
-__all__ = ["CALL_ROLES", "Change", "Component", "Edge", "Graph", "Topic", "Unknown"]
+__all__ = ["CALL_ROLES", "ConnectedComponent", "Edge", "Graph", "GraphChange", "Topic", "Unknown"]
 
 CALL_ROLES: tuple[Role, ...] = ("serves", "calls")
 """What components do with services and actions; all other roles are those of topics."""
 
 
 @dataclass(frozen=True, slots=True)
-class Component:
+class ConnectedComponent:
     """A session that is connected to a segment, or a link of a bridge in the router's own process.
 
     Attributes:
@@ -115,7 +115,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Change:
+class GraphChange:
     """One difference between two graphs."""
 
     what: Literal["component", "topic", "edge", "unknown"]
@@ -127,7 +127,7 @@ class Change:
 class Graph:
     """Who talks to whom; sorted, so that equal networks give equal graphs. Counts and rates are not compared."""
 
-    components: tuple[Component, ...] = ()
+    components: tuple[ConnectedComponent, ...] = ()
     topics: tuple[Topic, ...] = ()
     edges: tuple[Edge, ...] = ()
     unknown: tuple[Unknown, ...] = ()
@@ -135,7 +135,7 @@ class Graph:
     @classmethod
     def of(
         cls,
-        components: Iterable[Component],
+        components: Iterable[ConnectedComponent],
         topics: Iterable[Topic],
         edges: Iterable[Edge],
         unknown: Iterable[Unknown],
@@ -148,12 +148,12 @@ class Graph:
             unknown=tuple(sorted(set(unknown))),
         )
 
-    def component(self, zid: str, segment: str | None = None) -> Component | None:
+    def component(self, zid: str, segment: str | None = None) -> ConnectedComponent | None:
         """Return a component by its id, in any segment unless one is named; None if there is none."""
         found = (each for each in self.components if each.zid == zid and segment in (None, each.segment))
         return next(found, None)
 
-    def changes_since(self, other: Graph) -> tuple[Change, ...]:
+    def changes_since(self, other: Graph) -> tuple[GraphChange, ...]:
         """Return what is different from an earlier graph, sorted; counts and rates do not count.
 
         Args:
@@ -168,7 +168,7 @@ class Graph:
         return tuple(sorted(changes))
 
 
-def _components(graph: Graph) -> dict[str, Component]:
+def _components(graph: Graph) -> dict[str, ConnectedComponent]:
     return {f"{each.zid} in {each.segment or 'no segment'}": each for each in graph.components}
 
 
@@ -186,11 +186,11 @@ def _compare(
     what: Literal["component", "topic", "edge", "unknown"],
     before: Mapping[str, Hashable],
     after: Mapping[str, Hashable],
-) -> Iterable[Change]:
+) -> Iterable[GraphChange]:
     for subject in before.keys() | after.keys():
         if subject not in before:
-            yield Change(what, "appeared", subject)
+            yield GraphChange(what, "appeared", subject)
         elif subject not in after:
-            yield Change(what, "vanished", subject)
+            yield GraphChange(what, "vanished", subject)
         elif before[subject] != after[subject]:
-            yield Change(what, "changed", subject)
+            yield GraphChange(what, "changed", subject)

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from riot_bus.graph.declarations import Declared
-    from riot_bus.graph.processes import Process
+    from riot_bus.graph.processes import SocketOwner
     from riot_bus.types.announcement import Announcement, BridgedLink
 
 __all__ = ["Observations"]
@@ -50,7 +50,7 @@ class Observations:
     segments: tuple[str, ...] = ()
     sessions: Mapping[tuple[str, str], str] = field(default_factory=dict)
     addresses: Mapping[tuple[str, str], Collection[str]] = field(default_factory=dict)
-    owners: Mapping[str, Process] = field(default_factory=dict)
+    owners: Mapping[str, SocketOwner] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)
     tokens: Collection[Announcement] = ()
     flows: Mapping[tuple[str, str], int] = field(default_factory=dict)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.graph.declarations import Declared
-    from riot_bus.graph.processes import Process
+    from riot_bus.graph.processes import SocketOwner
     from riot_bus.types.announcement import BridgedLink
     from riot_bus.types.registry import TypeRegistry
 
@@ -100,7 +100,7 @@ class Observer:
         self._left_out = False
         self._looked = clock()
         self._rates: dict[Key, float] = {}
-        self._owners: dict[str, Process | None] = {}
+        self._owners: dict[str, SocketOwner | None] = {}
         self._names: dict[str, str] = {}
         self._questions: dict[str, int] = {}
         self._watched: set[str] = set()
@@ -187,7 +187,7 @@ class Observer:
         self._watched.update(new[:room])
         return len(new[room:])
 
-    def _find_owners(self, addresses: set[str]) -> dict[str, Process]:
+    def _find_owners(self, addresses: set[str]) -> dict[str, SocketOwner]:
         if not self._processes:
             return {}
         self._owners = {each: owner for each, owner in self._owners.items() if each in addresses}

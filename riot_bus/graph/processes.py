@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-__all__ = ["Connection", "Process", "connections", "endpoint_of", "owners"]
+__all__ = ["Connection", "SocketOwner", "connections", "endpoint_of", "owners"]
 
 _INTERPRETERS = ("python", "ruby", "node", "java", "perl", "bash", "sh")
 _FEW = 1
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Process:
+class SocketOwner:
     """A process that owns a socket."""
 
     pid: int
@@ -78,7 +78,7 @@ def _plain(host: str) -> str:
     return host.removeprefix("::ffff:")
 
 
-def owners(locators: Iterable[str]) -> dict[str, Process]:
+def owners(locators: Iterable[str]) -> dict[str, SocketOwner]:
     """Return which process owns each locator; those of other hosts, users and protocols are left out.
 
     Args:
@@ -89,7 +89,7 @@ def owners(locators: Iterable[str]) -> dict[str, Process]:
         return {}
     found = {wanted[each.near]: each.pid for each in connections() if each.near in wanted and each.pid}
     commands = {pid: command(pid) for pid in set(found.values())}
-    return {locator: Process(pid, commands[pid]) for locator, pid in found.items()}
+    return {locator: SocketOwner(pid, commands[pid]) for locator, pid in found.items()}
 
 
 def command(pid: int) -> str:

@@ -12,7 +12,7 @@ from riot_bus.graph.model import CALL_ROLES
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from riot_bus.graph.model import Change, Component, Edge, Graph
+    from riot_bus.graph.model import ConnectedComponent, Edge, Graph, GraphChange
 
 __all__ = ["VERSION", "changes_json", "dot", "graph_json", "mermaid", "render", "text"]
 
@@ -45,7 +45,7 @@ def graph_json(graph: Graph, *, indent: int | None = None) -> str:
     return json.dumps({"version": VERSION, **asdict(graph)}, indent=indent, sort_keys=True)
 
 
-def changes_json(graph: Graph, changes: Sequence[Change], *, time: int) -> str:
+def changes_json(graph: Graph, changes: Sequence[GraphChange], *, time: int) -> str:
     """Return one change of a graph, and the graph after it, as one line of JSON for a log.
 
     Args:
@@ -168,7 +168,7 @@ def _who(graph: Graph, edge: Edge) -> str:
     return edge.node or (component.label if component is not None else edge.zid[:8])
 
 
-def _ends(component: Component) -> str:
+def _ends(component: ConnectedComponent) -> str:
     return _plain(", ".join(component.addresses)) or "-"
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.graph.tokens import expressions, parse_token
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -153,7 +153,7 @@ class SegmentSource:
         zenoh = library_of(self.session)
         for key in keys:
             if key not in self._publishers:
-                hold(self.session, key)
+                pin(self.session, key)
                 publisher = self.session.declare_publisher(key, allowed_destination=zenoh.Locality.REMOTE)
                 with self._lock:
                     self._publishers[key] = publisher

@@ -17,7 +17,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from riot_bus.graph.model import Change
+    from riot_bus.graph.model import GraphChange
     from riot_bus.graph.observe import WatchedBus
 
 __all__ = ["GraphWatch"]
@@ -48,7 +48,7 @@ class GraphWatch:
     def __init__(
         self,
         bus: WatchedBus,
-        callback: Callable[[Graph, tuple[Change, ...]], None] | None = None,
+        callback: Callable[[Graph, tuple[GraphChange, ...]], None] | None = None,
         *,
         senders: Callable[[], Mapping[tuple[str, str], Collection[str]]] = dict,
         registry: TypeRegistry | None = None,

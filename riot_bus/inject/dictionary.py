@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
-from riot_bus.types.exceptional import Entry
+from riot_bus.types.exceptional import ExceptionalValue
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True)
 class _Binding:
     pattern: str
     type: str | None
-    entries: tuple[Entry, ...]
+    entries: tuple[ExceptionalValue, ...]
     only: bool
     where: str
     own: bool
@@ -76,7 +76,7 @@ class Dictionary:
     """
 
     def __init__(self) -> None:
-        self._entries: list[tuple[str | None, Entry]] = []
+        self._entries: list[tuple[str | None, ExceptionalValue]] = []
         self._bindings: list[_Binding] = []
         self._mutations: dict[str, list[Mutation]] = {}
 
@@ -124,7 +124,9 @@ class Dictionary:
         """Return the message types that there are mutations for, sorted."""
         return tuple(sorted(self._mutations))
 
-    def values_for(self, type: str, path: str | None = None, *, told: Iterable[Entry] = ()) -> tuple[Entry, ...]:
+    def values_for(
+        self, type: str, path: str | None = None, *, told: Iterable[ExceptionalValue] = ()
+    ) -> tuple[ExceptionalValue, ...]:
         """Return the values worth trying in a field, those bound to its path first.
 
         Args:
@@ -136,7 +138,7 @@ class Dictionary:
             ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
         """
         _check_type(type, None)
-        found: dict[object, Entry] = {}
+        found: dict[object, ExceptionalValue] = {}
         only = False
         for binding in self._bindings if path is not None else ():
             if not _bound(binding.pattern, path or ""):
@@ -235,13 +237,13 @@ class _RawEntry(BaseModel):
     reason: Annotated[str, Field(min_length=1)]
     type: str | None = None
 
-    def checked(self, kind: str | None, where: str) -> Entry:
+    def checked(self, kind: str | None, where: str) -> ExceptionalValue:
         _check_type(kind, where)
         value = _plain(self.value)
         if kind is not None and not eligible(kind, value):
             shown = value if len(repr(value)) <= 60 else f"{repr(value)[:57]}..."
             raise ConfigError(f"a {kind} cannot hold {shown!r}", where=where, hint=f"give a value of type {kind}")
-        return Entry(value, self.reason)
+        return ExceptionalValue(value, self.reason)
 
 
 class _RawField(BaseModel):

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.log import layout
 from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
 from riot_bus.log.engine.salvage import Salvage, salvage
-from riot_bus.log.engine.scan import Entry, Scan, define, learn_block, load_block, load_extras, read_metadata, scan_file
+from riot_bus.log.engine.scan import (
+    MessageEntry,
+    Scan,
+    define,
+    learn_block,
+    load_block,
+    load_extras,
+    read_metadata,
+    scan_file,
+)
 from riot_bus.log.layout import Constants, Provenance, Role
 from riot_bus.types.model import Schema
 from riot_bus.types.offer import RecordedTopic
@@ -369,9 +378,9 @@ class LogReader:
                     self._salvage_block(block)
         return scan.channels
 
-    def _entries(self, low: int, high: int) -> Iterator[Entry]:
+    def _entries(self, low: int, high: int) -> Iterator[MessageEntry]:
         blocks = self.blocks(low, high)
-        waiting: list[Entry] = []
+        waiting: list[MessageEntry] = []
         held, bound = 0, 0
         for place, block in enumerate(blocks):
             loaded = self._load(block)
@@ -390,7 +399,7 @@ class LogReader:
                     del waiting[:ready]
         yield from waiting
 
-    def _load(self, block: Block) -> list[Entry]:
+    def _load(self, block: Block) -> list[MessageEntry]:
         try:
             data = read_block(self._file, block)
             self._loaded_bytes = len(data)
@@ -401,7 +410,7 @@ class LogReader:
         self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
         return entries
 
-    def _salvage_block(self, block: Block) -> list[Entry]:
+    def _salvage_block(self, block: Block) -> list[MessageEntry]:
         """Return what an index confirms of a damaged block, and take in its schemas and channels."""
         found = self.rest_of(block)
         if found is None:
@@ -447,15 +456,15 @@ def read_log(path: Path | str) -> tuple[Message, ...]:
         return tuple(reader.messages())
 
 
-def _time_of(entry: Entry) -> int:
+def _time_of(entry: MessageEntry) -> int:
     return entry.time
 
 
-def _weight(entry: Entry) -> int:
+def _weight(entry: MessageEntry) -> int:
     return len(entry.payload) + _ENTRY_BYTES
 
 
-def _message(entry: Entry, source: ChannelSource) -> Message:
+def _message(entry: MessageEntry, source: ChannelSource) -> Message:
     constants = source.constants
     published = None if source.own and entry.published == entry.time else entry.published
     if entry.extras is None:

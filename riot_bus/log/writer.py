@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.clock import Clock
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["LogWriter", "LostMessagesError", "Storage", "Track"]
+__all__ = ["ChannelWriter", "LogWriter", "LostMessagesError", "Storage"]
 
 _LOG = logging.getLogger(__name__)
 _MAX_CHANNELS = 65_000
@@ -136,7 +136,7 @@ class Storage(Protocol):
         """Let go of it."""
 
 
-class Track(NamedTuple):
+class ChannelWriter(NamedTuple):
     """What `append` wants to know of a channel: its number, and what its messages have in common."""
 
     number: int
@@ -218,7 +218,7 @@ class LogWriter:
         self._now = (clock or SystemClock()).now
         self._chunk_bytes, self._chunk_ns, self._durable = chunk_bytes, int(chunk_seconds * 1e9), durable
         self._lock = threading.Lock()
-        self._known: dict[Role, dict[str, Track | None]] = {"delivered": {}, "original": {}}
+        self._known: dict[Role, dict[str, ChannelWriter | None]] = {"delivered": {}, "original": {}}
         self._names: dict[int, tuple[str, Role]] = {}
         self._channels: list[Channel] = []
         self._schemas: dict[tuple[str, bytes], Schema] = {}
@@ -291,7 +291,7 @@ class LogWriter:
             if changes:
                 self._provenance.append(Provenance(message.sequence, message.key, time, role, tuple(changes)))
 
-    def track(self, message: Message) -> Track | None:
+    def track(self, message: Message) -> ChannelWriter | None:
         """Return what `append` needs for the messages of a key; None if the file can hold no more keys.
 
         Args:
@@ -587,7 +587,7 @@ class LogWriter:
         topic = key if self._registry is None else self._registry.topic(key)
         self.lost[topic if topic in self.lost or len(self.lost) < _MAX_CHANNELS else _OTHER_TOPICS] += count
 
-    def _open_channel(self, message: Message, role: Role) -> Track | None:
+    def _open_channel(self, message: Message, role: Role) -> ChannelWriter | None:
         key = message.key
         topic, kind = key, None
         if self._registry is not None:
@@ -616,7 +616,7 @@ class LogWriter:
         self._channels.append(channel)
         self._builder.define(record_bytes(channel))
         self._names[channel.id] = key, role
-        track = self._known[role][key] = Track(channel.id, constants)
+        track = self._known[role][key] = ChannelWriter(channel.id, constants)
         return track
 
     def _schema_id(self, schema: Definition | None) -> int:

@@ -10,7 +10,7 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.control.commands import Request
+    from riot_bus.control.commands import CommandRequest
     from riot_bus.play.service import PlayService
 
 __all__ = ["PLAY_COMMANDS", "UNDER"]
@@ -22,7 +22,7 @@ _MOST_STEPS = 1_000_000
 _LARGEST = 1e12
 
 
-def _number(request: Request, name: str, default: float | None = None) -> float:
+def _number(request: CommandRequest, name: str, default: float | None = None) -> float:
     found = request.argument(name)
     if found is None and default is not None:
         return default
@@ -31,15 +31,15 @@ def _number(request: Request, name: str, default: float | None = None) -> float:
     return float(found)
 
 
-def _told(do: Callable[[PlayService, Request], object]) -> Command:
-    def run(service: PlayService, request: Request) -> dict[str, Any]:
+def _told(do: Callable[[PlayService, CommandRequest], object]) -> Command:
+    def run(service: PlayService, request: CommandRequest) -> dict[str, Any]:
         do(service, request)
         return service.status()
 
     return Command(run)
 
 
-def _step(service: PlayService, request: Request) -> None:
+def _step(service: PlayService, request: CommandRequest) -> None:
     count = _number(request, "count", 1.0)
     if not 1 <= count <= _MOST_STEPS or count != int(count):
         raise ConfigError(f"{count:g} is no number of steps", hint=f"1 to {_MOST_STEPS}")

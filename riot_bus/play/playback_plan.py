@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
     from riot_bus.log.playback.sources import Source
     from riot_bus.play.options import PlayOptions
-    from riot_bus.play.topic_selection import Cast
+    from riot_bus.play.topic_selection import TopicSelection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Programme"]
+__all__ = ["PlaybackPlan"]
 
 
-class Programme:
+class PlaybackPlan:
     """What is played.
 
     Args:
@@ -61,7 +61,7 @@ class Programme:
             adapters = load_adapters()
             declared = parse_types(options.types)
             self.registry = TypeRegistry(adapters, declared=declared, definitions=options.definitions)
-            self.cast: Cast = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
+            self.cast: TopicSelection = cast([recorded_topics(reader) for reader in self.readers], options, adapters)
             self._learn_types()
             merged = self._merged(options)
             self._ahead = AheadSource(merged)

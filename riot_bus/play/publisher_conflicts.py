@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Rivals"]
+__all__ = ["PublisherConflicts"]
 
 _ASK_S = 1.0
 _LISTEN_S = 1.0
 
 
-class Rivals:
+class PublisherConflicts:
     """Finds other publishers: by their liveliness tokens, and for a second by what they publish.
 
     Args:

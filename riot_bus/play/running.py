@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.control.terminal import Foreground
 from riot_bus.play.keys import HELP, press
 from riot_bus.play.service import PlayService
@@ -59,7 +59,7 @@ def run_play(
         DataLossError: Messages could not be read or published.
     """
     foreground = Foreground(console, warn)
-    service = PlayService(options, warn=lambda line: foreground.tell(plain(f"warning: {line}")))
+    service = PlayService(options, warn=lambda line: foreground.tell(escape_control_chars(f"warning: {line}")))
     interrupted = threading.Event()
 
     def end() -> None:
@@ -87,7 +87,7 @@ def _ready(service: PlayService, *, as_json: bool) -> str:
     status = service.status()
     logs = ", ".join(str(path) for path in options.logs)
     length = status["end"] - status["start"]
-    return plain(
+    return escape_control_chars(
         f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, to {options.endpoint}"
     )
 
@@ -110,7 +110,7 @@ def _end(
             topics = ", ".join(f"{topic} {number}" for topic, number in result.lost.most_common(5))
             parts.append(f"{result.lost.total()} messages were not published: {topics}")
         parts += [f"{topic}: {problem}" for topic, problem in list(result.problems.items())[:5]]
-        raise DataLossError(plain("; ".join(parts)), hint=service.programme.hint)
+        raise DataLossError(escape_control_chars("; ".join(parts)), hint=service.programme.hint)
 
 
 @contextmanager

@@ -17,8 +17,8 @@ from riot_bus.log.playback.pace import SteadyPace
 from riot_bus.log.playback.player import Player
 from riot_bus.play.commands import PLAY_COMMANDS, UNDER
 from riot_bus.play.lockstep import Acknowledged, Quiet
-from riot_bus.play.playback_plan import Programme
-from riot_bus.play.publisher_conflicts import Rivals
+from riot_bus.play.playback_plan import PlaybackPlan
+from riot_bus.play.publisher_conflicts import PublisherConflicts
 from riot_bus.play.publishing import Publishing
 from riot_bus.play.simclock import Ticker
 from riot_bus.vocabulary.errors import RiotError
@@ -95,7 +95,7 @@ class PlayService:
         self.options = options
         self.name = options.name
         self._warn = warn
-        self.programme = Programme(options)
+        self.programme = PlaybackPlan(options)
         lockstep = bool(options.lockstep) or options.ack is not None
         self.player = Player(
             self.programme.source,
@@ -145,7 +145,7 @@ class PlayService:
             config = client_config(options.endpoint, extra={**_CONFIG, **options.config})
             session = open_session(config, purpose="player")
             stack.callback(release, session)
-            rivals = Rivals(session, set(cast.offers), self.programme.registry, self._rival)
+            rivals = PublisherConflicts(session, set(cast.offers), self.programme.registry, self._rival)
             rivals.look()
             stack.callback(rivals.close)
             offers = {**cast.offers, **({cast.clock.offer.key: cast.clock.offer} if cast.clock is not None else {})}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,8 +45,8 @@ def _where(status: Mapping[str, Any]) -> str:
 def status_lines(status: Mapping[str, Any]) -> list[str]:
     """Return what a player answers to any command."""
     return [
-        plain(f"player {status['name']}, process {status['pid']}: {', '.join(status['logs'])}"),
-        plain(_where(status)),
+        escape_control_chars(f"player {status['name']}, process {status['pid']}: {', '.join(status['logs'])}"),
+        escape_control_chars(_where(status)),
         _late(status["lateness"]),
     ]
 

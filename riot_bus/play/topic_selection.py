@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter
     from riot_bus.types.offer import RecordedTopic, SimClock
 
-__all__ = ["Cast", "cast"]
+__all__ = ["TopicSelection", "cast"]
 
 _ROS_SCHEMAS = ("ros2msg", "ros2idl")
 
 
 @dataclass(slots=True)
-class Cast:
+class TopicSelection:
     """What is played.
 
     Attributes:
@@ -43,7 +43,7 @@ class Cast:
     clock: SimClock | None = None
 
 
-def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters: Sequence[Adapter]) -> Cast:
+def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters: Sequence[Adapter]) -> TopicSelection:
     """Decide what is played.
 
     Args:
@@ -67,7 +67,7 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
         _check_known(texts, topics, where)
     offering = [each for each in adapters if isinstance(each, Offering)]
     chosen = [[topic for topic in log if _is_wanted(topic, options)] for log in logs]
-    found = Cast()
+    found = TopicSelection()
     if options.clock:
         clocks = (each.clock([topic for log in chosen for topic in log], domain=options.domain) for each in offering)
         found.clock = next((clock for clock in clocks if clock is not None), None)

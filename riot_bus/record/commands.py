@@ -10,7 +10,7 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.control.commands import Request
+    from riot_bus.control.commands import CommandRequest
     from riot_bus.record.service import CaptureService
 
 __all__ = ["CAPTURE_COMMANDS", "UNDER"]
@@ -20,7 +20,7 @@ UNDER = "record/**"
 
 
 def _told(do: Callable[[CaptureService], object]) -> Command:
-    def run(service: CaptureService, request: Request) -> dict[str, Any]:
+    def run(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
         do(service)
         return service.status()
 
@@ -34,7 +34,7 @@ def _start(service: CaptureService) -> None:
     service.resume()
 
 
-def _split(service: CaptureService, request: Request) -> dict[str, Any]:
+def _split(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
     former, present = service.split(request.path())
     return {"former": str(former), "file": str(present)}
 

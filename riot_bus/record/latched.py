@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Latched"]
+__all__ = ["LatchedCaches"]
 
 _TIMEOUT_S = 2.0
 _TOKENS = "**/@adv/pub/**"
 
 
-class Latched:
+class LatchedCaches:
     """Asks the cache of each publisher that announces one, once.
 
     Args:

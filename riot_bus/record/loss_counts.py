@@ -6,15 +6,15 @@ from collections import defaultdict
 from typing import TYPE_CHECKING
 
 from riot_bus.log.account import Account
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["Book", "summed"]
+__all__ = ["LossCounts", "summed"]
 
 
-class Book:
+class LossCounts:
     """The figures of one file; not thread-safe.
 
     Attributes:
@@ -25,10 +25,10 @@ class Book:
     """
 
     def __init__(self) -> None:
-        self.recorded = Tally()
-        self.unwritten = Tally()
-        self.lost: defaultdict[str, Tally] = defaultdict(Tally)
-        self.left_out: defaultdict[str, Tally] = defaultdict(Tally)
+        self.recorded = BoundedCounts()
+        self.unwritten = BoundedCounts()
+        self.lost: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
+        self.left_out: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
 
     def lose(self, reason: str, topic: str, number: int = 1, *, written: bool = False) -> None:
         """Count lost messages; `written`: they were counted as recorded."""
@@ -48,7 +48,7 @@ class Book:
 
 def summed(accounts: Iterable[Account]) -> Account:
     """Return the sum of several accounts."""
-    book = Book()
+    book = LossCounts()
     for account in accounts:
         for topic, number in account.recorded.items():
             book.recorded.add(topic, number)
@@ -59,7 +59,7 @@ def summed(accounts: Iterable[Account]) -> Account:
     return book.account()
 
 
-def _plain(parts: Mapping[str, Tally]) -> dict[str, dict[str, int]]:
+def _plain(parts: Mapping[str, BoundedCounts]) -> dict[str, dict[str, int]]:
     found = {
         reason: {topic: number for topic, number in topics.copy().items() if number}
         for reason, topics in list(parts.items())

@@ -15,7 +15,7 @@ from riot_bus.log.account import LOST, Account
 from riot_bus.log.engine.ring import Ring
 from riot_bus.log.rosbag2 import RECORD, BagFile, bag_of, bag_record, write_metadata
 from riot_bus.log.writer import LogWriter, LostMessagesError
-from riot_bus.record.loss_counts import Book
+from riot_bus.record.loss_counts import LossCounts
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["RingTape"]
+__all__ = ["RingSink"]
 
 
-class RingTape:
+class RingSink:
     """Keeps messages in memory; the other half of `Tape`, with the same arguments.
 
     Args:
@@ -58,7 +58,7 @@ class RingTape:
     ) -> None:
         self.lock = threading.RLock()
         self.generation = 0
-        self.book = Book()
+        self.book = LossCounts()
         self.problem = ""
         self._registry, self._naming, self._metadata, self._profile = registry, naming, metadata, profile
         self._warn, self._notes, self._most = warn, notes, options.max_files

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.rosbag2 import BagFile, bag_epilogue, bag_file, write_metadata
 from riot_bus.log.writer import LogWriter, LostMessagesError
-from riot_bus.record.loss_counts import Book, summed
+from riot_bus.record.loss_counts import LossCounts, summed
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.record.options import CaptureOptions
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["FileResult", "Tape"]
+__all__ = ["FileResult", "RotatingSink"]
 
 _LOG = logging.getLogger(__name__)
 _AGAIN_S = 5.0
@@ -52,18 +52,18 @@ class FileResult:
         return {**row, "deleted": True} if self.deleted else row
 
 
-class _Reel:
+class _OpenFile:
     """A file in the making."""
 
     def __init__(self, path: Path, writer: LogWriter) -> None:
-        self.path, self.writer, self.book = path, writer, Book()
+        self.path, self.writer, self.book = path, writer, LossCounts()
         self.result: FileResult | None = None
         self.began = time.monotonic()
         self.noted = 0
         self.noted_at = 0.0
 
 
-class Tape:
+class RotatingSink:
     """Writes to files; thread-safe as far as `lock` is held where it is said.
 
     Args:
@@ -99,7 +99,7 @@ class Tape:
         self._metadata, self._details, self._profile = metadata, details, profile
         self._warn, self._began = warn, began
         self._bag: dict[str, BagFile] = {}
-        self._reels: list[_Reel] = []
+        self._reels: list[_OpenFile] = []
         self._closing: list[threading.Thread] = []
         self._problem = ""
         self._said = self._tried = -_REPEAT_S
@@ -116,7 +116,7 @@ class Tape:
         return self._reel.writer
 
     @property
-    def book(self) -> Book:
+    def book(self) -> LossCounts:
         """Its figures."""
         return self._reel.book
 
@@ -224,7 +224,7 @@ class Tape:
 
     # -- files --------------------------------------------------------------------------------------------------------
 
-    def _open(self, path: Path) -> _Reel:
+    def _open(self, path: Path) -> _OpenFile:
         options = self._options
         writer = LogWriter(
             path,
@@ -240,9 +240,9 @@ class Tape:
             queue_bytes=options.queue_bytes,
             epilogue=bag_epilogue if self._profile == "ros2" else None,
         )
-        return _Reel(path, writer)
+        return _OpenFile(path, writer)
 
-    def _finish(self, reel: _Reel) -> None:
+    def _finish(self, reel: _OpenFile) -> None:
         writer = reel.writer
         self._guard(reel, writer.flush)
         file = bag_file(reel.path.name, writer)
@@ -279,7 +279,7 @@ class Tape:
         except OSError as error:
             self._warn(f"metadata.yaml cannot be written: {error.strerror}")
 
-    def _note_account(self, reel: _Reel) -> None:
+    def _note_account(self, reel: _OpenFile) -> None:
         """Write losses down as they happen, so that a crash does not take them along."""
         now = time.monotonic()
         if now - reel.noted_at < _NOTE_S:
@@ -292,14 +292,14 @@ class Tape:
 
     # -- trouble ------------------------------------------------------------------------------------------------------
 
-    def _guard(self, reel: _Reel, action: Callable[[], None]) -> None:
+    def _guard(self, reel: _OpenFile, action: Callable[[], None]) -> None:
         try:
             action()
         except LostMessagesError as error:
             with self.lock:
                 self._failed(reel, error)
 
-    def _failed(self, reel: _Reel, error: LostMessagesError) -> None:
+    def _failed(self, reel: _OpenFile, error: LostMessagesError) -> None:
         for reason, lost in error.reasons.items():
             for (key, _), number in lost.items():
                 reel.book.lose(reason, self._registry.topic(key), number, written=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.control.heap import roomy_heap
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.control.terminal import Foreground
 from riot_bus.record.keys import keys_help, press
 from riot_bus.record.service import CaptureService
@@ -58,7 +58,7 @@ def run_capture(
     foreground = Foreground(console, warn)
 
     def tell(line: str) -> None:
-        foreground.tell(plain(line) if "\n" not in line else line)
+        foreground.tell(escape_control_chars(line) if "\n" not in line else line)
 
     roomy_heap()
     service = CaptureService(options, warn=tell)
@@ -84,7 +84,7 @@ def _ready(service: CaptureService, *, as_json: bool) -> str:
     keys = ", ".join(service.options.keys)
     ring = f"the last {service.options.ring_seconds:g} s" if service.options.ring_seconds else status["file"]
     state = ", paused" if service.paused else ""
-    return plain(f"{service.name}: {keys} of {service.options.endpoint} to {ring}{state}")
+    return escape_control_chars(f"{service.name}: {keys} of {service.options.endpoint} to {ring}{state}")
 
 
 def _end(result: CaptureResult, say: Callable[[str], None], *, as_json: bool) -> None:

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from riot_bus.record.trigger import Trigger
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Selection"]
+__all__ = ["RecordingSelection"]
 
 _MOST_WARNINGS = 20
 _MOST_NAMED = 100
 
 
-class Selection:
+class RecordingSelection:
     """Says what is recorded; thread-safe.
 
     Args:

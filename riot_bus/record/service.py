@@ -21,18 +21,18 @@ from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
 from riot_bus.record.commands import CAPTURE_COMMANDS, UNDER
 from riot_bus.record.gaps import Gaps
-from riot_bus.record.latched import Latched
+from riot_bus.record.latched import LatchedCaches
 from riot_bus.record.naming import Naming
-from riot_bus.record.ring_sink import RingTape
-from riot_bus.record.rotating_sink import FileResult, Tape
-from riot_bus.record.selection import Selection
-from riot_bus.record.subscriber import Intake
+from riot_bus.record.ring_sink import RingSink
+from riot_bus.record.rotating_sink import FileResult, RotatingSink
+from riot_bus.record.selection import RecordingSelection
+from riot_bus.record.subscriber import RecordingSubscriber
 from riot_bus.record.trigger import Trigger
-from riot_bus.record.watched_network import Network
+from riot_bus.record.watched_network import WatchedNetwork
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus.zenoh.convert import Claims
-from riot_bus.zenoh.keyexpr_pins import begin_holding, end_holding
+from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
 from riot_bus.zenoh.publisher_tokens import Announcements
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
@@ -110,9 +110,9 @@ class CaptureService:
         self._warn = warn
         self._trigger = Trigger(options.dump_on, registry=self.registry, monitors=options.monitors)
         self._announcements = Announcements(self.registry, wanted=self._wanted, learnt=self._learnt)
-        self._selection = Selection(options, registry=self.registry, trigger=self._trigger, warn=warn)
-        self._tape: Tape | RingTape | None = None
-        self._intakes: list[Intake] = []
+        self._selection = RecordingSelection(options, registry=self.registry, trigger=self._trigger, warn=warn)
+        self._tape: RotatingSink | RingSink | None = None
+        self._intakes: list[RecordingSubscriber] = []
         self._gaps = Gaps()
         self._paused = options.paused
         self._graph: Graph | None = None
@@ -146,8 +146,8 @@ class CaptureService:
         with ExitStack() as stack:
             prepare_runtime()
             session = open_session(client_config(options.endpoint, extra=options.config), purpose="recorder")
-            begin_holding(session)
-            stack.callback(end_holding, session)
+            begin_pinning(session)
+            stack.callback(end_pinning, session)
             stack.callback(release, session)
             self._session = session
             self._announcements.watch(session)
@@ -158,7 +158,7 @@ class CaptureService:
             if options.graph:
                 from riot_bus.graph.watch import GraphWatch
 
-                network = Network(session, lambda: self._intakes)
+                network = WatchedNetwork(session, lambda: self._intakes)
                 watch = GraphWatch(network, self._take_graph, senders=network.senders, registry=self.registry)
                 stack.enter_context(watch)
             if options.control:
@@ -212,7 +212,7 @@ class CaptureService:
             EnvironmentFaultError: The disk is full or has failed.
         """
         tape = self._running()
-        if not isinstance(tape, RingTape):
+        if not isinstance(tape, RingSink):
             hint = "riot record --ring SECONDS keeps one; this recording can be split instead"
             raise ConfigError("there is no ring to be written", where="record/dump", hint=hint)
         return tape.dump(path)
@@ -273,7 +273,7 @@ class CaptureService:
 
     # -- recording ----------------------------------------------------------------------------------------------------
 
-    def _running(self) -> Tape | RingTape:
+    def _running(self) -> RotatingSink | RingSink:
         if self._tape is None or self._done.is_set():
             raise ConfigError("nothing is being recorded", where="record")
         return self._tape
@@ -286,11 +286,11 @@ class CaptureService:
             self._tape.renew(key)
             self._selection.learnt(key)
 
-    def _open_tape(self) -> Tape | RingTape:
+    def _open_tape(self) -> RotatingSink | RingSink:
         options, naming = self.options, Naming(self.options)
         profile = options.profile or ("ros2" if options.bag or self._announcements else "")
         if options.ring_seconds:
-            return RingTape(
+            return RingSink(
                 options,
                 registry=self.registry,
                 naming=naming,
@@ -300,7 +300,7 @@ class CaptureService:
                 warn=self._warn,
                 notes=self._graph_notes,
             )
-        return Tape(
+        return RotatingSink(
             options,
             registry=self.registry,
             naming=naming,
@@ -316,7 +316,7 @@ class CaptureService:
         expressions = self._selection.expressions
         claims, numbers = Claims(expressions), itertools.count(1)
         for text in expressions:
-            intake = Intake(
+            intake = RecordingSubscriber(
                 session,
                 text,
                 tape=tape,
@@ -336,9 +336,9 @@ class CaptureService:
                 if owner is not None:
                     by_text[owner].put(samples)
 
-            latched = Latched(session, wanted=lambda key: claims.owner(key) is not None, take=take)
+            latched = LatchedCaches(session, wanted=lambda key: claims.owner(key) is not None, take=take)
             stack.callback(latched.close)
-            self._latched: Latched | None = latched
+            self._latched: LatchedCaches | None = latched
         else:
             self._latched = None
 
@@ -373,7 +373,7 @@ class CaptureService:
 
     def _cut(self, why: str) -> None:
         try:
-            if isinstance(self._tape, RingTape):
+            if isinstance(self._tape, RingSink):
                 self._warn(f"{why}wrote {self._tape.dump()}")
             else:
                 self._warn(f"{why}went on in {self._running().split()[1]}")

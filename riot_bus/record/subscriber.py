@@ -14,7 +14,7 @@ from collections import Counter
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.batches import Batches
 from riot_bus.zenoh.convert import Converter, is_delete
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
     from riot_bus.log.engine.chunk import Row
     from riot_bus.log.layout import Constants
-    from riot_bus.log.writer import Track
+    from riot_bus.log.writer import ChannelWriter
     from riot_bus.record.gaps import Gaps
-    from riot_bus.record.ring_sink import RingTape
-    from riot_bus.record.rotating_sink import Tape
+    from riot_bus.record.ring_sink import RingSink
+    from riot_bus.record.rotating_sink import RotatingSink
     from riot_bus.types.stamp import Stamp
 
-__all__ = ["Intake", "KeyRules"]
+__all__ = ["KeyRules", "RecordingSubscriber"]
 
 _LOG = logging.getLogger(__name__)
 _SLICE = 512
@@ -79,12 +79,12 @@ class KeyRules:
         self.fetched: set[str] | None = None  # stamps of those that were fetched from a cache
 
 
-class _Way:
+class _KeyRoute:
     """A key as one sample after another has it: ready-made comparisons, and the key's track in the present file."""
 
     __slots__ = ("congestion", "constants", "encoding", "express", "key", "number", "patient", "priority", "rules")
 
-    def __init__(self, key: str, sample: Any, track: Track | None, rules: KeyRules) -> None:
+    def __init__(self, key: str, sample: Any, track: ChannelWriter | None, rules: KeyRules) -> None:
         self.key, self.rules = key, rules
         self.number = -1 if track is None else track.number
         self.constants: Constants | None = None if track is None else track.constants
@@ -93,7 +93,7 @@ class _Way:
         self.patient = False
 
 
-class Intake:
+class RecordingSubscriber:
     """Receives and records; one per key expression.
 
     Args:
@@ -112,7 +112,7 @@ class Intake:
         session: zenoh.Session,
         expression: str,
         *,
-        tape: Tape | RingTape,
+        tape: RotatingSink | RingSink,
         gaps: Gaps,
         owner: Callable[[str], str | None],
         rules: Callable[[str], KeyRules | None],
@@ -120,14 +120,14 @@ class Intake:
         sequence: Iterator[int],
     ) -> None:
         self.expression = expression
-        self.flows = Tally()
+        self.flows = BoundedCounts()
         """Messages so far by key."""
         self._tape, self._gaps, self._owner, self._rules = tape, gaps, owner, rules
         self._paused, self._sequence = paused, sequence
         self._convert = Converter("", itertools.count())
         self._generation = -1
-        self._numbers: dict[int, _Way] = {}
-        self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
+        self._numbers: dict[int, _KeyRoute] = {}
+        self._ways: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
         self._known: dict[str, KeyRules | None] = {}
         self._senders: dict[str, set[str]] = {}
         self._batches = Batches(session, expression)
@@ -269,7 +269,7 @@ class Intake:
             put((way.number, sequence & 0xFFFFFFFF, now, published, payload, extras))
         return rows, patient
 
-    def _different(self, sample: Any, way: _Way, extras: dict[str, Any] | None) -> dict[str, Any] | None:
+    def _different(self, sample: Any, way: _KeyRoute, extras: dict[str, Any] | None) -> dict[str, Any] | None:
         """Add what differs from the channel's first message."""
         from riot_bus.log.layout import extras_of
 
@@ -278,13 +278,13 @@ class Intake:
         found = {name: found[name] for name in ("e", "q") if name in found}
         return {**(extras or {}), **found} or None
 
-    def _refused(self, way: _Way) -> None:
+    def _refused(self, way: _KeyRoute) -> None:
         """Count a message for whose key there is no room in the file."""
         book, topic = self._tape.book, way.rules.topic
         book.recorded.add(topic)
         book.lose("refused", topic, written=True)
 
-    def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _Way | None:
+    def _learn(self, key_expr: zenoh.KeyExpr, sample: Any) -> _KeyRoute | None:
         if len(self._ways) >= _CACHED_KEYS:
             self._ways.clear()
             self._known.clear()
@@ -294,7 +294,7 @@ class Intake:
             self._ways[key_expr] = None
             return None
         message: Message = self._convert.at(sample, 0)
-        way = _Way(key, sample, self._tape.writer.track(message), rules)
+        way = _KeyRoute(key, sample, self._tape.writer.track(message), rules)
         if way.constants is not None:
             # The channel may have been opened by a message with other settings.
             qos, text = way.constants.qos, way.constants.encoding

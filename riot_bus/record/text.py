@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status_text import plain
+from riot_bus.control.status_text import escape_control_chars
 from riot_bus.log.text import size_text
 
 if TYPE_CHECKING:
@@ -36,22 +36,25 @@ def progress_line(status: Mapping[str, Any]) -> str:
         parts.append("NOT CONNECTED")
     if status["problem"]:
         parts.append(f"ALARM: {status['problem']}")
-    return plain(", ".join(parts))
+    return escape_control_chars(", ".join(parts))
 
 
 def answer_lines(answer: Mapping[str, Any]) -> list[str]:
     """Return what a recorder answers to a command."""
     if "dumped" in answer:
-        return [plain(f"wrote {answer['dumped']}")]
+        return [escape_control_chars(f"wrote {answer['dumped']}")]
     if "former" in answer:
-        return [plain(f"finished: {answer['former']}"), plain(f"recording: {answer['file']}")]
+        return [
+            escape_control_chars(f"finished: {answer['former']}"),
+            escape_control_chars(f"recording: {answer['file']}"),
+        ]
     lines = [
         f"recorder {answer['name']}, riot_bus {answer['version']}, process {answer['pid']}, at {answer['endpoint']}",
         progress_line(answer),
         f"file: {answer['file'] or 'none yet'}",
     ]
     left_out = ", ".join(f"{reason}: {number}" for reason, number in answer["left_out"].items() if number)
-    return [plain(line) for line in [*lines, *([f"left out: {left_out}"] if left_out else [])]]
+    return [escape_control_chars(line) for line in [*lines, *([f"left out: {left_out}"] if left_out else [])]]
 
 
 def result_lines(result: CaptureResult) -> list[str]:
@@ -70,7 +73,7 @@ def result_lines(result: CaptureResult) -> list[str]:
         messages = sum(sum(each.account.recorded.values()) for each in gone)
         lines.append(f"  {len(gone)} older files with {messages} messages are deleted (--max-files)")
     lines += [f"nothing came on {each}" for each in result.silent]
-    return [plain(line) for line in [*lines, *account_lines(account)]]
+    return [escape_control_chars(line) for line in [*lines, *account_lines(account)]]
 
 
 def account_lines(account: Account) -> list[str]:
@@ -95,4 +98,4 @@ def account_lines(account: Account) -> list[str]:
         for row in table
     ]
     more = [f"... and {len(topics) - _SHOWN} topics more"] if len(topics) > _SHOWN else []
-    return [plain(line) for line in [*lines, *more]]
+    return [escape_control_chars(line) for line in [*lines, *more]]

@@ -9,13 +9,13 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.record.subscriber import Intake
+    from riot_bus.record.subscriber import RecordingSubscriber
     from riot_bus.types.announcement import BridgedLink
 
-__all__ = ["Network"]
+__all__ = ["WatchedNetwork"]
 
 
-class Network:
+class WatchedNetwork:
     """Implements `riot_bus.graph.observe.WatchedBus`.
 
     Args:
@@ -23,7 +23,7 @@ class Network:
         intakes: Returns what is received.
     """
 
-    def __init__(self, session: zenoh.Session, intakes: Callable[[], Sequence[Intake]]) -> None:
+    def __init__(self, session: zenoh.Session, intakes: Callable[[], Sequence[RecordingSubscriber]]) -> None:
         self._session, self._intakes = session, intakes
         self._zid = str(session.info.zid())
 

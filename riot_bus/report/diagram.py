@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from riot_bus.findings.records import Artefact
-from riot_bus.report.finding_view import Story
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, plural, seconds
 
-__all__ = ["Link", "links"]
+__all__ = ["DiagramBox", "links"]
 
 State = Literal["done", "next", "open"]
 
@@ -17,7 +17,7 @@ _WIDTH = 19
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class DiagramBox:
     """One box of the chain.
 
     Attributes:
@@ -33,7 +33,7 @@ class Link:
     state: State
 
 
-def links(story: Story) -> list[Link]:
+def links(story: FindingView) -> list[DiagramBox]:
     """Return the boxes from the nominal log to the activation."""
     finding = story.finding
     done: dict[str, tuple[str, str]] = {
@@ -65,11 +65,11 @@ def links(story: Story) -> list[Link]:
         "permeability": "external fields",
         "activate": "activation",
     }
-    start = Link(
+    start = DiagramBox(
         "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"
     )
     return [start] + [
-        Link(titles[step], done.get(step, (f"riot {step}", "")), _effort(record), _state(story, step, record))
+        DiagramBox(titles[step], done.get(step, (f"riot {step}", "")), _effort(record), _state(story, step, record))
         for step, record in story.steps
     ]
 
@@ -78,7 +78,7 @@ def _effort(record: Artefact | None) -> str:
     return f"{plural(record.trials, 'trial')}, {seconds(record.seconds)}" if record else ""
 
 
-def _state(story: Story, step: str, record: Artefact | None) -> State:
+def _state(story: FindingView, step: str, record: Artefact | None) -> State:
     if record:
         return "done"
     return "next" if story.next_step == step else "open"

@@ -21,7 +21,7 @@ from riot_bus.findings.records import (
 from riot_bus.report.format import clean, plural
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["Part", "Severity", "Story", "load"]
+__all__ = ["FindingView", "Severity", "TextPart", "load"]
 
 Severity = Literal["unit only", "permeable", "activated"]
 
@@ -30,7 +30,7 @@ _NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class TextPart:
     """A piece of a sentence; `code` marks names, rules and other text that is not ours."""
 
     text: str
@@ -38,7 +38,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class FindingView:
     """The records of a finding; `None` for steps that have not finished.
 
     Attributes:
@@ -99,52 +99,56 @@ class Story:
         """What the component does, as a verb."""
         return _VERBS.get(self.finding.monitor, f"violates {clean(self.finding.monitor, limit=60)}")
 
-    def verdict(self) -> tuple[Part, ...]:
+    def verdict(self) -> tuple[TextPart, ...]:
         """Return the finding in one sentence."""
-        parts = [Part(clean(self.finding.component), code=True), Part(f" {self.failure}")]
+        parts = [TextPart(clean(self.finding.component), code=True), TextPart(f" {self.failure}")]
         if self.rule:
-            parts += [Part(" when "), Part(clean(self.rule.text, limit=400), code=True)]
+            parts += [TextPart(" when "), TextPart(clean(self.rule.text, limit=400), code=True)]
         elif self.fields and self.fields.fields:
-            parts += [Part(" depending on "), *_listed(tuple(one.name for one in self.fields.fields))]
+            parts += [TextPart(" depending on "), *_listed(tuple(one.name for one in self.fields.fields))]
         elif self.minimal:
             topics = _listed(self.minimal.topics)
-            parts += [Part(f" on {plural(len(self.minimal.kept), 'message')} of "), *topics]
+            parts += [TextPart(f" on {plural(len(self.minimal.kept), 'message')} of "), *topics]
         else:
-            parts.append(Part(f" on a log of {plural(self.finding.messages, 'message')}"))
-        return (*parts, *self._outside(), Part("."))
+            parts.append(TextPart(f" on a log of {plural(self.finding.messages, 'message')}"))
+        return (*parts, *self._outside(), TextPart("."))
 
-    def _outside(self) -> list[Part]:
+    def _outside(self) -> list[TextPart]:
         names = _listed(self.externals)
         activation = self.activation
         if activation and activation.found:
             again = f"{activation.replays_failed} of {plural(activation.replays, 'replay')}"
             if activation.replays_failed:
-                return [Part("; the outside world reaches it through "), *names, Part(f": {again} failed again")]
+                return [
+                    TextPart("; the outside world reaches it through "),
+                    *names,
+                    TextPart(f": {again} failed again"),
+                ]
             told = f"{again} failed again" if activation.replays else "not replayed yet"
-            return [Part("; one run of the whole system failed through "), *names, Part(f", but {told}")]
+            return [TextPart("; one run of the whole system failed through "), *names, TextPart(f", but {told}")]
         if self.permeability is None:
-            return [Part("; whether the outside world can cause this has not been tested yet")]
+            return [TextPart("; whether the outside world can cause this has not been tested yet")]
         if not self.permeability.permeable:
-            return [Part("; none of the external fields that were tested reaches it")]
-        reached = [Part("; the outside world influences it through "), *names]
+            return [TextPart("; none of the external fields that were tested reaches it")]
+        reached = [TextPart("; the outside world influences it through "), *names]
         if activation is None:
-            return [*reached, Part(", not driven to the failure yet")]
-        return [*reached, Part(f", but {plural(activation.runs, 'system run')} did not make it fail")]
+            return [*reached, TextPart(", not driven to the failure yet")]
+        return [*reached, TextPart(f", but {plural(activation.runs, 'system run')} did not make it fail")]
 
 
-def _listed(names: tuple[str, ...]) -> list[Part]:
+def _listed(names: tuple[str, ...]) -> list[TextPart]:
     shown = names[:_NAMED]
-    parts: list[Part] = []
+    parts: list[TextPart] = []
     for place, name in enumerate(shown):
         if place:
-            parts.append(Part(" and " if place + 1 == len(shown) == len(names) else ", "))
-        parts.append(Part(clean(name, limit=120), code=True))
+            parts.append(TextPart(" and " if place + 1 == len(shown) == len(names) else ", "))
+        parts.append(TextPart(clean(name, limit=120), code=True))
     if len(names) > _NAMED:
-        parts.append(Part(f" and {len(names) - _NAMED} more"))
-    return parts or [Part("no field")]
+        parts.append(TextPart(f" and {len(names) - _NAMED} more"))
+    return parts or [TextPart("no field")]
 
 
-def load(directory: Path) -> Story:
+def load(directory: Path) -> FindingView:
     """Read the records of a finding that are there.
 
     Args:
@@ -164,7 +168,7 @@ def load(directory: Path) -> Story:
             broken[kind.FILE] = error.message
             return None
 
-    return Story(
+    return FindingView(
         directory,
         FindingRecord.load(directory),
         optional(MinimalRecord),

@@ -15,7 +15,7 @@ import riot_bus
 from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import format as words
 from riot_bus.report.diagram import links
-from riot_bus.report.finding_view import Severity, Story, load
+from riot_bus.report.finding_view import FindingView, Severity, load
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.statements import not_tried, statements
 from riot_bus.vocabulary.errors import MissingExtraError
@@ -104,7 +104,7 @@ def _link(name: str) -> str | None:
     return "./" + quote(str(path), errors="replace")
 
 
-def _context(story: Story, open_questions: Sequence[str]) -> dict[str, Any]:
+def _context(story: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
     from markupsafe import Markup
 
     css = (_TEMPLATES / "report.css").read_text(encoding="utf-8")
@@ -135,7 +135,7 @@ def _context(story: Story, open_questions: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _messages(story: Story) -> list[tuple[str, list[FieldRecord]]]:
+def _messages(story: FindingView) -> list[tuple[str, list[FieldRecord]]]:
     """Return the topics of the minimal messages with their relevant fields."""
     topics = story.minimal.topics if story.minimal else ()
     fields = story.fields.fields if story.fields else ()
@@ -145,7 +145,7 @@ def _messages(story: Story) -> list[tuple[str, list[FieldRecord]]]:
     ]
 
 
-def _trees(story: Story) -> list[dict[str, Any]]:
+def _trees(story: FindingView) -> list[dict[str, Any]]:
     """Return per internal field the external ones that reach it, and those that do not."""
     edges: Iterable[EdgeRecord] = story.permeability.edges if story.permeability else ()
     grouped: dict[str, list[EdgeRecord]] = {}
@@ -161,7 +161,7 @@ def _trees(story: Story) -> list[dict[str, Any]]:
     ]
 
 
-def _paths(story: Story) -> list[str]:
+def _paths(story: FindingView) -> list[str]:
     """Return the ways on the bus from the unit's topics outwards, as indented lines."""
     lines: list[str] = []
     roots = story.permeability.tree if story.permeability else []

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["Box", "Dots", "Plot", "draw", "region_plots", "rule_plot"]
+__all__ = ["Dots", "Plot", "PlotArea", "draw", "region_plots", "rule_plot"]
 
 Kind = Literal["failed", "passed", "refused"]
 Pair = tuple[float, float]
@@ -57,7 +57,7 @@ class Dots:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class PlotArea:
     """A part of the plane: the crash region, or the nominal values."""
 
     kind: Literal["region", "nominal"]
@@ -110,11 +110,11 @@ def region_plots(
     sides = [(region.x_min, region.x_max), (region.y_min, region.y_max)]
     if not all(math.isfinite(end) for side in sides for end in side):
         return []
-    boxes = [Box("region", sides[0], sides[1])]
+    boxes = [PlotArea("region", sides[0], sides[1])]
     known = [(nominal or {}).get(name) for name in names]
     nominals = [(one[0] - one[1], one[0] + one[1]) for one in known if one and math.isfinite(one[0] + one[1])]
     if len(nominals) == 2:
-        boxes.append(Box("nominal", nominals[0], nominals[1]))
+        boxes.append(PlotArea("nominal", nominals[0], nominals[1]))
     window = tuple(_window([side, *nominals[place : place + 1]]) for place, side in enumerate(sides))
     svg = draw(dots, labels=names, ident="zoom", title="Around the crash region", boxes=boxes, window=window)
     zoom = Plot(svg, "Around the crash region, linear axes.")
@@ -163,7 +163,7 @@ def _symlog(
     spread: Pair,
     ident: str,
     what: str,
-    boxes: Sequence[Box] = (),
+    boxes: Sequence[PlotArea] = (),
 ) -> Plot | None:
     if not any(one.places for one in dots):
         return None
@@ -185,7 +185,7 @@ def draw(
     labels: tuple[str, str],
     ident: str,
     title: str,
-    boxes: Sequence[Box] = (),
+    boxes: Sequence[PlotArea] = (),
     window: tuple[Pair, ...] | None = None,
     linear: Pair | None = None,
 ) -> str:
@@ -227,7 +227,7 @@ def draw(
     return embed(buffer.getvalue(), ident=ident, label=title)
 
 
-def _fill(axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[Box], window: tuple[Pair, ...] | None) -> None:
+def _fill(axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window: tuple[Pair, ...] | None) -> None:
     from matplotlib.patches import Rectangle
 
     for box in boxes:
@@ -261,7 +261,7 @@ def _within(place: Pair, window: tuple[Pair, ...]) -> bool:
 
 
 def _frame(
-    axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[Box], window: tuple[Pair, ...] | None, linear: Pair | None
+    axes: Axes, dots: Sequence[Dots], *, boxes: Sequence[PlotArea], window: tuple[Pair, ...] | None, linear: Pair | None
 ) -> None:
     from matplotlib.ticker import MaxNLocator
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from riot_bus.findings.records import ProportionRecord
-from riot_bus.report.finding_view import Story
+from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, exact_interval, number, plural, share, share_interval
 
 __all__ = ["Statement", "not_tried", "statements"]
@@ -21,7 +21,7 @@ class Statement:
     confidence: str
 
 
-def statements(story: Story) -> list[Statement]:
+def statements(story: FindingView) -> list[Statement]:
     """Return the claims of the finished steps."""
     found = [
         Statement(
@@ -43,7 +43,7 @@ def statements(story: Story) -> list[Statement]:
     return found + _fields(story) + _rule(story) + _outside(story)
 
 
-def _fields(story: Story) -> list[Statement]:
+def _fields(story: FindingView) -> list[Statement]:
     if story.fields is None:
         return []
     found = []
@@ -76,7 +76,7 @@ def _proportion(what: ProportionRecord) -> tuple[str, str]:
     return of, f"95 %: {share_interval(what.low, what.high)}"
 
 
-def _rule(story: Story) -> list[Statement]:
+def _rule(story: FindingView) -> list[Statement]:
     if story.rule is None:
         return []
     return [
@@ -85,7 +85,7 @@ def _rule(story: Story) -> list[Statement]:
     ]
 
 
-def _outside(story: Story) -> list[Statement]:
+def _outside(story: FindingView) -> list[Statement]:
     found: list[Statement] = []
     if story.permeability:
         reaching = [edge for edge in story.permeability.edges if edge.permeable]
@@ -127,7 +127,7 @@ def _outside(story: Story) -> list[Statement]:
     return found
 
 
-def not_tried(story: Story, *, open_questions: Sequence[str] = ()) -> list[str]:
+def not_tried(story: FindingView, *, open_questions: Sequence[str] = ()) -> list[str]:
     """Return what a reader must not conclude from the page.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from riot_bus.report.finding_view import Story, load
+from riot_bus.report.finding_view import FindingView, load
 from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
 
 __all__ = ["summary"]
@@ -26,7 +26,7 @@ def summary(directory: Path) -> str:
     return "\n".join(lines)
 
 
-def _facts(story: Story) -> list[tuple[str, str]]:
+def _facts(story: FindingView) -> list[tuple[str, str]]:
     finding = story.finding
     log = f"{plural(finding.messages, 'message')} ({finding.modified} modified)"
     if story.minimal:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.zenoh.convert import publisher_settings
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -59,7 +59,7 @@ class Audience:
         took: Callable[[float], None] | None = None,
     ) -> None:
         zenoh = library_of(session)
-        hold(session, key)
+        pin(session, key)
         self._publisher: Any = session.declare_publisher(
             key,
             encoding=zenoh.Encoding(encoding) if encoding else None,

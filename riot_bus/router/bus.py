@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, Self
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.pipeline.stage import stages_of
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
-from riot_bus.router.advanced.publisher_proxies import Terminator
-from riot_bus.router.counts import Losses, Tally, TopicCounts, count
-from riot_bus.router.delivery_queue import Crossing
-from riot_bus.router.forwarder import Lane
-from riot_bus.router.local_ingress import Ramp
-from riot_bus.router.pipeline_executor import BUDGET_S, Gate
+from riot_bus.router.advanced.publisher_proxies import PublisherProxies
+from riot_bus.router.counts import BoundedCounts, Losses, TopicCounts, count
+from riot_bus.router.delivery_queue import DeliveryQueue
+from riot_bus.router.forwarder import Forwarder
+from riot_bus.router.local_ingress import LocalIngress
+from riot_bus.router.pipeline_executor import BUDGET_S, PipelineExecutor
 from riot_bus.router.services.services import Services
 from riot_bus.router.tap import Tap
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.convert import Claims, Converter, Outlets
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.link_watch import TransportWatch
 from riot_bus.zenoh.mailbox import Dispatcher
@@ -108,9 +108,9 @@ class Bus:
         self._sequence = itertools.count(1)
         self._outlets: dict[str, Outlets] = {}
         self._converters = {name: Converter(name, self._sequence) for name in network.settings}
-        self._lanes: dict[str, list[Lane]] = {}
-        self._retired: list[Lane] = []
-        self._ramps: list[Ramp] = []
+        self._lanes: dict[str, list[Forwarder]] = {}
+        self._retired: list[Forwarder] = []
+        self._ramps: list[LocalIngress] = []
         self._taps: list[Tap] = []
         self._claims = Claims(canonical(intercept))
         self._selected = canonical(services)
@@ -118,9 +118,9 @@ class Bus:
         self._recorder = recorder
         self._recorders: list[Recorder] = [recorder] if recorder is not None else []
         self._changing = threading.RLock()
-        self.gate = Gate(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
+        self.gate = PipelineExecutor(pipeline or Pipeline((), registry=self._registry), budget_s=budget_s)
         """The way to the interceptors, also for those who want to change them."""
-        self._crossing = Crossing(
+        self._crossing = DeliveryQueue(
             self.gate,
             self._outlets,
             targets={name: tuple(other for other in network.settings if other != name) for name in network.settings},
@@ -129,9 +129,9 @@ class Bus:
             topic=self._registry.topic,
         )
         self._crossing.recorder = recorder
-        self._advanced: Terminator | None = None
+        self._advanced: PublisherProxies | None = None
         self._services: Services | None = None
-        self._slow = Tally()
+        self._slow = BoundedCounts()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
         self._bridged: Callable[[], Collection[BridgedLink]] = tuple
@@ -158,7 +158,7 @@ class Bus:
             self.gate.change(Pipeline.start)
             self._crossing.start()
             if len(self._segments) > 1:
-                self._advanced = self._crossing.advanced = Terminator(
+                self._advanced = self._crossing.advanced = PublisherProxies(
                     self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
                 )
                 spaces = [text for each in self._registry.servings() for text in each.services]
@@ -302,7 +302,7 @@ class Bus:
         self._claims = Claims(expressions, owners=[*kept, *new])
         for expression in new:
             self._lanes[expression] = [
-                Lane(
+                Forwarder(
                     name,
                     segment.session,
                     expression,
@@ -408,14 +408,14 @@ class Bus:
         self._outlets[segment].publisher(key, qos)
         return BusPublisher(self, segment, key, qos)
 
-    def ramp(self, segment: str) -> Ramp:
+    def ramp(self, segment: str) -> LocalIngress:
         """Return a way to the other segments for a bridge in this process; it ends with the bus.
 
         Args:
             segment: Name of the segment from which messages come.
         """
         self.segment(segment)
-        ramp = Ramp(
+        ramp = LocalIngress(
             segment,
             self._crossing,
             self.sessions,
@@ -478,7 +478,7 @@ class Bus:
             if not only_stored(sample):
                 self._dispatcher.deliver(callback, convert(sample))
 
-        hold(session, text)
+        pin(session, text)
         return session.declare_subscriber(text, take)
 
     def wait_subscribed(
@@ -514,7 +514,7 @@ class Bus:
         deadline = time.monotonic() + timeout
         try:
             for text in canonical(keyexprs):
-                hold(session, text)
+                pin(session, text)
                 waiting[text] = session.declare_publisher(text, allowed_destination=zenoh.Locality.REMOTE)
                 handler: Any = zenoh.handlers.Callback(lambda status: changed.set(), indirect=False)
                 listeners[text] = waiting[text].declare_matching_listener(handler)
@@ -601,13 +601,13 @@ class Bus:
                 found.setdefault((key, lane.segment), set()).update(zids - self.ids)
         return found
 
-    def _all_lanes(self) -> list[Lane]:
+    def _all_lanes(self) -> list[Forwarder]:
         return [*self._retired, *itertools.chain(*list(self._lanes.values()))]
 
-    def _present_ways(self) -> list[Lane | Ramp]:
+    def _present_ways(self) -> list[Forwarder | LocalIngress]:
         return [*itertools.chain(*list(self._lanes.values())), *self._ramps]
 
-    def _all_ways(self) -> list[Lane | Ramp]:
+    def _all_ways(self) -> list[Forwarder | LocalIngress]:
         return [*self._all_lanes(), *self._ramps]
 
     def _by_topic(self, parts: Iterable[Mapping[str, int]]) -> Counter[str]:

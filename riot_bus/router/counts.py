@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Counts
     from riot_bus.zenoh.link_watch import BrokenLink
 
-__all__ = ["Losses", "Tally", "TopicCounts", "count"]
+__all__ = ["BoundedCounts", "Losses", "TopicCounts", "count"]
 
 
-class Tally(Counter[str]):
+class BoundedCounts(Counter[str]):
     """Counts by topic or key, in bounded memory: for those that come too late there is one common count."""
 
     def add(self, topic: str, number: int = 1) -> None:

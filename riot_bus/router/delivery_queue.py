@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.pipeline.queue import EmissionQueue
 from riot_bus.pipeline.runner import Emission, Result
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.pipeline.event import Arrival
-    from riot_bus.router.advanced.publisher_proxies import Terminator
-    from riot_bus.router.advanced.publisher_state import Relay
+    from riot_bus.router.advanced.publisher_proxies import PublisherProxies
+    from riot_bus.router.advanced.publisher_state import PublisherState
     from riot_bus.router.audience import Inner
-    from riot_bus.router.pipeline_executor import Gate, Holder
+    from riot_bus.router.pipeline_executor import PipelineExecutor, Worker
     from riot_bus.router.recorder import Recorder
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["Crossing"]
+__all__ = ["DeliveryQueue"]
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 3600.0
 
 
-class Crossing:
+class DeliveryQueue:
     """Takes messages through the gate and publishes what comes out, when it is due.
 
     What is due at once is published by the thread that brought the message, so a slow receiver holds up those who send
@@ -50,7 +50,7 @@ class Crossing:
 
     def __init__(
         self,
-        gate: Gate,
+        gate: PipelineExecutor,
         outlets: Mapping[str, Outlets],
         *,
         targets: Mapping[str, tuple[str, ...]],
@@ -62,7 +62,7 @@ class Crossing:
         self.outlets = outlets
         self.targets = targets
         self.recorder: Recorder | None = None
-        self.advanced: Terminator | None = None
+        self.advanced: PublisherProxies | None = None
         """Stands in for advanced publishers; None if there is nobody to stand in for."""
         self.inner: dict[str, tuple[Inner, ...]] = {}
         """Bridges in this process, by segment."""
@@ -74,7 +74,7 @@ class Crossing:
         self._waiting = EmissionQueue()
         self._held: Counter[str] = Counter()
         self._condition = threading.Condition()
-        self._lost: dict[str, Tally] = {}
+        self._lost: dict[str, BoundedCounts] = {}
         self._lost_lock = threading.Lock()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="riot-delayed", daemon=True)
@@ -104,19 +104,19 @@ class Crossing:
                 held[self._topic(key)] += number
         return held
 
-    def send(self, message: Message, holder: Holder | None = None) -> None:
+    def send(self, message: Message, holder: Worker | None = None) -> None:
         """Take a whole message through the pipeline and deliver it.
 
         Args:
             message: One of our own, or of an advanced publisher.
-            holder: Told when its thread is stuck; see `Gate.feed`.
+            holder: Told when its thread is stuck; see `PipelineExecutor.feed`.
         """
         result = self.result(message, holder)
         if holder is not None:
             holder.flush()  # what came before goes out before
         self.deliver(result)
 
-    def take(self, sample: zenoh.Sample, segment: str, holder: Holder) -> None:
+    def take(self, sample: zenoh.Sample, segment: str, holder: Worker) -> None:
         """Take a sample of a key that has advanced publishers through the pipeline, and deliver it."""
         assert self.advanced is not None
         message = self.advanced.take(segment, sample)
@@ -126,7 +126,7 @@ class Crossing:
             finally:
                 self.advanced.through(message)
 
-    def replay(self, message: Message, holder: Holder) -> Result:
+    def replay(self, message: Message, holder: Worker) -> Result:
         """Take a message of a history through the pipeline; it shall be stored, not heard.
 
         What interceptors make of it for other keys is published, since nobody stores those.
@@ -149,12 +149,12 @@ class Crossing:
             for emission in result.emissions:
                 self.recorder.delivered(emission.message, emission.changes)
 
-    def result(self, message: Message, holder: Holder | None, targets: tuple[str, ...] | None = None) -> Result:
+    def result(self, message: Message, holder: Worker | None, targets: tuple[str, ...] | None = None) -> Result:
         """Take a whole message through the pipeline, and leave to the caller what is to be done then.
 
         Args:
             message: What came.
-            holder: Told when its thread is stuck; see `Gate.feed`.
+            holder: Told when its thread is stuck; see `PipelineExecutor.feed`.
             targets: Segments that it goes to; by default all others.
         """
         event, result = self.gate.feed(
@@ -170,7 +170,7 @@ class Crossing:
             result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
         return result
 
-    def feed(self, key: str, arrival: Arrival, holder: Holder) -> bytes | bool | None:
+    def feed(self, key: str, arrival: Arrival, holder: Worker) -> bytes | bool | None:
         """Take what arrived through the pipeline, and deliver what has to be taken apart.
 
         Returns:
@@ -209,7 +209,7 @@ class Crossing:
     def lose(self, key: str, reason: str) -> None:
         """Count a message that is not delivered."""
         with self._lost_lock:
-            self._lost.setdefault(reason, Tally()).add(self._topic(key))
+            self._lost.setdefault(reason, BoundedCounts()).add(self._topic(key))
 
     def losses(self) -> dict[str, Counter[str]]:
         """Return how many messages were not delivered against everybody's will, by reason and topic."""
@@ -235,7 +235,7 @@ class Crossing:
         else:
             relay.deliver(key, partial(self._put, emission, relay))
 
-    def _put(self, emission: Emission, relay: Relay | None = None) -> None:
+    def _put(self, emission: Emission, relay: PublisherState | None = None) -> None:
         message = emission.message
         if emission.original is None:
             message = message.with_(sequence=next(self._sequence))

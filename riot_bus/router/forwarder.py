@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError
 from riot_bus.router.arrival import SampleArrival
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 from riot_bus.zenoh.convert import FEW, Converter, is_delete, is_droppable
-from riot_bus.zenoh.keyexpr_pins import FrequentKeys, hold
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Qos
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["Lane"]
+__all__ = ["Forwarder"]
 
 _LOG = logging.getLogger(__name__)
 _CHANNEL = 256
@@ -46,7 +46,7 @@ _TURN_S = 0.005
 _MOST_SENDERS = 64
 
 
-class _Way:
+class _KeyRoute:
     """How the messages of one key and QoS pass: ready-made calls, and a count of what passed without a look."""
 
     __slots__ = (
@@ -104,7 +104,7 @@ class _Way:
             self.direct = self.publishers[0].put
 
 
-class Lane:
+class Forwarder:
     """Receives on one segment and forwards to the others, through the pipeline where it wants to see messages.
 
     Order is kept within a lane. A receiver that is slow for `BLOCK` messages holds the lane up, and in the end the
@@ -125,7 +125,7 @@ class Lane:
         session: zenoh.Session,
         expression: str,
         *,
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         convert: Converter,
         owner: Callable[[str], str | None],
     ) -> None:
@@ -135,26 +135,26 @@ class Lane:
         self.waiting = False
         """Whether everything so far was processed."""
         self.received = 0
-        self.shed = Tally()
+        self.shed = BoundedCounts()
         """Droppable messages per key for which there was no room."""
         self._crossing = crossing
         self._convert = convert
         self._owner = owner
-        self._ways: dict[zenoh.KeyExpr, _Way | None] = {}
-        self._by_qos: dict[tuple[str, Qos], _Way] = {}
-        self._former: deque[dict[tuple[str, Qos], _Way]] = deque()  # forgotten, but perhaps still counting
-        self._passed = Tally()
-        self._seen = Tally()
+        self._ways: dict[zenoh.KeyExpr, _KeyRoute | None] = {}
+        self._by_qos: dict[tuple[str, Qos], _KeyRoute] = {}
+        self._former: deque[dict[tuple[str, Qos], _KeyRoute]] = deque()  # forgotten, but perhaps still counting
+        self._passed = BoundedCounts()
+        self._seen = BoundedCounts()
         self._senders: dict[str, set[str]] = {}
         self._backlog: deque[zenoh.Sample] = deque()
-        self._out: deque[tuple[_Way, list[bytes | None], dict[str, Any] | None]] = deque()
-        self._rewriting: list[_Way] = []
+        self._out: deque[tuple[_KeyRoute, list[bytes | None], dict[str, Any] | None]] = deque()
+        self._rewriting: list[_KeyRoute] = []
         self._room = _BACKLOG
         self._current: zenoh.Sample | None = None
         self._generation = 0
         self._zenoh_error = library.ZError
         self._frequent = FrequentKeys(session)
-        hold(session, expression)
+        pin(session, expression)
         self._subscriber = session.declare_subscriber(
             expression,
             library.handlers.FifoChannel(_CHANNEL),
@@ -191,7 +191,7 @@ class Lane:
         former, self._ways, self._by_qos = self._by_qos, {}, {}
         self._former.append(former)
 
-    def _all_ways(self) -> list[_Way]:
+    def _all_ways(self) -> list[_KeyRoute]:
         return [way for ways in [*self._former, self._by_qos] for way in list(ways.values())]
 
     def _fold(self) -> None:
@@ -287,7 +287,7 @@ class Lane:
         self._room = max(_SURPLUS, min(_BACKLOG, _BACKLOG_BYTES // (size + 1)))
         began = time.monotonic()
         take, next_sample, ways, out = _TAKE, backlog.popleft, self._ways, self._out.append
-        last: _Way | None = None  # whose payloads `also` adds to
+        last: _KeyRoute | None = None  # whose payloads `also` adds to
         also = out
         for _ in range(min(len(backlog), _SLICE)):
             sample = next_sample()
@@ -341,7 +341,7 @@ class Lane:
         if stamp is not None and way is not None and len(way.senders) < _MOST_SENDERS:
             way.senders.add(str(stamp.get_id()))
 
-    def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _Way | None:
+    def _learn(self, key_expr: zenoh.KeyExpr, sample: zenoh.Sample) -> _KeyRoute | None:
         """Find out how messages of this key and QoS pass; None if another lane has them."""
         if len(self._ways) >= _CACHED_KEYS:
             self.forget()
@@ -357,7 +357,7 @@ class Lane:
             advanced = crossing.advanced is not None and crossing.advanced.concerns(self.segment, key, sample)
             looked_at = crossing.recorder is not None or bool(crossing.gate.pipeline.route(key).stages)
             outlets = [crossing.outlets[name] for name in crossing.targets[self.segment]]
-            way = _Way(key, qos, sample, outlets, looked_at=looked_at or advanced)
+            way = _KeyRoute(key, qos, sample, outlets, looked_at=looked_at or advanced)
             way.advanced = advanced
             if looked_at and not advanced and crossing.recorder is None:
                 way.rewrite = crossing.gate.rewriter(key, sample.payload.to_bytes())
@@ -365,7 +365,7 @@ class Lane:
         ways[key_expr] = way
         return way
 
-    def _rewritten(self, way: _Way, payload: bytes) -> bytes | None:
+    def _rewritten(self, way: _KeyRoute, payload: bytes) -> bytes | None:
         """Return another payload, None if this message is one to look at, as one without a payload is."""
         assert way.rewrite is not None
         try:
@@ -379,7 +379,7 @@ class Lane:
         way.rewritten += 1
         return changed
 
-    def _look(self, way: _Way, sample: zenoh.Sample) -> None:
+    def _look(self, way: _KeyRoute, sample: zenoh.Sample) -> None:
         """Take one message that somebody wants to see, or one that has no payload."""
         payload: Any = None
         if way.looked_at:

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Interception", "Plan", "expressions_of", "topics_of", "wanted_keys"]
+__all__ = ["InjectionPlan", "Interception", "expressions_of", "topics_of", "wanted_keys"]
 
 _MOST_KEYS = 1024
 _LONGEST_KEY = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class InjectionPlan:
     """An injection plan that is carried out.
 
     Attributes:
@@ -40,7 +40,7 @@ class Plan:
     injector: Injector
 
     @classmethod
-    def parse(cls, text: str, name: str, *, seed: int = 0) -> Plan:
+    def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
         """Read a plan.
 
         Args:
@@ -75,7 +75,7 @@ def topics_of(interceptor: object) -> list[str] | None:
 
 
 def expressions_of(
-    settings: RouterSettings, *, interceptors: Sequence[object], plan: Plan | None, registry: TypeRegistry
+    settings: RouterSettings, *, interceptors: Sequence[object], plan: InjectionPlan | None, registry: TypeRegistry
 ) -> tuple[list[str], list[str]]:
     """Return the key expressions of topics and of services that a router will intercept at first.
 
@@ -116,7 +116,7 @@ class Interception:
         *,
         keys: Sequence[str],
         interceptors: Sequence[object],
-        plan: Plan | None,
+        plan: InjectionPlan | None,
         registry: TypeRegistry,
     ) -> None:
         self.plan = plan
@@ -135,7 +135,7 @@ class Interception:
         """All that is wanted, as it was written."""
         return self._wanted(self.keys, self.plan)
 
-    def interceptors(self, plan: Plan | None) -> list[object]:
+    def interceptors(self, plan: InjectionPlan | None) -> list[object]:
         """Return all interceptors, with this plan."""
         return [*self._interceptors, *([plan.injector] if plan is not None else [])]
 
@@ -152,11 +152,11 @@ class Interception:
                 raise ConfigError(f"{key!r} is not intercepted on your account", where="intercept/remove", hint=hint)
         return self._change([each for each in self.keys if each not in keys], self.plan)
 
-    def set_plan(self, plan: Plan | None) -> list[str]:
+    def set_plan(self, plan: InjectionPlan | None) -> list[str]:
         """Carry out another plan or none; return what is intercepted now."""
         return self._change(self.keys, plan)
 
-    def _change(self, keys: list[str], plan: Plan | None) -> list[str]:
+    def _change(self, keys: list[str], plan: InjectionPlan | None) -> list[str]:
         bus, former = self._bus(), (self.keys, self.plan, self.expressions, self.services)
         expressions, services = self._needed((self.expressions, self.services), keys, plan)
         if plan is not self.plan:
@@ -174,14 +174,14 @@ class Interception:
         called = self._registry.topic
         return [*map(called, expressions), *(f"{called(text)}/{REQUEST}" for text in services)]
 
-    def _wanted(self, keys: Sequence[str], plan: Plan | None) -> list[str]:
+    def _wanted(self, keys: Sequence[str], plan: InjectionPlan | None) -> list[str]:
         topics = [*keys]
         for each in self.interceptors(plan):
             topics += topics_of(each) or ()
         return list(dict.fromkeys(topics))
 
     def _needed(
-        self, present: tuple[Sequence[str], Sequence[str]], keys: Sequence[str], plan: Plan | None
+        self, present: tuple[Sequence[str], Sequence[str]], keys: Sequence[str], plan: InjectionPlan | None
     ) -> tuple[list[str], list[str]]:
         """Return the expressions of topics and of services to intercept."""
         topics, services = split(self._wanted(keys, plan))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.pipeline.runner import AbandonedError
 from riot_bus.router.audience import Audience
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.router.audience import Take
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Qos
 
-__all__ = ["Ramp", "Track"]
+__all__ = ["IngressKey", "LocalIngress"]
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 4096
 _TURN_S = 0.005
 
 
-class Track:
-    """One key of a ramp; see `Ramp.track`. It is used by one thread at a time."""
+class IngressKey:
+    """One key of a ramp; see `LocalIngress.track`. It is used by one thread at a time."""
 
     __slots__ = (
         "_ramp",
@@ -56,7 +56,7 @@ class Track:
         "told",
     )
 
-    def __init__(self, ramp: Ramp, key: str, qos: Qos, text: str) -> None:
+    def __init__(self, ramp: LocalIngress, key: str, qos: Qos, text: str) -> None:
         self._ramp = ramp
         self.key, self.qos, self.text = key, qos, text
         self.generation = -1
@@ -93,7 +93,7 @@ class Track:
             audience.close()
 
 
-class Ramp:
+class LocalIngress:
     """Takes messages from one segment to the others, in the order in which they are put, key by key.
 
     Interceptors are asked on a thread of the ramp's, which is left to them if they block. What passes as it is, or with
@@ -114,7 +114,7 @@ class Ramp:
     def __init__(
         self,
         segment: str,
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         sessions: Mapping[str, zenoh.Session],
         *,
         owner: Callable[[str], str | None],
@@ -123,16 +123,16 @@ class Ramp:
         self.segment = segment
         self._generations = itertools.count()
         self.generation = next(self._generations)
-        self.waiting: queue.Queue[tuple[Track, bytes, bytes | None] | None] = queue.Queue(_ROOM)
+        self.waiting: queue.Queue[tuple[IngressKey, bytes, bytes | None] | None] = queue.Queue(_ROOM)
         self._crossing, self._sessions, self._owner, self._sequence = crossing, sessions, owner, sequence
-        self._tracks: dict[int, Track] = {}
-        self._ended_passed, self._ended_flows = Tally(), Tally()
+        self._tracks: dict[int, IngressKey] = {}
+        self._ended_passed, self._ended_flows = BoundedCounts(), BoundedCounts()
         self._telling, self._changing = threading.Lock(), threading.Lock()
-        self._current: tuple[Track, bytes, bytes | None] | None = None
+        self._current: tuple[IngressKey, bytes, bytes | None] | None = None
         self._turn = 0
         self._thread = self._spawn()
 
-    def track(self, key: str, qos: Qos, encoding: str) -> Track:
+    def track(self, key: str, qos: Qos, encoding: str) -> IngressKey:
         """Return what takes messages of a key.
 
         Args:
@@ -140,12 +140,12 @@ class Ramp:
             qos: Of all of them.
             encoding: Zenoh's encoding string, empty for its default.
         """
-        track = Track(self, key, qos, encoding)
+        track = IngressKey(self, key, qos, encoding)
         with self._changing:
             self._tracks[id(track)] = track
         return track
 
-    def put_all(self, tracks: Sequence[Track], payloads: Sequence[bytes], attachment: bytes | None) -> None:
+    def put_all(self, tracks: Sequence[IngressKey], payloads: Sequence[bytes], attachment: bytes | None) -> None:
         """Take messages to the other segments; waits if too many are under way, or receivers are slow.
 
         Args:
@@ -153,7 +153,7 @@ class Ramp:
             payloads: Of each message.
             attachment: Of all of them.
         """
-        going: list[Track] = []
+        going: list[IngressKey] = []
         ready: list[tuple[bytes, bytes | None]] = []
         for track, payload in zip(tracks, payloads, strict=True):
             known = track.generation == self.generation and not self.waiting.unfinished_tasks
@@ -199,7 +199,7 @@ class Ramp:
             counts[track.key] += track.passed + track.seen + track.rewritten
         return +counts
 
-    def tell(self, track: Track) -> None:
+    def tell(self, track: IngressKey) -> None:
         """Tell the pipeline how many messages of a key were rewritten."""
         with self._telling:
             count = track.rewritten - track.told
@@ -207,7 +207,7 @@ class Ramp:
         if count:
             self._crossing.gate.rewrote(track.key, count)
 
-    def end(self, track: Track) -> None:
+    def end(self, track: IngressKey) -> None:
         """Keep no more than the counts of a key."""
         self.tell(track)
         with self._changing:
@@ -223,7 +223,7 @@ class Ramp:
                 self._thread.join(_TURN_S)
         self.passed()
 
-    def _go(self, tracks: Sequence[Track], messages: list[tuple[bytes, bytes | None]]) -> None:
+    def _go(self, tracks: Sequence[IngressKey], messages: list[tuple[bytes, bytes | None]]) -> None:
         """Give messages to who listens in this process, the same for all of them, then publish them."""
         for take in tracks[0].takes:
             take(messages)
@@ -268,7 +268,7 @@ class Ramp:
             self._current = None
             self.waiting.task_done()
 
-    def _carry(self, track: Track, payload: bytes, attachment: bytes | None) -> None:
+    def _carry(self, track: IngressKey, payload: bytes, attachment: bytes | None) -> None:
         if track.generation != self.generation:
             self._learn(track, payload)
         changed = track.straight(payload)
@@ -288,7 +288,7 @@ class Ramp:
         self._crossing.send(message, self)
         track.seen += 1
 
-    def _learn(self, track: Track, payload: bytes) -> None:
+    def _learn(self, track: IngressKey, payload: bytes) -> None:
         """Find out how messages of a key pass."""
         self.tell(track)  # interceptors count the messages before this one
         generation, crossing, key = self.generation, self._crossing, track.key
@@ -303,7 +303,7 @@ class Ramp:
         track.takes = tuple(take for name in targets for take in self._takes(key, name))
         track.generation = generation
 
-    def _puts(self, track: Track, name: str) -> list[Callable[[bytes, bytes | None], None]]:
+    def _puts(self, track: IngressKey, name: str) -> list[Callable[[bytes, bytes | None], None]]:
         """Return what publishes on another segment."""
         crossing, key = self._crossing, track.key
         outlet = crossing.outlets[name]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from riot_bus.log.account import LOST, Account
 from riot_bus.log.writer import LostMessagesError
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 from riot_bus.zenoh.mailbox import Mailbox
 
 if TYPE_CHECKING:
@@ -108,11 +108,11 @@ class Recorder:
         capacity_bytes: int = 1 << 28,
         topic: Callable[[str], str] = str,
     ) -> None:
-        self.recorded = Tally()
+        self.recorded = BoundedCounts()
         """Messages written per topic, originals not counted."""
-        self.lost = Tally()
+        self.lost = BoundedCounts()
         """Messages per topic that did not fit or could not be written."""
-        self._reasons: defaultdict[str, Tally] = defaultdict(Tally)
+        self._reasons: defaultdict[str, BoundedCounts] = defaultdict(BoundedCounts)
         self._former = Account()
         self._writer = writer
         self._topic = topic

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.sut.activity import Idle
-from riot_bus.sut.stage import Stage
+from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
@@ -32,7 +32,9 @@ class _IdleTrial:
         file = self.context.file
         name = file.unit[self.unit].component or self.unit
         try:
-            with Stage(self.context, launcher, directory, segments=[file.segment_of(file.components[name])]) as stage:
+            with TrialSetup(
+                self.context, launcher, directory, segments=[file.segment_of(file.components[name])]
+            ) as stage:
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)

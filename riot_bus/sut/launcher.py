@@ -19,13 +19,13 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Launcher", "Process"]
+__all__ = ["ComponentProcess", "Launcher"]
 
 _SUPERVISOR = Path(__file__).with_name("supervisor.py")
 
 
 @dataclass(slots=True)
-class Process:
+class ComponentProcess:
     """One started component.
 
     Attributes:
@@ -54,7 +54,7 @@ class Launcher:
         self._link = ours
         self._pending: bytes = b""
         self._lock = threading.RLock()
-        self._processes: dict[int, Process] = {}
+        self._processes: dict[int, ComponentProcess] = {}
         self._replies: list[dict[str, object]] = []
         self._exited: list[tuple[int, int]] = []
         self._supervisor = subprocess.Popen(
@@ -71,7 +71,9 @@ class Launcher:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def start(self, name: str, argv: Sequence[str], *, env: Mapping[str, str], cwd: Path, directory: Path) -> Process:
+    def start(
+        self, name: str, argv: Sequence[str], *, env: Mapping[str, str], cwd: Path, directory: Path
+    ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
 
         Raises:
@@ -87,18 +89,18 @@ class Launcher:
                     f"component {name!r} does not start: {reply['error']}",
                     hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
                 )
-            process = Process(name, int(str(reply["pid"])), stdout, stderr)
+            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr)
             self._processes[process.pid] = process
             self._settle_exits()
         return process
 
-    def alive(self, process: Process) -> bool:
+    def alive(self, process: ComponentProcess) -> bool:
         """Return whether the component still runs."""
         with self._lock:
             self._pump(0.0)
         return process.status is None
 
-    def wait(self, processes: Sequence[Process], *, timeout: float) -> bool:
+    def wait(self, processes: Sequence[ComponentProcess], *, timeout: float) -> bool:
         """Wait until all of them have ended; return False when `timeout` seconds were not enough."""
         deadline = time.monotonic() + timeout
         while any(process.status is None for process in processes):
@@ -109,7 +111,7 @@ class Launcher:
                 self._pump(min(remaining, 0.05))
         return True
 
-    def interrupt(self, process: Process, number: signal.Signals = signal.SIGTERM) -> None:
+    def interrupt(self, process: ComponentProcess, number: signal.Signals = signal.SIGTERM) -> None:
         """Send a signal to a component's process group."""
         with self._lock:
             self._send({"do": "signal", "pid": process.pid, "signal": int(number)})

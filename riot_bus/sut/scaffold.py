@@ -11,7 +11,7 @@ from riot_bus.vocabulary.toml_text import toml_comment, toml_string
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from riot_bus.sut.system_draft import Part, Sketch, Used
+    from riot_bus.sut.system_draft import DraftComponent, SystemDraft, Used
 
 __all__ = ["sketch_json", "sketch_toml"]
 
@@ -20,7 +20,7 @@ PROGRAM = ("ros2", "run", "PACKAGE", "EXECUTABLE")
 """Stands for the command of a component, which no network tells."""
 
 
-def sketch_json(found: Sketch) -> dict[str, Any]:
+def sketch_json(found: SystemDraft) -> dict[str, Any]:
     """Return the sketch as JSON's kinds of values."""
     return {
         "components": [
@@ -38,7 +38,7 @@ def sketch_json(found: Sketch) -> dict[str, Any]:
     }
 
 
-def sketch_toml(found: Sketch, *, origin: str) -> str:
+def sketch_toml(found: SystemDraft, *, origin: str) -> str:
     """Return the text of a system file.
 
     Args:
@@ -51,11 +51,11 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _testable(part: Part, unit: str | None) -> bool:
+def _testable(part: DraftComponent, unit: str | None) -> bool:
     return part.name == unit if unit is not None else bool(part.inputs) and not part.external
 
 
-def _head(found: Sketch, origin: str) -> str:
+def _head(found: SystemDraft, origin: str) -> str:
     lines = [
         f"# Written by `riot init`: {toml_comment(origin)}.",
         "# What a network cannot tell is marked with FILL IN. All keys: docs/riot-toml.md.",
@@ -82,7 +82,7 @@ def _head(found: Sketch, origin: str) -> str:
     return "\n".join(lines)
 
 
-def _component(part: Part, *, bridged: bool) -> str:
+def _component(part: DraftComponent, *, bridged: bool) -> str:
     lines = [f"[components.{part.name}]"]
     if len(part.nodes) > 1:
         lines.append(f"# One process with several nodes: {toml_comment(', '.join(part.nodes))}.")
@@ -114,7 +114,7 @@ def _component(part: Part, *, bridged: bool) -> str:
     return "\n".join(lines)
 
 
-def _remaps(part: Part) -> list[str]:
+def _remaps(part: DraftComponent) -> list[str]:
     if len(part.nodes) != 1:
         return []
     namespace, _, name = part.nodes[0].rpartition("/")
@@ -130,7 +130,7 @@ def _topics(key: str, used: Iterable[Used]) -> list[str]:
     return [f"{key} = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" if row[1] else row[0] for row in rows), "]"]
 
 
-def _external(found: Sketch) -> str:
+def _external(found: SystemDraft) -> str:
     lines = ["[external]"]
     if not found.external:
         lines.append("# FILL IN: no node was seen that only publishes; name those that play the outside world with")
@@ -155,7 +155,7 @@ def _reasons(external: Any) -> list[str]:
     return ["topics = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" for row in rows), "]"]
 
 
-def _unit(part: Part) -> str:
+def _unit(part: DraftComponent) -> str:
     return "\n".join(
         [
             f"[unit.{part.name}]",
@@ -164,7 +164,7 @@ def _unit(part: Part) -> str:
     )
 
 
-def _segment(part: Part) -> str:
+def _segment(part: DraftComponent) -> str:
     return OUTSIDE if part.external else INSIDE
 
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.sut.context import Context
-    from riot_bus.sut.launcher import Launcher, Process
-    from riot_bus.sut.system import Pace
+    from riot_bus.sut.launcher import ComponentProcess, Launcher
+    from riot_bus.sut.system import RunPace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Stage"]
+__all__ = ["TrialSetup"]
 
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
@@ -34,7 +34,7 @@ _MEASURE = 0.25
 _ALIKE = 0.2
 
 
-class Stage:
+class TrialSetup:
     """Fresh segments and the components on them; a context manager that leaves nothing behind.
 
     Args:
@@ -64,7 +64,7 @@ class Stage:
         self.context = context
         self.launcher = launcher
         self.directory = directory
-        self.processes: dict[str, Process] = {}
+        self.processes: dict[str, ComponentProcess] = {}
         self._families: dict[tuple[int, ...], list[int]] = {}
         self.outputs: list[Message] = []
         self.idle = STILL
@@ -91,7 +91,7 @@ class Stage:
         finally:
             self.bus.close()
 
-    def start(self, name: str, *, seed: int, pace: Pace | None = None) -> Process:
+    def start(self, name: str, *, seed: int, pace: RunPace | None = None) -> ComponentProcess:
         """Start a component on its segment."""
         component = self.context.file.components[name]
         segment = self.context.file.segment_of(component)

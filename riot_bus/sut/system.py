@@ -18,10 +18,10 @@ __all__ = [
     "FiniteMonitor",
     "MonitorSettings",
     "NeverMonitor",
-    "Pace",
     "RangeMonitor",
     "RateMonitor",
     "Ready",
+    "RunPace",
     "SequenceMonitor",
     "Settle",
     "System",
@@ -38,7 +38,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Pace(_Table):
+class RunPace(_Table):
     """How long a run of the whole system lasts, and how fast: {duration} and {speed} in commands."""
 
     duration: Seconds
@@ -55,9 +55,9 @@ class System(_Table):
     types: dict[str, str] = {}
     adapters: tuple[str, ...] | None = None
     sources: tuple[str, ...] = ()
-    nominal_run: Pace = Pace(duration=60.0)
-    trial_run: Pace = Pace(duration=10.0)
-    perturbed_run: Pace = Pace(duration=30.0)
+    nominal_run: RunPace = RunPace(duration=60.0)
+    trial_run: RunPace = RunPace(duration=10.0)
+    perturbed_run: RunPace = RunPace(duration=30.0)
 
 
 class Ready(_Table):
@@ -258,9 +258,9 @@ def _known_keys(place: list[str]) -> list[str]:
         "external": External,
         "unit": Unit,
         "settle": Settle,
-        "nominal_run": Pace,
-        "trial_run": Pace,
-        "perturbed_run": Pace,
+        "nominal_run": RunPace,
+        "trial_run": RunPace,
+        "perturbed_run": RunPace,
         "ready": Ready,
         "range": RangeMonitor,
         "finite": FiniteMonitor,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from riot_bus.graph.survey import Started
     from riot_bus.types.announcement import Announcement
 
-__all__ = ["Part", "Sketch", "Used", "sketch"]
+__all__ = ["DraftComponent", "SystemDraft", "Used", "sketch"]
 
 _PLUMBING = frozenset({"/rosout", "/parameter_events"})
 _SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability):\s*(\w+)\s*$", re.MULTILINE)
@@ -45,7 +45,7 @@ class Used:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class DraftComponent:
     """A component: what one Zenoh session announces, which is one process.
 
     Attributes:
@@ -70,7 +70,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Sketch:
+class SystemDraft:
     """A system as far as it shows.
 
     Attributes:
@@ -80,7 +80,7 @@ class Sketch:
         unknown: Types without a definition here.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[DraftComponent, ...]
     external: Mapping[str, str] = field(default_factory=dict)
     unit: str | None = None
     bridged: bool = False
@@ -96,7 +96,7 @@ def sketch(
     external: Collection[str] = (),
     started: Mapping[str, Started] | None = None,
     where: str = "",
-) -> Sketch:
+) -> SystemDraft:
     """Return the system that nodes and bridges announce.
 
     A component is taken for the outside world if the user says so; else if it subscribes to nothing. External topics
@@ -134,7 +134,7 @@ def sketch(
     if not named:
         parts = _guess(parts, chosen)
     types = sorted({used.type_name for part in parts for used in (*part.inputs, *part.outputs)} - {""})
-    return Sketch(
+    return SystemDraft(
         tuple(parts),
         _external(parts, chosen),
         chosen,
@@ -147,7 +147,7 @@ def _hidden(name: str) -> bool:
     return any(part.startswith("_") for part in name.split("/"))
 
 
-def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]]) -> list[Part]:
+def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]]) -> list[DraftComponent]:
     by_session: defaultdict[str, list[Announcement]] = defaultdict(list)
     for each in seen:
         by_session[each.zid].append(each)
@@ -160,7 +160,7 @@ def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]
     for names, nodes, zid, told in sorted(drafts, key=lambda each: (each[0], each[2])):
         data = [each for each in told if not each.action and each.topic not in _PLUMBING and not _hidden(each.topic)]
         parts.append(
-            Part(
+            DraftComponent(
                 _free_name(names[0], taken),
                 nodes,
                 zid,
@@ -206,7 +206,7 @@ def _free_name(node: str, taken: set[str]) -> str:
     return name
 
 
-def _find(name: str, parts: Sequence[Part]) -> str:
+def _find(name: str, parts: Sequence[DraftComponent]) -> str:
     spellings = (
         {part.name: (part.name,) for part in parts},
         {part.name: part.nodes for part in parts},
@@ -222,7 +222,7 @@ def _find(name: str, parts: Sequence[Part]) -> str:
     raise ConfigError(f"no node {name!r} was seen", hint=did_you_mean(name, known))
 
 
-def _guess(parts: Sequence[Part], unit: str | None) -> list[Part]:
+def _guess(parts: Sequence[DraftComponent], unit: str | None) -> list[DraftComponent]:
     """Mark as external what only publishes; and if nothing of that reaches the unit, what feeds it."""
     reaching = _upstream(parts, unit)
     found = [
@@ -239,7 +239,7 @@ def _guess(parts: Sequence[Part], unit: str | None) -> list[Part]:
     return [replace(each, external=why) if each.name in feeding else each for each in found]
 
 
-def _upstream(parts: Sequence[Part], unit: str | None) -> set[str]:
+def _upstream(parts: Sequence[DraftComponent], unit: str | None) -> set[str]:
     """Return the components that reach the unit over topics, itself included; all if there is none."""
     if unit is None:
         return {part.name for part in parts}
@@ -252,9 +252,9 @@ def _upstream(parts: Sequence[Part], unit: str | None) -> set[str]:
         reached |= more
 
 
-def _external(parts: Sequence[Part], unit: str | None) -> dict[str, str]:
+def _external(parts: Sequence[DraftComponent], unit: str | None) -> dict[str, str]:
     reaching = _upstream(parts, unit)
-    published: defaultdict[str, list[Part]] = defaultdict(list)
+    published: defaultdict[str, list[DraftComponent]] = defaultdict(list)
     for part in parts:
         for used in part.outputs:
             published[used.topic].append(part)

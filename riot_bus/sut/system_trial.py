@@ -13,8 +13,8 @@ from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
 from riot_bus.monitors.model import judge
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.sut.stage import Stage
-from riot_bus.sut.system import Pace, Settle
+from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.system import RunPace, Settle
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Message, Qos
@@ -69,7 +69,7 @@ class SystemTrial:
     """
 
     context: Context
-    pace: Pace
+    pace: RunPace
     observe: tuple[str, ...] = ()
     record: Path | None = None
 
@@ -99,7 +99,7 @@ class SystemTrial:
         begin = time.time_ns()
         with ExitStack() as stack:
             stage = stack.enter_context(
-                Stage(
+                TrialSetup(
                     self.context,
                     launcher,
                     directory,
@@ -150,7 +150,7 @@ class SystemTrial:
             statistics={"external_messages": len(external)},
         )
 
-    def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: Stage, seed: int) -> None:
+    def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: TrialSetup, seed: int) -> None:
         """Let the external components run to their end, or until something inside has died.
 
         Components that have {duration} in their commands end by themselves; others are stopped after that time.
@@ -171,7 +171,7 @@ class SystemTrial:
                 hint="its command has {duration} in it, so it is expected to end by itself",
             )
 
-    def _play(self, messages: Sequence[Message], stage: Stage) -> None:
+    def _play(self, messages: Sequence[Message], stage: TrialSetup) -> None:
         file, registry = self.context.file, self.context.registry
         segments = {
             topic: file.segment_of(component)

@@ -11,7 +11,7 @@ from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import judge
 from riot_bus.sut.activity import STILL, Idle
 from riot_bus.sut.settling import wait_sent
-from riot_bus.sut.stage import Stage
+from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.message import Qos
@@ -55,7 +55,7 @@ class UnitTrial:
         segment = file.segment_of(component)
         messages, _ = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
         try:
-            with Stage(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
+            with TrialSetup(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
                 process = stage.start(name, seed=case.seed)
                 stage.wait_subscribed(name, dict.fromkeys(message.key for message in messages))
                 if self.context.watched:

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Entry", "Exceptions", "Guarded", "entries_of"]
+__all__ = ["ExceptionalValue", "Exceptions", "Guarded", "entries_of"]
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ExceptionalValue:
     """One exceptional value, and why it is worth trying."""
 
     value: Scalar
@@ -26,7 +26,7 @@ class Entry:
 class Exceptions(Protocol):
     """What a `MessageType` can offer besides its protocol, if definitions tell more of values than their type does."""
 
-    def exceptional(self, payload: bytes, path: str) -> Sequence[Entry]:
+    def exceptional(self, payload: bytes, path: str) -> Sequence[ExceptionalValue]:
         """Return values of a field that are worth trying: unusual, at limits, beyond limits, undefined.
 
         Args:
@@ -52,6 +52,6 @@ class Guarded(Protocol):
         ...
 
 
-def entries_of(kind: MessageType | None, payload: bytes, path: str) -> Sequence[Entry]:
+def entries_of(kind: MessageType | None, payload: bytes, path: str) -> Sequence[ExceptionalValue]:
     """Return the values that a field's definition tells, none if its type tells nothing."""
     return kind.exceptional(payload, path) if isinstance(kind, Exceptions) else ()

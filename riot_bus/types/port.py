@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Closeable", "Outlet", "Port", "Question"]
+__all__ = ["BridgePort", "Closeable", "PortPublisher", "PortQuery"]
 
 
 class Closeable(Protocol):
@@ -17,7 +17,7 @@ class Closeable(Protocol):
         """Take it away."""
 
 
-class Outlet(Closeable, Protocol):
+class PortPublisher(Closeable, Protocol):
     """A publisher."""
 
     def put(self, payload: bytes, attachment: bytes) -> None:
@@ -27,7 +27,7 @@ class Outlet(Closeable, Protocol):
         """Return whether somebody elsewhere subscribes."""
 
 
-class Question(Protocol):
+class PortQuery(Protocol):
     """A request that waits for its response."""
 
     @property
@@ -45,7 +45,7 @@ class Question(Protocol):
         """Answer that there is no answer."""
 
 
-class Port(Protocol):
+class BridgePort(Protocol):
     """A segment."""
 
     @property
@@ -58,7 +58,7 @@ class Port(Protocol):
 
     def publisher(
         self, key: str, *, reliable: bool, latched: int | None = None, changed: Callable[[], None] = lambda: None
-    ) -> Outlet:
+    ) -> PortPublisher:
         """Return a new publisher."""
 
     def subscribe(
@@ -72,7 +72,7 @@ class Port(Protocol):
     def watch(self, expression: str, take: Callable[[str, bool], None]) -> Closeable:
         """Follow liveliness tokens."""
 
-    def serve(self, key: str, take: Callable[[Question], None]) -> Closeable:
+    def serve(self, key: str, take: Callable[[PortQuery], None]) -> Closeable:
         """Answer the questions of others."""
 
     def ask(self, key: str, payload: bytes, attachment: bytes, done: Callable[[bytes | None], None]) -> Closeable:

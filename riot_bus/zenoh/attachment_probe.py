@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["Ear"]
+__all__ = ["AttachmentProbe"]
 
 _ENOUGH = 16
 _LONGEST = 256
 _CACHE_S = 2.0
 
 
-class Ear:
+class AttachmentProbe:
     """Hears the attachments of a key's messages, also of those that publishers keep for late joiners.
 
     Args:
@@ -39,7 +39,7 @@ class Ear:
         for session in sessions:
             zenoh = library_of(session)
             try:
-                hold(session, key)
+                pin(session, key)
                 self._listeners.append(
                     session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
                 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.keyexpr_pins import FrequentKeys, hold
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -35,7 +35,7 @@ class Batches:
         zenoh = library_of(session)
         self._error = zenoh.ZError
         self._frequent = FrequentKeys(session)
-        hold(session, expression)
+        pin(session, expression)
         self._subscriber = session.declare_subscriber(expression, zenoh.handlers.FifoChannel(_CHANNEL))
         self._channel = self._subscriber.handler  # receiving through the subscriber would lock it against undeclaring
         self._most = _MOST

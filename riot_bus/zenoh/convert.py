@@ -7,7 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.message import Message, Qos
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class Outlets:
         known = self._publishers.get((key, qos))
         if known is not None:
             return known
-        hold(self._session, key)
+        pin(self._session, key)
         publisher = self._session.declare_publisher(key, encoding=encoding, **publisher_settings(qos, self._library))
         if len(self._publishers) >= _CACHED_PUBLISHERS:
             self._publishers.clear()  # they undeclare themselves

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
-from riot_bus.zenoh.junction_sockets import Meeting
+from riot_bus.zenoh.junction_sockets import JunctionSockets
 from riot_bus.zenoh.libraries import borrow, give_back, library_of
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus.zenoh.session_config import OWN_CHUNK, WAIT_BEFORE_CLOSE_S, access_control, router_config
@@ -71,7 +71,7 @@ class Junction:
         self._direct = direct
         self._probes = _probes(segments)
         self._meetings = itertools.cycle(_meetings(segments, inner))
-        self._meeting: Meeting | None = None
+        self._meeting: JunctionSockets | None = None
         self._left = -math.inf
         self._weight = _LEAST_WEIGHT
         self._begun: tuple[list[str], list[str]] | None = None
@@ -137,7 +137,9 @@ class Junction:
         """
         time.sleep(max(0.0, self._left + patience * _FORGET_S - time.monotonic()))
 
-    def _begin(self, cut: Sequence[str], services: Sequence[str], taken: Meeting | None = None) -> zenoh.Session:
+    def _begin(
+        self, cut: Sequence[str], services: Sequence[str], taken: JunctionSockets | None = None
+    ) -> zenoh.Session:
         meeting = next(each for each in self._meetings if each is not taken)
         rules = access_control(cut, services=services, tokens=self._tokens(cut))
         settings = router_config(
@@ -189,7 +191,7 @@ class Junction:
             refused += [f"{text}{segment.zid}/**" for segment in self._segments] if crossed else [f"{text}**"]
         return refused
 
-    def _leave(self, session: zenoh.Session | None, zid: str, meeting: Meeting | None) -> None:
+    def _leave(self, session: zenoh.Session | None, zid: str, meeting: JunctionSockets | None) -> None:
         if session is None or meeting is None:
             return
 
@@ -259,12 +261,12 @@ class _Probe(NamedTuple):
         return self.subscriber.handler
 
 
-def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[Meeting]:
+def _meetings(segments: Sequence[Segment], inner: Sequence[str]) -> list[JunctionSockets]:
     """Return where a junction and the segments can meet, by turns."""
     doors = list(zip(*(segment.doors for segment in segments if segment.doors), strict=True))
     listens = any(not segment.doors for segment in segments)
     count = len(doors) or len(inner)
-    return [Meeting(doors[k] if doors else (), [inner[k]] if listens else []) for k in range(count)]
+    return [JunctionSockets(doors[k] if doors else (), [inner[k]] if listens else []) for k in range(count)]
 
 
 def _probes(segments: Sequence[Segment]) -> list[_Probe]:

@@ -11,10 +11,10 @@ from riot_bus.zenoh import sockets
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Meeting"]
+__all__ = ["JunctionSockets"]
 
 
-class Meeting:
+class JunctionSockets:
     """The links of one junction at a time.
 
     Args:

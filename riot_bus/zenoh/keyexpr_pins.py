@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["FrequentKeys", "begin_holding", "end_holding", "hold", "no_more_numbers"]
+__all__ = ["FrequentKeys", "begin_pinning", "end_pinning", "no_more_numbers", "pin"]
 
 _MOST = 1 << 14
 _MOST_FREQUENT = 1 << 12
@@ -32,19 +32,19 @@ _frequent: dict[int, dict[str, zenoh.KeyExpr]] = {}
 _numbering = threading.Lock()
 
 
-def begin_holding(session: zenoh.Session) -> None:
+def begin_pinning(session: zenoh.Session) -> None:
     """Let a session hold keys, until `end_holding`."""
     _held[id(session)] = OrderedDict()
     _frequent[id(session)] = {}
 
 
-def end_holding(session: zenoh.Session) -> None:
+def end_pinning(session: zenoh.Session) -> None:
     """Let go what a session holds; call when it is closed. Safe to call twice."""
     _held.pop(id(session), None)
     _frequent.pop(id(session), None)
 
 
-def hold(session: zenoh.Session, expression: str) -> None:
+def pin(session: zenoh.Session, expression: str) -> None:
     """Keep the numbers for an expression on which something is about to be declared; of many, those used last.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.keyexpr_pins import begin_holding, end_holding
+from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
 from riot_bus.zenoh.libraries import borrow, give_back
 from riot_bus.zenoh.session import listening, open_session, release
 from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S, router_config
@@ -65,7 +65,7 @@ class Segment:
         except BaseException:
             give_back(self._library)
             raise
-        begin_holding(self.session)
+        begin_pinning(self.session)
         self.zid = str(self.session.info.zid())
         found = [each for each in listening(self.session) if each not in {*doors, *hidden}]
         self.endpoints = tuple(found or listen)  # Zenoh does not show where it listens for ws
@@ -86,7 +86,7 @@ class Segment:
     def close(self) -> None:
         """Disconnect everybody; safe to call twice."""
         release(self.session)
-        end_holding(self.session)
+        end_pinning(self.session)
         library, self._library = self._library, None
         if library is not None:
             give_back(library)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.attachment_probe import Ear
+from riot_bus.zenoh.attachment_probe import AttachmentProbe
 from riot_bus.zenoh.libraries import library_of
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class _Pursuit:
     due: float
     missing: bool | None = None
     asked: int = 0
-    ear: Ear | None = None
+    ear: AttachmentProbe | None = None
 
     def close(self) -> None:
         if self.ear is not None:
@@ -151,7 +151,7 @@ class Learner:
             return
         if pursuit.ear is None:
             if sum(each.ear is not None for each in list(self._pursued.values())) < _MOST_EARS:
-                pursuit.ear = Ear(key, self.sessions, partial(self._hurry, pursuit))
+                pursuit.ear = AttachmentProbe(key, self.sessions, partial(self._hurry, pursuit))
             return
         before = self._questions
         if registry.learn(key, self._tokens(), pursuit.ear.attachments, self._ask):

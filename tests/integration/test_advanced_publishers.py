@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from riot_bus.pipeline.event import Event
-from riot_bus.router.advanced.proxy_publisher import StandIn
-from riot_bus.router.advanced.publisher_state import Relay
+from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
+from riot_bus.router.advanced.publisher_state import PublisherState
 from riot_bus.zenoh.session import wait_until
 from tests.integration.advanced_tools import (
     KEY,
@@ -280,7 +280,7 @@ def test_publishers_that_come_and_go_leave_nothing() -> None:
         sink = join("unit")
         listener = Listener(sink, "cut/**")
         subscribed(bus, "unit", "cut/0")
-        before = alive(Relay), alive(StandIn), threading.active_count()
+        before = alive(PublisherState), alive(ProxyPublisher), threading.active_count()
         for run in range(2):
             source = component(bus.endpoint("system"))
             try:
@@ -297,7 +297,9 @@ def test_publishers_that_come_and_go_leave_nothing() -> None:
             finally:
                 source.close()  # type: ignore[no-untyped-call]
             assert wait_until(lambda: cached(sink, "cut/**") == tokens(sink, "cut/**") == [], WAIT_S, interval=0.05)
-            assert wait_until(lambda: (alive(Relay), alive(StandIn)) == before[:2], WAIT_S, interval=0.2)
+            assert wait_until(
+                lambda: (alive(PublisherState), alive(ProxyPublisher)) == before[:2], WAIT_S, interval=0.2
+            )
         assert wait_until(lambda: threading.active_count() <= before[2], WAIT_S, interval=0.02), threading.enumerate()
         assert len(listener.texts()) == 2 * count
         assert bus.drain(10)

@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.stage import Stage
+from riot_bus.sut.stage import TrialSetup
 
 pytestmark = pytest.mark.integration
 
@@ -40,7 +40,7 @@ def test_timers_are_told_from_work(tmp_path: Path, period: str, *, restless: boo
     path = tmp_path / "riot.toml"
     path.write_text(SYSTEM.replace("PERIOD", period))
     context = open_system(path)
-    with Launcher() as launcher, Stage(context, launcher, tmp_path, segments=["system"]) as stage:
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
         stage.start("part", seed=0)
         begin = time.monotonic()
         stage.wait_ready(["part"])

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from riot_bus.graph.declarations import Declared, declarations
-from riot_bus.graph.model import Change, Graph
+from riot_bus.graph.model import Graph, GraphChange
 from riot_bus.graph.render import changes_json, dot, graph_json, mermaid, text
 from riot_bus.graph.watch import GraphWatch
 from riot_bus.router.bus import Bus
@@ -147,7 +147,7 @@ def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus)
     seen: list[str] = []
     arrived = threading.Event()
 
-    def callback(graph: Graph, changes: tuple[Change, ...]) -> None:
+    def callback(graph: Graph, changes: tuple[GraphChange, ...]) -> None:
         seen.append(changes_json(graph, changes, time=1))
         arrived.set()
         raise RuntimeError("on purpose")

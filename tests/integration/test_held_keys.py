@@ -11,8 +11,8 @@ import zenoh
 
 from riot_bus.router.bus import Bus
 from riot_bus.zenoh import keyexpr_pins as held_keys
-from riot_bus.zenoh.attachment_probe import Ear
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.attachment_probe import AttachmentProbe
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.network import Network
 from riot_bus.zenoh.session import release, wait_until
@@ -46,7 +46,7 @@ def meanwhile(do: Callable[[], object]) -> Iterator[None]:
 
 
 def ear(bus: Bus) -> None:
-    Ear(KEY, [bus.segment("unit").session], lambda: None).close()
+    AttachmentProbe(KEY, [bus.segment("unit").session], lambda: None).close()
 
 
 @pytest.mark.parametrize("intercepted", ["cut/**", "**"])
@@ -80,12 +80,12 @@ def test_questions_end_while_a_session_declares_and_undeclares(expression: str) 
         session = network.segments["only"].session
         library = library_of(session)
         answer = library.handlers.Callback(lambda query: query.drop(), indirect=False)
-        hold(session, expression)
+        pin(session, expression)
         _queryable = session.declare_queryable(expression, answer)
         asking = component(network.segments["only"].endpoints[0])
 
         def declare() -> None:
-            hold(session, expression)
+            pin(session, expression)
             release(session.declare_publisher(expression))
 
         try:

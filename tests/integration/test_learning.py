@@ -31,7 +31,7 @@ from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key
 from riot_bus_ros2.live import SERVICE
 from riot_bus_ros2.store import TypeStore
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.integration.router_process import riot
 from tests.integration.zenoh_process import ZenohProcess
 from tests.type_descriptions import reply
@@ -71,8 +71,8 @@ class Sensor:
         self.waiting: list[zenoh.Query] = []
         self.sent = 0
         node = Node(0, self.client.zid, 0, "/sensor")
-        service = Endpoint(node, 1, "SS", "/sensor/get_type_description", SERVICE, SERVICE_HASH)
-        self.tokens: list[Node | Endpoint] = [node, service, Endpoint(node, 2, "MP", "/reading", NAME, HASH)]
+        service = NodeEndpoint(node, 1, "SS", "/sensor/get_type_description", SERVICE, SERVICE_HASH)
+        self.tokens: list[Node | NodeEndpoint] = [node, service, NodeEndpoint(node, 2, "MP", "/reading", NAME, HASH)]
         session = self.client.session
         self.declared: list[Any] = [session.declare_queryable(service.key, self._answer, complete=True)]
         self.publisher: Any = zenoh.ext.declare_advanced_publisher(

@@ -17,7 +17,7 @@ from riot_bus.zenoh.session import wait_until
 from riot_bus_ros2.attachment import Attachment, parse_attachment
 from riot_bus_ros2.keys import DataKey, action_parts, build_data_key
 from riot_bus_ros2.store import TypeStore
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode, install
@@ -138,7 +138,7 @@ def lived(python: Path, endpoints: dict[str, str], folder: Path) -> Seen:
         sums = [system.do("call", "/add", a=number, b=-(2**62)) for number in range(3)]
         latched = stack.enter_context(Puppet(endpoints["system"]))
         latched.do("publish_advanced", key=build_data_key(MAP), payloads=[text(f"map {number}") for number in range(3)])
-        publisher = Endpoint(Node(0, latched.zid, 0, "/mapper"), 1, "MP", MAP.topic, STRING, STRING_HASH)
+        publisher = NodeEndpoint(Node(0, latched.zid, 0, "/mapper"), 1, "MP", MAP.topic, STRING, STRING_HASH)
         latched.do("token", key=build_token(publisher))
         late = stack.enter_context(Puppet(endpoints["unit"]))
         late.do("subscribe_advanced", key=build_data_key(MAP))
@@ -295,7 +295,7 @@ def test_the_graph_speaks_names(python: Path, tmp_path: Path) -> None:
         docker.do("token", key=build_token(whose))
         for number, (name, type_name) in enumerate(action_parts("/robot/dock", "nav2_msgs/action/Dock").items(), 1):
             kind = "MP" if name.endswith(("feedback", "status")) else "SS"
-            docker.do("token", key=build_token(Endpoint(whose, number, kind, name, type_name)))  # type: ignore[arg-type]
+            docker.do("token", key=build_token(NodeEndpoint(whose, number, kind, name, type_name)))  # type: ignore[arg-type]
         expected = {
             ("system", "/system_node", "publishes", "/chatter", STRING),
             ("unit", "/unit_node", "subscribes", "/chatter", STRING),

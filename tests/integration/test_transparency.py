@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.doctor.conformance.run import OURS, Difference, Outcome, compare, run_scenario, run_suite
+from riot_bus.doctor.conformance.run import OURS, Difference, WayOutcome, compare, run_scenario, run_suite
 from riot_bus.doctor.conformance.scenario import Scenario, find, load
 from riot_bus.router.bus import Bus
 from riot_bus.vocabulary.errors import ConfigError
@@ -47,8 +47,8 @@ def test_a_router_that_is_not_there_is_an_error_of_its_way() -> None:
 
 
 def test_differences_name_their_place() -> None:
-    plain = Outcome("plain", {"right": [{"a": 1, "b": [1]}], "left": None})
-    other = Outcome("native", {"right": [{"a": 2, "b": [1, 2]}], "left": None}, losses=("a link broke",))
+    plain = WayOutcome("plain", {"right": [{"a": 1, "b": [1]}], "left": None})
+    other = WayOutcome("native", {"right": [{"a": 2, "b": [1, 2]}], "left": None}, losses=("a link broke",))
     assert compare([plain, other]) == [
         Difference("native", "right[0].a", 1, 2),
         Difference("native", "right[0].b", [1], [1, 2]),
@@ -57,8 +57,8 @@ def test_differences_name_their_place() -> None:
 
 
 def test_a_way_that_failed_differs_and_one_that_was_skipped_does_not() -> None:
-    plain = Outcome("plain", {"left": 1})
-    failed, skipped = Outcome("native", error="broke"), Outcome("intercepted", skipped="no openssl")
+    plain = WayOutcome("plain", {"left": 1})
+    failed, skipped = WayOutcome("native", error="broke"), WayOutcome("intercepted", skipped="no openssl")
     assert [str(each) for each in compare([plain, failed, skipped])] == [
         "native: outcome: 'broke' instead of 'an observation'"
     ]

@@ -8,15 +8,16 @@ from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.box import Box, fit_box
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.fir import standardise
-from riot_bus.backchain.graph import Component, TopicGraph
-from riot_bus.backchain.permeability import Drive, Run, analyse
+from riot_bus.backchain.graph import ComponentTopics, TopicGraph
+from riot_bus.backchain.permeability import FieldDrive, Run, analyse
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
 
 numbers = st.floats(-1e6, 1e6)
 topics = st.sampled_from("abcdef")
 graphs = st.dictionaries(
-    st.sampled_from("PQRST"), st.builds(Component, st.frozensets(topics, max_size=3), st.frozensets(topics, max_size=3))
+    st.sampled_from("PQRST"),
+    st.builds(ComponentTopics, st.frozensets(topics, max_size=3), st.frozensets(topics, max_size=3)),
 ).map(TopicGraph)
 
 
@@ -90,7 +91,7 @@ def test_permeability_survives_any_series(outputs, seed):
     runs = []
     for values in outputs:
         times = tuple(float(at) for at in range(len(values)))
-        drive = Drive(Series(times, tuple(signal.value(at) for at in range(len(values)))), signal)
+        drive = FieldDrive(Series(times, tuple(signal.value(at) for at in range(len(values)))), signal)
         runs.append(Run({"e": drive}, {"i": Series(times, tuple(values))}))
     result = analyse(runs, draws=19, lags=3)
     assert len(result.edges) + len(result.skipped) == 1

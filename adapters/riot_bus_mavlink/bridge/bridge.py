@@ -28,9 +28,9 @@ from riot_bus_mavlink.links.opening import open_link
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from riot_bus.types.port import Port
+    from riot_bus.types.port import BridgePort
     from riot_bus.vocabulary.errors import RiotError
-    from riot_bus_mavlink.bridge.options import BridgeOptions
+    from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import Batching, Link
 
@@ -65,7 +65,11 @@ class MavlinkBridge:
     """
 
     def __init__(
-        self, ports: Mapping[str, Port], options: BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+        self,
+        ports: Mapping[str, BridgePort],
+        options: MavlinkBridgeOptions,
+        *,
+        warn: Callable[[str], None] = _LOG.warning,
     ) -> None:
         self.failure: RiotError | None = None
         self._patient = options.patient

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.types.port import Outlet
+    from riot_bus.types.port import PortPublisher
     from riot_bus_mavlink.bridge.losses import SourceCount
     from riot_bus_mavlink.links.end import End
 
@@ -31,4 +31,4 @@ class Flow:
     extra: bytes
     count: SourceCount
     others: Sequence[End]
-    outlet: Outlet
+    outlet: PortPublisher

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Losses", "SourceCount"]
+__all__ = ["LinkLosses", "SourceCount"]
 
 _MOST_SOURCES = 4096
 
@@ -33,7 +33,7 @@ class SourceCount:
         return missing
 
 
-class Losses:
+class LinkLosses:
     """Counts by source, on one link."""
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ from riot_bus.vocabulary.errors import PayloadError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.types.port import Closeable, Outlet, Port
+    from riot_bus.types.port import BridgePort, Closeable, PortPublisher
     from riot_bus_mavlink.bridge.json_form import JsonForm
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
@@ -47,7 +47,7 @@ class Mirror:
 
     def __init__(
         self,
-        port: Port,
+        port: BridgePort,
         form: JsonForm,
         *,
         fields: bool,
@@ -56,7 +56,7 @@ class Mirror:
     ) -> None:
         self.counts: Counter[str] = Counter()
         self._port, self._form, self._fields, self._streams, self._take = port, form, fields, streams, take
-        self._outlets: dict[str, Outlet] = {}
+        self._outlets: dict[str, PortPublisher] = {}
         self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(_MOST_WAITING)
         self._inlet: Closeable | None = None
         self._ended = False
@@ -109,7 +109,7 @@ class Mirror:
                 self._outlet(f"{base}/{name}").put(json.dumps(value, separators=(",", ":")).encode(), _MARK)
         self.counts["mirrored"] += 1
 
-    def _outlet(self, key: str) -> Outlet:
+    def _outlet(self, key: str) -> PortPublisher:
         outlet = self._outlets.get(key)
         if outlet is None:
             if len(self._outlets) >= _MOST_OUTLETS:

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.dialect import Dialect
 
-__all__ = ["BridgeOptions", "Plan"]
+__all__ = ["MavlinkBridgeOptions", "MavlinkBridgePlan"]
 
 _LONGEST_PERIOD_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class BridgeOptions:
+class MavlinkBridgeOptions:
     """What to bridge, as written.
 
     Attributes:
@@ -57,7 +57,7 @@ class BridgeOptions:
         texts = [f"{name}={value}" for name, value in chosen.items() if value != usual[name]]
         return [f"mavlink:{';'.join(texts)}"] if texts else []
 
-    def plan(self, segments: Sequence[str]) -> Plan:
+    def plan(self, segments: Sequence[str]) -> MavlinkBridgePlan:
         """Return what is to be bridged.
 
         Args:
@@ -78,11 +78,11 @@ class BridgeOptions:
         dialect = load_dialect(self.dialect, self.files)
         links = parse_links(self.links, id_of=dialect.id_of, segments=segments)
         signer = None if self.key_file is None else Signer(read_key(self.key_file))
-        return Plan(dialect, KeyTemplate(self.keys), links, signer)
+        return MavlinkBridgePlan(dialect, KeyTemplate(self.keys), links, signer)
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MavlinkBridgePlan:
     """What options mean.
 
     Attributes:

@@ -16,7 +16,7 @@ from riot_bus_mavlink.signing import Renewer
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from riot_bus.types.port import Closeable, Outlet, Port
+    from riot_bus.types.port import BridgePort, Closeable, PortPublisher
     from riot_bus_mavlink.bridge.routing import Routes
     from riot_bus_mavlink.bridge.streams import OwnStreams
     from riot_bus_mavlink.frame import Frame
@@ -56,7 +56,7 @@ class Side:
 
     def __init__(
         self,
-        port: Port,
+        port: BridgePort,
         routes: Routes[End],
         *,
         keys: KeyTemplate,
@@ -72,7 +72,7 @@ class Side:
         self._keys, self._name_of, self._mark, self._linked = keys, name_of, mark, linked
         self._extra = streams.crc_extra
         self._renewer = None if signer is None else Renewer(signer)
-        self._outlets: dict[tuple[str, int, int, int], Outlet] = {}
+        self._outlets: dict[tuple[str, int, int, int], PortPublisher] = {}
         self._known: dict[bytes, tuple[int, list[End]]] = {}
         self._inlet: Closeable | None = None
         self._lock, self._declaring = threading.Lock(), threading.Lock()
@@ -204,7 +204,7 @@ class Side:
             end.generation = self.routes.generation
         return end.flows
 
-    def _remember(self, frame: Frame, end: End, generation: int, others: Sequence[End], outlet: Outlet) -> None:
+    def _remember(self, frame: Frame, end: End, generation: int, others: Sequence[End], outlet: PortPublisher) -> None:
         """Take note of where frames like this one go."""
         extra = self._extra(frame.message_id)
         count = end.losses.of(frame.system, frame.component)
@@ -303,7 +303,7 @@ class Side:
                 if end.sends:
                     end.send(payload)
 
-    def _outlet(self, place: tuple[str, int, int, int]) -> Outlet:
+    def _outlet(self, place: tuple[str, int, int, int]) -> PortPublisher:
         with self._declaring:
             outlet = self._outlets.get(place)
             if outlet is None:

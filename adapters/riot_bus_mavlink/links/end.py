@@ -6,7 +6,7 @@ import threading
 from threading import get_ident
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from riot_bus_mavlink.bridge.losses import Losses
+from riot_bus_mavlink.bridge.losses import LinkLosses
 from riot_bus_mavlink.bridge.routing import Peer
 from riot_bus_mavlink.bridge.url import Direction, LinkKind
 
@@ -88,7 +88,7 @@ class End(Peer):
         )
         self.segment = spec.segment
         self.address, self.framer = address, framer
-        self.losses = Losses()
+        self.losses = LinkLosses()
         self.out = self.lost = 0
         self.flows: dict[bytes, Flow] = {}
         self.generation = -1

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
     from riot_bus_mavlink.bridge.url import LinkSpec
     from riot_bus_mavlink.links.end import End, Host
-    from riot_bus_mavlink.tlog import Record
+    from riot_bus_mavlink.tlog import TlogRecord
 
-__all__ = ["LogReader", "LogWriter"]
+__all__ = ["LogSink", "LogSource"]
 
 _READ = 1 << 16
 _AT_ONCE = 256
 
 
-class LogReader:
+class LogSource:
     """Sends the frames of a log as if they came now, in the log's own time.
 
     What is in the log is taken as it was received; frames that jump back in time come at once.
@@ -41,7 +41,7 @@ class LogReader:
     def __init__(self, spec: LinkSpec, host: Host) -> None:
         self.spec = spec
         self._host = host
-        self._records: deque[Record] = deque()
+        self._records: deque[TlogRecord] = deque()
         self._reader = TlogReader(host.crc_extra)
         self._begun: tuple[float, int] | None = None
         try:
@@ -114,7 +114,7 @@ class LogReader:
             self._file = None
 
 
-class LogWriter:
+class LogSink:
     """Appends all that is sent to it, each frame with its time.
 
     Args:

@@ -6,13 +6,13 @@ import itertools
 from typing import TYPE_CHECKING
 
 from riot_bus_ros2.gid import gid_of
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from riot_bus.types.port import Closeable, Port
-    from riot_bus_ros2.bridge.plan import Announcement
+    from riot_bus.types.port import BridgePort, Closeable
+    from riot_bus_ros2.bridge.plan import DomainAnnouncement
     from riot_bus_ros2.keys import DataKey
     from riot_bus_ros2.tokens import EndpointKind
 
@@ -31,14 +31,14 @@ class Announcer:
             message, so the first stands for all.
     """
 
-    def __init__(self, port: Port, domain: int) -> None:
+    def __init__(self, port: BridgePort, domain: int) -> None:
         self._port, self._domain = port, domain
         self.gids: dict[tuple[EndpointKind, DataKey], bytes] = {}
-        self._shown: dict[Announcement, tuple[str, Closeable]] = {}
+        self._shown: dict[DomainAnnouncement, tuple[str, Closeable]] = {}
         self._nodes: dict[str, int] = {}
         self._numbers = itertools.count(1)
 
-    def update(self, wanted: Iterable[Announcement], *, may_show: Callable[[Announcement], bool]) -> None:
+    def update(self, wanted: Iterable[DomainAnnouncement], *, may_show: Callable[[DomainAnnouncement], bool]) -> None:
         """Show what is wanted and nothing else.
 
         Args:
@@ -61,7 +61,7 @@ class Announcer:
         """Take all tokens back."""
         self.update((), may_show=lambda each: False)
 
-    def _token(self, what: Announcement) -> str:
+    def _token(self, what: DomainAnnouncement) -> str:
         if what.node not in self._nodes:
             self._nodes[what.node] = next(self._numbers)
         node = Node(self._domain, self._port.zid, self._nodes[what.node], what.node)
@@ -69,10 +69,10 @@ class Announcer:
             return build_token(node)
         key = what.key
         return build_token(
-            Endpoint(node, next(self._numbers), what.kind, key.topic, key.type_name, key.type_hash, what.qos)
+            NodeEndpoint(node, next(self._numbers), what.kind, key.topic, key.type_name, key.type_hash, what.qos)
         )
 
 
-def _order(each: Announcement) -> tuple[bool, str, str, str, str]:
+def _order(each: DomainAnnouncement) -> tuple[bool, str, str, str, str]:
     """Nodes first."""
     return each.kind is not None, each.node, each.kind or "", each.key.topic if each.key else "", each.gid

@@ -16,21 +16,21 @@ from riot_bus_ros2.bridge.announcer import Announcer
 from riot_bus_ros2.bridge.graph import DomainGraph
 from riot_bus_ros2.bridge.node import NodeProcess
 from riot_bus_ros2.bridge.options import Names
-from riot_bus_ros2.bridge.plan import Down, Plan, plan_of
+from riot_bus_ros2.bridge.plan import BridgePlan, Down, plan_of
 from riot_bus_ros2.bridge.rivals import Rival
 from riot_bus_ros2.bridge.services import OfferedService, WantedService
 from riot_bus_ros2.bridge.text import summary_lines
 from riot_bus_ros2.bridge.topics import DownRoute, UpRoute
-from riot_bus_ros2.rclpy_node.frames import Frame, Kind
-from riot_bus_ros2.tokens import Endpoint, parse_token
+from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind
+from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from riot_bus.types.port import Port
+    from riot_bus.types.port import BridgePort
     from riot_bus.vocabulary.errors import RiotError
-    from riot_bus_ros2.bridge.options import BridgeOptions
-    from riot_bus_ros2.bridge.plan import Announcement, Up
+    from riot_bus_ros2.bridge.options import Ros2BridgeOptions
+    from riot_bus_ros2.bridge.plan import DomainAnnouncement, Up
     from riot_bus_ros2.keys import DataKey
 
 __all__ = ["Ros2Bridge"]
@@ -67,7 +67,9 @@ class Ros2Bridge:
         ConfigError: An option is not usable.
     """
 
-    def __init__(self, port: Port, options: BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning) -> None:
+    def __init__(
+        self, port: BridgePort, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+    ) -> None:
         options.check()
         self.failure: RiotError | None = None
         self._port, self._options, self._warn = port, options, warn
@@ -77,7 +79,7 @@ class Ros2Bridge:
         self._announcer = Announcer(port, options.zenoh_domain)
         self._node_says: dict[str, Any] = {}
         self._graph: DomainGraph | None = None
-        self._segment: dict[str, Endpoint] = {}
+        self._segment: dict[str, NodeEndpoint] = {}
         self._bridges: dict[str, Rival] = {}
         self._ups: dict[DataKey, UpRoute] = {}
         self._downs: dict[DataKey, DownRoute] = {}
@@ -178,12 +180,12 @@ class Ros2Bridge:
 
     # -- what comes in ------------------------------------------------------------------------------------------------
 
-    def _take(self, frame: Frame | None) -> None:
+    def _take(self, frame: BridgeFrame | None) -> None:
         """Carry what the node sends."""
         if frame is None:
             if not self._ended.is_set():
                 self._fail("the ROS node of the bridge has ended", "what ROS says about it stands above")
-        elif frame.kind == Kind.DOCUMENT:
+        elif frame.kind == BridgeFrameKind.DOCUMENT:
             self._hear(frame.document())
         else:
             route = self._by_number.get(frame.endpoint)
@@ -207,7 +209,7 @@ class Ros2Bridge:
 
     def _see_token(self, token: str, present: bool) -> None:  # noqa: FBT001 - called back
         found = parse_token(token)
-        if isinstance(found, Endpoint) and found.node.zid != self._port.zid:
+        if isinstance(found, NodeEndpoint) and found.node.zid != self._port.zid:
             with self._changed:
                 room = not present or token in self._segment or len(self._segment) < _MOST_TOKENS
                 if not present:
@@ -276,7 +278,7 @@ class Ros2Bridge:
             each.domain == self._options.domain and each.name < self.name and each.name not in here for each in bridges
         )
 
-    def _reconcile(self, plan: Plan, graph: DomainGraph) -> None:
+    def _reconcile(self, plan: BridgePlan, graph: DomainGraph) -> None:
         options, node, port = self._options, self._node, self._port
         self._drop(self._ups, "to_segment", lambda key, route: self._stays(key, route, plan.ups))
         self._drop(self._downs, "to_domain", lambda key, route: self._stays(key, route, plan.downs))
@@ -358,7 +360,7 @@ class Ros2Bridge:
             route.close()
             self._carried[way][key.topic] += route.count
 
-    def _keeps_promise(self, announcement: Announcement) -> bool:
+    def _keeps_promise(self, announcement: DomainAnnouncement) -> bool:
         """Servers are shown when they answer."""
         if announcement.kind != "SS" or announcement.key is None:
             return True

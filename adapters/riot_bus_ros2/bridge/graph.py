@@ -10,7 +10,7 @@ from riot_bus_ros2.qos import FOREVER, AnnouncedQos
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["DomainGraph", "Found", "Profile", "announced", "profile_of"]
+__all__ = ["DomainEndpoint", "DomainGraph", "Profile", "announced", "profile_of"]
 
 _SECOND = 10**9
 RELIABLE, BEST_EFFORT = 1, 2
@@ -43,7 +43,7 @@ class Profile(NamedTuple):
     lease: int = 0
 
 
-class Found(NamedTuple):
+class DomainEndpoint(NamedTuple):
     """A publisher, subscription, server or client of the domain; servers and clients have no profile and no gid.
 
     Attributes:
@@ -80,10 +80,10 @@ class DomainGraph:
 
     bridges: Sequence[str] = ()
     nodes: Sequence[str] = ()
-    publishers: Sequence[Found] = ()
-    subscriptions: Sequence[Found] = ()
-    servers: Sequence[Found] = ()
-    clients: Sequence[Found] = ()
+    publishers: Sequence[DomainEndpoint] = ()
+    subscriptions: Sequence[DomainEndpoint] = ()
+    servers: Sequence[DomainEndpoint] = ()
+    clients: Sequence[DomainEndpoint] = ()
     matched: Mapping[int, int] = field(default_factory=dict)
     ready: Sequence[int] = ()
 
@@ -91,9 +91,9 @@ class DomainGraph:
     def of(cls, document: Mapping[str, Any]) -> Self:
         """Read what the node says."""
 
-        def endpoints(name: str) -> list[Found]:
+        def endpoints(name: str) -> list[DomainEndpoint]:
             return [
-                Found(node, topic, type_name, type_hash or None, *_details(more))
+                DomainEndpoint(node, topic, type_name, type_hash or None, *_details(more))
                 for node, topic, type_name, type_hash, *more in document[name]
             ]
 

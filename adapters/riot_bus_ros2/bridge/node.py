@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import riot_bus_ros2
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus_ros2.rclpy_node.frames import Frame, Kind, Wire
+from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind, Wire
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus_ros2.bridge.options import BridgeOptions
+    from riot_bus_ros2.bridge.options import Ros2BridgeOptions
 
 __all__ = ["NodeProcess", "interpreter"]
 
@@ -40,7 +40,7 @@ class NodeProcess:
         take: Called with each frame on a thread of its own; None when the process has ended.
     """
 
-    def __init__(self, name: str, options: BridgeOptions, take: Callable[[Frame | None], None]) -> None:
+    def __init__(self, name: str, options: Ros2BridgeOptions, take: Callable[[BridgeFrame | None], None]) -> None:
         self._name, self._options, self._take = name, options, take
         self._process: subprocess.Popen[bytes] | None = None
         self._wire: Wire | None = None
@@ -89,7 +89,7 @@ class NodeProcess:
         """Send an order; nothing happens when the process has ended, which is noticed elsewhere."""
         self._send(lambda wire: wire.tell(order))
 
-    def send(self, kind: Kind, endpoint: int, number: int, payload: bytes) -> None:
+    def send(self, kind: BridgeFrameKind, endpoint: int, number: int, payload: bytes) -> None:
         """Send a message, request, response or failure."""
         self._send(lambda wire: wire.send(kind, endpoint, number, payload))
 

@@ -13,7 +13,7 @@ from riot_bus_ros2.keys import action_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["BridgeOptions", "Names"]
+__all__ = ["Names", "Ros2BridgeOptions"]
 
 _LARGEST_DOMAIN = 232  # DDS computes its ports from it
 _LARGEST_ZENOH_DOMAIN = 999_999_999
@@ -35,7 +35,7 @@ _OF_ALL_NODES = frozenset({"/parameter_events", "/rosout"})
 
 
 @dataclass(frozen=True, slots=True)
-class BridgeOptions:
+class Ros2BridgeOptions:
     """What to bridge.
 
     Attributes:
@@ -85,7 +85,7 @@ class Names:
         options: What the user says.
     """
 
-    def __init__(self, options: BridgeOptions) -> None:
+    def __init__(self, options: Ros2BridgeOptions) -> None:
         self._topics, self._services, self._exclude = options.topics, options.services, options.exclude
         self._known: dict[tuple[str, bool], bool] = {}
 

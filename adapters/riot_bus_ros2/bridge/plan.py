@@ -24,11 +24,11 @@ from riot_bus_ros2.qos import AnnouncedQos
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Sequence
 
-    from riot_bus_ros2.bridge.graph import DomainGraph, Found
-    from riot_bus_ros2.bridge.options import BridgeOptions, Names
-    from riot_bus_ros2.tokens import Endpoint, EndpointKind
+    from riot_bus_ros2.bridge.graph import DomainEndpoint, DomainGraph
+    from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
+    from riot_bus_ros2.tokens import EndpointKind, NodeEndpoint
 
-__all__ = ["Announcement", "Down", "Plan", "Up", "plan_of"]
+__all__ = ["BridgePlan", "DomainAnnouncement", "Down", "Up", "plan_of"]
 
 _USUAL_DEPTH = 10  # of ROS; stands in tokens where DDS does not tell it
 _MOST_LATCHED = 1 << 16
@@ -76,7 +76,7 @@ class Down(NamedTuple):
         return isinstance(other, Down) and self[:2] == other[:2]
 
 
-class Announcement(NamedTuple):
+class DomainAnnouncement(NamedTuple):
     """Something of the domain that the segment is told of by a token.
 
     Attributes:
@@ -95,7 +95,7 @@ class Announcement(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class BridgePlan:
     """What ought to be.
 
     Attributes:
@@ -111,18 +111,18 @@ class Plan:
     downs: dict[DataKey, Down] = field(default_factory=dict)
     offered: set[DataKey] = field(default_factory=set)
     wanted: set[DataKey] = field(default_factory=set)
-    announcements: set[Announcement] = field(default_factory=set)
+    announcements: set[DomainAnnouncement] = field(default_factory=set)
     foreign: set[str] = field(default_factory=set)
 
 
 def plan_of(
     graph: DomainGraph,
-    segment: Iterable[Endpoint],
+    segment: Iterable[NodeEndpoint],
     names: Names,
-    options: BridgeOptions,
+    options: Ros2BridgeOptions,
     *,
     bridges: Collection[str] = (),
-) -> Plan:
+) -> BridgePlan:
     """Return what a bridge ought to do.
 
     Args:
@@ -133,10 +133,10 @@ def plan_of(
         bridges: Ids of the Zenoh sessions of other bridges, which have one publisher for all that they announce.
     """
 
-    def key_of(found: Found) -> DataKey:
+    def key_of(found: DomainEndpoint) -> DataKey:
         return DataKey(options.zenoh_domain, found.topic, found.type_name, found.type_hash)
 
-    def grouped(endpoints: Sequence[Found]) -> dict[DataKey, list[Profile]]:
+    def grouped(endpoints: Sequence[DomainEndpoint]) -> dict[DataKey, list[Profile]]:
         groups: dict[DataKey, list[Profile]] = defaultdict(list)
         for each in endpoints:
             if names.topic(each.topic):
@@ -159,7 +159,7 @@ def plan_of(
             served.add(endpoint.data_key)
     offered = {key_of(each) for each in graph.servers if names.service(each.topic)}
     here = {key.topic for key in offered}
-    return Plan(
+    return BridgePlan(
         {key: _up(profiles, options) for key, profiles in published.items()},
         {
             key: _down(elsewhere.get(key, ()), subscribed.get(key, ()), kept.get(key, {}).values(), options)
@@ -172,7 +172,7 @@ def plan_of(
     )
 
 
-def _up(profiles: Sequence[Profile], options: BridgeOptions) -> Up:
+def _up(profiles: Sequence[Profile], options: Ros2BridgeOptions) -> Up:
     """Subscribe so that all publishers match, as `ros2 bag record` does."""
     reliable = all(each.reliability == RELIABLE for each in profiles)
     latched = all(each.durability == LATCHED for each in profiles)
@@ -182,7 +182,7 @@ def _up(profiles: Sequence[Profile], options: BridgeOptions) -> Up:
 
 
 def _down(
-    elsewhere: Sequence[Profile], subscribed: Sequence[Profile], depths: Iterable[int], options: BridgeOptions
+    elsewhere: Sequence[Profile], subscribed: Sequence[Profile], depths: Iterable[int], options: Ros2BridgeOptions
 ) -> Down:
     """Publish as those do who publish on the segment; if they say nothing, so that all subscriptions match."""
     profiles = elsewhere or subscribed
@@ -205,10 +205,10 @@ def _down(
 
 
 def _announcements(
-    graph: DomainGraph, names: Names, key_of: Callable[[Found], DataKey], options: BridgeOptions
-) -> set[Announcement]:
-    found: set[Announcement] = set()
-    kinds: list[tuple[EndpointKind, Sequence[Found], Callable[[str], bool]]] = [
+    graph: DomainGraph, names: Names, key_of: Callable[[DomainEndpoint], DataKey], options: Ros2BridgeOptions
+) -> set[DomainAnnouncement]:
+    found: set[DomainAnnouncement] = set()
+    kinds: list[tuple[EndpointKind, Sequence[DomainEndpoint], Callable[[str], bool]]] = [
         ("MP", graph.publishers, names.topic),
         ("MS", graph.subscriptions, names.topic),
         ("SS", graph.servers, names.service),
@@ -219,8 +219,8 @@ def _announcements(
             if is_bridged(each.topic):
                 latched = each.profile.durability == LATCHED
                 qos = announced(each.profile, depth=options.latched if latched and kind == "MP" else _USUAL_DEPTH)
-                found.add(Announcement(kind, each.node or _NAMELESS, key_of(each), qos, each.gid))
-    return found | {Announcement(None, each.node) for each in found}
+                found.add(DomainAnnouncement(kind, each.node or _NAMELESS, key_of(each), qos, each.gid))
+    return found | {DomainAnnouncement(None, each.node) for each in found}
 
 
 def _foreign(one: Collection[DataKey], other: Collection[DataKey]) -> set[str]:

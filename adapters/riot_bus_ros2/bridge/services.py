@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, renew_attachment
 from riot_bus_ros2.keys import build_data_key
-from riot_bus_ros2.rclpy_node.frames import Frame, Kind
+from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind
 
 if TYPE_CHECKING:
-    from riot_bus.types.port import Closeable, Port, Question
+    from riot_bus.types.port import BridgePort, Closeable, PortQuery
     from riot_bus_ros2.bridge.node import NodeProcess
     from riot_bus_ros2.keys import DataKey
 
@@ -30,12 +30,12 @@ class OfferedService:
         port: The segment.
     """
 
-    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: Port) -> None:
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: BridgePort) -> None:
         self.number, self.key = number, key
         self.count = 0
         self._node, self._port = node, port
         self._inlet: Closeable | None = None
-        self._open: dict[int, Question] = {}
+        self._open: dict[int, PortQuery] = {}
         self._lock = threading.Lock()
 
     def open(self) -> None:
@@ -52,13 +52,13 @@ class OfferedService:
         if ready and self._inlet is None:
             self._inlet = self._port.serve(build_data_key(self.key), self._ask)
 
-    def take(self, frame: Frame) -> None:
+    def take(self, frame: BridgeFrame) -> None:
         """Answer a question."""
         with self._lock:
             question = self._open.pop(frame.number, None)
         if question is None:
             return
-        if frame.kind == Kind.RESPONSE:
+        if frame.kind == BridgeFrameKind.RESPONSE:
             question.answer(frame.payload, _renewed(question.attachment))
         else:
             question.fail(frame.payload.decode(errors="replace"))
@@ -73,12 +73,12 @@ class OfferedService:
         for question in waiting:
             question.fail("the server is gone")
 
-    def _ask(self, question: Question) -> None:
+    def _ask(self, question: PortQuery) -> None:
         with self._lock:
             self.count += 1
             number = self.count
             self._open[number] = question
-        self._node.send(Kind.REQUEST, self.number, number, question.payload)
+        self._node.send(BridgeFrameKind.REQUEST, self.number, number, question.payload)
 
 
 class WantedService:
@@ -91,7 +91,7 @@ class WantedService:
         port: The segment.
     """
 
-    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: Port) -> None:
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: BridgePort) -> None:
         self.number, self.key = number, key
         self.gid = bytes(16)
         self.count = 0
@@ -103,9 +103,9 @@ class WantedService:
         """Have a server in the domain."""
         self._node.tell(do="serve", id=self.number, topic=self.key.topic, type=self.key.type_name)
 
-    def take(self, frame: Frame) -> None:
+    def take(self, frame: BridgeFrame) -> None:
         """Ask the segment, or give up what nobody waits for any more."""
-        if frame.kind == Kind.FAILURE:
+        if frame.kind == BridgeFrameKind.FAILURE:
             self._forget(frame.number)
             return
         self.count += 1
@@ -132,7 +132,7 @@ class WantedService:
     def _answer(self, number: int, payload: bytes | None) -> None:
         with self._lock:
             self._asked.pop(number, None)
-        kind = Kind.FAILURE if payload is None else Kind.RESPONSE
+        kind = BridgeFrameKind.FAILURE if payload is None else BridgeFrameKind.RESPONSE
         self._node.send(kind, self.number, number, payload or b"")
 
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.keys import build_data_key
-from riot_bus_ros2.rclpy_node.frames import Kind
+from riot_bus_ros2.rclpy_node.frames import BridgeFrameKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.types.port import Closeable, Port
+    from riot_bus.types.port import BridgePort, Closeable
     from riot_bus_ros2.bridge.node import NodeProcess
     from riot_bus_ros2.bridge.plan import Down, Up
     from riot_bus_ros2.keys import DataKey
@@ -45,7 +45,7 @@ class UpRoute:
         plan: Up,
         *,
         node: NodeProcess,
-        port: Port,
+        port: BridgePort,
         latched: int,
         changed: Callable[[], None],
     ) -> None:
@@ -113,7 +113,7 @@ class DownRoute:
         plan: Down,
         *,
         node: NodeProcess,
-        port: Port,
+        port: BridgePort,
         is_own: Callable[[bytes | None], bool],
         refused: Callable[[str], None],
     ) -> None:
@@ -158,4 +158,4 @@ class DownRoute:
             self._refused(self.key.topic)
             return
         self.count += 1
-        self._node.send(Kind.MESSAGE, self.number, 0, payload)
+        self._node.send(BridgeFrameKind.MESSAGE, self.number, 0, payload)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from .frames import Wire
 
-__all__ = ["Client", "Server"]
+__all__ = ["DomainClient", "Server"]
 
 _MOST_OPEN = 1024
 _AT_ONCE = 16
@@ -65,7 +65,7 @@ class Server:
         self._node.destroy_service(self._service)
 
 
-class Client:
+class DomainClient:
     """Asks a server of the domain for somebody who is elsewhere."""
 
     def __init__(self, node: Node, number: int, topic: str, type_name: str) -> None:

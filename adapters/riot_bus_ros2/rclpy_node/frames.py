@@ -14,14 +14,14 @@ from .outbox import Outbox
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Frame", "Kind", "Wire"]
+__all__ = ["BridgeFrame", "BridgeFrameKind", "Wire"]
 
 _HEADER = struct.Struct("<IBIq")
 _JOINED = 1 << 16
 _BUFFER = 1 << 20
 
 
-class Kind(IntEnum):
+class BridgeFrameKind(IntEnum):
     """What a frame is.
 
     A document is an order for the node, or an event that it tells of. A failure is a response that will not come, or,
@@ -35,7 +35,7 @@ class Kind(IntEnum):
     FAILURE = 4
 
 
-class Frame(NamedTuple):
+class BridgeFrame(NamedTuple):
     """One frame.
 
     Attributes:
@@ -69,14 +69,14 @@ class Wire:
         self._input = connection.makefile("rb", buffering=_BUFFER)
         self._outbox = Outbox(connection)
 
-    def send(self, kind: Kind, endpoint: int, number: int, payload: bytes, *, patient: bool = True) -> None:
+    def send(self, kind: BridgeFrameKind, endpoint: int, number: int, payload: bytes, *, patient: bool = True) -> None:
         """Send a frame; raises OSError if the other end is gone.
 
         Args:
             kind: What it is.
-            endpoint: See `Frame`.
-            number: See `Frame`.
-            payload: See `Frame`.
+            endpoint: See `BridgeFrame`.
+            number: See `BridgeFrame`.
+            payload: See `BridgeFrame`.
             patient: Wait while more is on its way than the other end takes. Who receives must not, lest both ends wait.
         """
         header = _HEADER.pack(len(payload), kind, endpoint, number)
@@ -89,12 +89,12 @@ class Wire:
         """Send frames of messages, given as number and payload; raises OSError if the other end is gone."""
         pieces: list[bytes] = []
         for number, payload in messages:
-            pieces += (_HEADER.pack(len(payload), Kind.MESSAGE, endpoint, number), payload)
+            pieces += (_HEADER.pack(len(payload), BridgeFrameKind.MESSAGE, endpoint, number), payload)
         self._outbox.put(b"".join(pieces))
 
     def tell(self, document: dict[str, Any]) -> None:
         """Send an order or an event."""
-        self.send(Kind.DOCUMENT, 0, 0, json.dumps(document).encode(), patient=False)
+        self.send(BridgeFrameKind.DOCUMENT, 0, 0, json.dumps(document).encode(), patient=False)
 
     def flush(self, timeout: float) -> bool:
         """Wait until the socket has all that was sent; return whether it has.
@@ -104,7 +104,7 @@ class Wire:
         """
         return self._outbox.flush(timeout)
 
-    def receive(self) -> Frame | None:
+    def receive(self) -> BridgeFrame | None:
         """Wait for the next frame; None if the other end is gone."""
         try:
             header = self._input.read(_HEADER.size)
@@ -114,7 +114,7 @@ class Wire:
             payload = self._input.read(size)
         except OSError:
             return None
-        return Frame(kind, endpoint, number, payload) if len(payload) == size else None
+        return BridgeFrame(kind, endpoint, number, payload) if len(payload) == size else None
 
     def hang_up(self) -> None:
         """Let both ends' `receive` return None; safe to call twice, and from other threads."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-__all__ = ["BRIDGES", "Graph"]
+__all__ = ["BRIDGES", "DomainGraph"]
 
 BRIDGES = "riot_bridge_"
 """How the names of the nodes of bridges begin."""
@@ -23,7 +23,7 @@ _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 _PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
 
 
-class Graph:
+class DomainGraph:
     """Looks at the graph.
 
     Args:

@@ -9,7 +9,7 @@ import threading
 import traceback
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.doctor.conformance.end import End, EndName
+from riot_bus.doctor.conformance.end import EndName, ScenarioEnd
 from riot_bus.doctor.conformance.scenario import find
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str]) -> None:
 
     scenario = find(name)
     side: EndName = "left" if which == "left" else "right"
-    end = End(side, scenario.prefix, json.loads(config), life=int(life), lines=sys.stdin, say=say)
+    end = ScenarioEnd(side, scenario.prefix, json.loads(config), life=int(life), lines=sys.stdin, say=say)
     try:
         word = {"done": getattr(scenario.ends, side)(end)}
     except BaseException:

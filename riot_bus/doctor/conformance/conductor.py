@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from riot_bus.doctor.conformance.end import EndName
-    from riot_bus.doctor.conformance.network import Network
+    from riot_bus.doctor.conformance.network import ScenarioNetwork
     from riot_bus.doctor.conformance.scenario import Observation, Scenario
 
 __all__ = ["EndFailedError", "conduct"]
@@ -105,7 +105,7 @@ class _Child:
 
 
 class _Conductor:
-    def __init__(self, scenario: Scenario, network: Network, config: Mapping[str, Any]) -> None:
+    def __init__(self, scenario: Scenario, network: ScenarioNetwork, config: Mapping[str, Any]) -> None:
         self._scenario, self._network, self._config = scenario, network, config
         self._words: queue.Queue[tuple[_Child, dict[str, Any] | None]] = queue.Queue()
         self._started: list[_Child] = []
@@ -163,7 +163,7 @@ class _Conductor:
 
 
 def conduct(
-    scenario: Scenario, network: Network, *, config: Mapping[str, Any], timeout: float
+    scenario: Scenario, network: ScenarioNetwork, *, config: Mapping[str, Any], timeout: float
 ) -> dict[str, Observation]:
     """Run both ends and return what they saw, by end.
 

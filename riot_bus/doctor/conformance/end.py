@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from typing import TextIO
 
-__all__ = ["DEADLINE_S", "End", "EndName", "Session"]
+__all__ = ["DEADLINE_S", "EndName", "ScenarioEnd", "Session"]
 
 EndName = Literal["left", "right"]
 DEADLINE_S = 10.0
@@ -26,7 +26,7 @@ Session = Any
 """A zenoh.Session; its stubs leave much untyped."""
 
 
-class End:
+class ScenarioEnd:
     """One end of a scenario. It cannot know what lies between it and the other end.
 
     Both ends agree through their parent, never through the network: `signal` and `wait`.

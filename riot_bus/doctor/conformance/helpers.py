@@ -9,7 +9,7 @@ from riot_bus.doctor.conformance.samples import END, Inbox, show
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
     from riot_bus.doctor.conformance.scenario import Observation
 
 __all__ = ["advanced_publisher", "advanced_subscriber", "answer", "everything", "finish", "keys_of", "put", "sequence"]
@@ -17,21 +17,21 @@ __all__ = ["advanced_publisher", "advanced_subscriber", "answer", "everything", 
 _HEARTBEAT_S = 0.05
 
 
-def everything(end: End) -> Observation:
+def everything(end: ScenarioEnd) -> Observation:
     """Subscribe to all keys of the scenario and return what comes before the closing message."""
     inbox = end.subscribe("**")
     end.meet()
     return inbox.shown()
 
 
-def put(end: End, rest: str, payload: bytes | str, **options: Any) -> None:
+def put(end: ScenarioEnd, rest: str, payload: bytes | str, **options: Any) -> None:
     """Publish what must not be dropped."""
     import zenoh
 
     end.session.put(end.key(rest), payload, congestion_control=zenoh.CongestionControl.BLOCK, **options)
 
 
-def finish(end: End) -> None:
+def finish(end: ScenarioEnd) -> None:
     """Publish the closing message."""
     put(end, "end", END)
 
@@ -41,7 +41,9 @@ def keys_of(samples: list[Any]) -> list[list[str]]:
     return [[str(sample.key_expr), sample.payload.to_string()] for sample in samples]
 
 
-def answer(end: End, rest: str, reply: Callable[[Any], None], *, session: Any = None, complete: bool = False) -> Any:
+def answer(
+    end: ScenarioEnd, rest: str, reply: Callable[[Any], None], *, session: Any = None, complete: bool = False
+) -> Any:
     """Declare a queryable that ends each query after `reply`."""
 
     def take(query: Any) -> None:
@@ -51,7 +53,7 @@ def answer(end: End, rest: str, reply: Callable[[Any], None], *, session: Any = 
     return (session or end.session).declare_queryable(end.key(rest), take, complete=complete)
 
 
-def advanced_publisher(end: End, rest: str, *, session: Any = None, cache: int | None = 10) -> Any:
+def advanced_publisher(end: ScenarioEnd, rest: str, *, session: Any = None, cache: int | None = 10) -> Any:
     """Declare an advanced publisher with heartbeats."""
     import zenoh
     from zenoh import ext
@@ -66,7 +68,7 @@ def advanced_publisher(end: End, rest: str, *, session: Any = None, cache: int |
     )
 
 
-def advanced_subscriber(end: End, rest: str, *, history: int | None = None, recovery: bool = False) -> Inbox:
+def advanced_subscriber(end: ScenarioEnd, rest: str, *, history: int | None = None, recovery: bool = False) -> Inbox:
     """Declare an advanced subscriber."""
     from zenoh import ext
 

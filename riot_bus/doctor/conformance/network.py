@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from riot_bus.doctor.conformance.end import EndName
     from riot_bus.doctor.conformance.security import Settings
 
-__all__ = ["BusNetwork", "Network", "PlainNetwork", "RunningNetwork"]
+__all__ = ["BusNetwork", "PlainNetwork", "RunningNetwork", "ScenarioNetwork"]
 
 _TIMEOUT_S = 10.0
 _UNUSED = "riot/unused"
 _ENDS: tuple[EndName, EndName] = ("left", "right")
 
 
-class Network(Protocol):
+class ScenarioNetwork(Protocol):
     """Where two ends connect; a context manager."""
 
     def endpoint(self, end: EndName) -> str:

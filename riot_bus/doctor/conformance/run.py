@@ -16,11 +16,11 @@ from riot_bus.vocabulary.errors import RiotError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from riot_bus.doctor.conformance.network import Network
+    from riot_bus.doctor.conformance.network import ScenarioNetwork
     from riot_bus.doctor.conformance.scenario import Need, Scenario
     from riot_bus.doctor.conformance.security import Settings
 
-__all__ = ["OURS", "PLAIN", "Difference", "Outcome", "Result", "compare", "run_scenario", "run_suite"]
+__all__ = ["OURS", "PLAIN", "Difference", "ScenarioResult", "WayOutcome", "compare", "run_scenario", "run_suite"]
 
 PLAIN = "plain"
 OURS = (PLAIN, "native", "junction", "intercepted")
@@ -35,7 +35,7 @@ _TIMEOUT_S = 40.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class WayOutcome:
     """What happened in one way.
 
     Attributes:
@@ -69,11 +69,11 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Result:
+class ScenarioResult:
     """What one scenario showed."""
 
     scenario: Scenario
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[WayOutcome, ...]
     differences: tuple[Difference, ...]
 
     @property
@@ -105,7 +105,7 @@ def run_scenario(
     *,
     folder: Path | None = None,
     timeout: float = _TIMEOUT_S,
-) -> Outcome:
+) -> WayOutcome:
     """Run a scenario in one way.
 
     Args:
@@ -116,23 +116,23 @@ def run_scenario(
         timeout: Seconds within which both ends must be done.
     """
     if endpoints is not None and (missing := scenario.needs & _OWN_ROUTER):
-        return Outcome(way, skipped=f"needs a router of our own: {', '.join(sorted(missing))}")
+        return WayOutcome(way, skipped=f"needs a router of our own: {', '.join(sorted(missing))}")
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="riot-transparency-") as temporary:
         try:
             settings = settings_for(scenario.needs, folder or Path(temporary))
         except RiotError as error:
-            return Outcome(way, skipped=error.message)
+            return WayOutcome(way, skipped=error.message)
         try:
             with _network(scenario, way, endpoints, settings) as network:
                 seen = conduct(scenario, network, config=settings.end, timeout=timeout)
                 losses = tuple(network.report())
         except (EndFailedError, RiotError) as error:
-            return Outcome(way, error=str(error), seconds=time.monotonic() - began)
-    return Outcome(way, seen, losses=losses, seconds=time.monotonic() - began)
+            return WayOutcome(way, error=str(error), seconds=time.monotonic() - began)
+    return WayOutcome(way, seen, losses=losses, seconds=time.monotonic() - began)
 
 
-def _network(scenario: Scenario, way: str, endpoints: tuple[str, str] | None, settings: Settings) -> Network:
+def _network(scenario: Scenario, way: str, endpoints: tuple[str, str] | None, settings: Settings) -> ScenarioNetwork:
     if endpoints is not None:
         return RunningNetwork(*endpoints)
     if way == PLAIN:
@@ -142,7 +142,7 @@ def _network(scenario: Scenario, way: str, endpoints: tuple[str, str] | None, se
     return BusNetwork(settings, scenario.keys if way == "intercepted" else (), changed=way == "junction")
 
 
-def compare(outcomes: Sequence[Outcome]) -> list[Difference]:
+def compare(outcomes: Sequence[WayOutcome]) -> list[Difference]:
     """Compare every outcome with the first one."""
     tried = [outcome for outcome in outcomes if outcome.skipped is None]
     if not tried:
@@ -176,8 +176,8 @@ def run_suite(
     scenarios: Iterable[Scenario],
     ways: Mapping[str, tuple[str, str] | None] | None = None,
     *,
-    say: Callable[[Result], None] = lambda result: None,
-) -> list[Result]:
+    say: Callable[[ScenarioResult], None] = lambda result: None,
+) -> list[ScenarioResult]:
     """Run scenarios in several ways, the plain router first.
 
     Args:
@@ -190,6 +190,6 @@ def run_suite(
     with tempfile.TemporaryDirectory(prefix="riot-transparency-") as folder:
         for scenario in scenarios:
             outcomes = tuple(run_scenario(scenario, way, at, folder=Path(folder)) for way, at in chosen.items())
-            results.append(Result(scenario, outcomes, tuple(compare(outcomes))))
+            results.append(ScenarioResult(scenario, outcomes, tuple(compare(outcomes))))
             say(results[-1])
     return results

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["END", "Box", "Inbox", "show", "show_replies"]
+__all__ = ["END", "CallCollector", "Inbox", "show", "show_replies"]
 
 END = b"riot-end"
 """Payload of a message after which nothing more is expected."""
@@ -53,7 +53,7 @@ def show_replies(replies: Any) -> list[dict[str, Any]]:
     return sorted(shown, key=str)
 
 
-class Box:
+class CallCollector:
     """Collects whatever a handler is called with."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Box:
             return list(self._items)
 
 
-class Inbox(Box):
+class Inbox(CallCollector):
     """Collects samples.
 
     Attributes:

@@ -12,7 +12,7 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 __all__ = ["PREFIX", "Need", "Observation", "Scenario", "find", "load", "scenario"]
 
@@ -34,11 +34,11 @@ class Ends(Protocol):
     """The code of both ends; each is called in a process of its own."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         """The end that mostly publishes and asks."""
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         """The end that mostly subscribes and answers."""
 
 

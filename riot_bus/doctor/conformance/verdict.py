@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.doctor.conformance.run import PLAIN, Result, compare, run_scenario
+from riot_bus.doctor.conformance.run import PLAIN, ScenarioResult, compare, run_scenario
 from riot_bus.doctor.conformance.scenario import load
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-__all__ = ["Verdict", "verdicts"]
+__all__ = ["ScenarioVerdict", "verdicts"]
 
 _ROUTER = "router"
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ScenarioVerdict:
     """What one scenario showed.
 
     Attributes:
@@ -38,7 +38,7 @@ class Verdict:
         return "\n".join([*lines, *(f"         {each}" for each in self.differences)])
 
 
-def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None) -> Iterator[Verdict]:
+def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None) -> Iterator[ScenarioVerdict]:
     """Run scenarios between two segments of a running router and through a plain router.
 
     Args:
@@ -50,10 +50,10 @@ def verdicts(endpoints: tuple[str, str], *, only: Collection[str] | None = None)
             continue
         ours = run_scenario(scenario, _ROUTER, endpoints)
         if ours.skipped is not None:
-            yield Verdict(name, scenario.summary, skipped=ours.skipped)
+            yield ScenarioVerdict(name, scenario.summary, skipped=ours.skipped)
             continue
         outcomes = (run_scenario(scenario, PLAIN), ours)
-        result = Result(scenario, outcomes, tuple(compare(outcomes)))
+        result = ScenarioResult(scenario, outcomes, tuple(compare(outcomes)))
         known = "native" in scenario.limits  # a documented difference of routers in a chain
         differences = () if known else tuple(str(each) for each in result.unexpected)
-        yield Verdict(name, scenario.summary, differences, outcomes[0].skipped)
+        yield ScenarioVerdict(name, scenario.summary, differences, outcomes[0].skipped)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.log.editing.targets import Target
+from riot_bus.log.editing.targets import OutputChannel
 from riot_bus.log.naming import means
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.log.editing.assignment import Assignment
-    from riot_bus.log.editing.result import TopicCounts
+    from riot_bus.log.editing.result import EditCounts
     from riot_bus.log.editing.selection import Condition, Selection
     from riot_bus.types.model import Adapter, MessageType
     from riot_bus.types.offer import RecordedTopic
 
-__all__ = ["Course", "Kinds", "Step", "concerning"]
+__all__ = ["ChannelEdit", "EditStep", "Kinds", "concerning"]
 
 _HOPELESS = 1000
 
@@ -54,7 +54,7 @@ class Trouble:
             raise ConfigError(self.problem.message, where=where, hint=self.problem.hint)
 
 
-class Step:
+class EditStep:
     """One `--keep`, `--drop` or `--set`, and how it goes.
 
     Args:
@@ -117,7 +117,7 @@ class Kinds:
 
 
 @dataclass(slots=True, eq=False)
-class Course:
+class ChannelEdit:
     """What happens to the messages of one channel.
 
     Attributes:
@@ -135,15 +135,15 @@ class Course:
     """
 
     topic: RecordedTopic
-    target: Target | None
+    target: OutputChannel | None
     channel: int
-    counts: TopicCounts
+    counts: EditCounts
     kinds: Kinds
     original: bool = False
     shift: int = 0
-    keep: list[tuple[Step, Condition]] | None = None
-    drop: list[tuple[Step, Condition]] = field(default_factory=list)
-    changes: list[tuple[Step, Assignment, Condition | None]] = field(default_factory=list)
+    keep: list[tuple[EditStep, Condition]] | None = None
+    drop: list[tuple[EditStep, Condition]] = field(default_factory=list)
+    changes: list[tuple[EditStep, Assignment, Condition | None]] = field(default_factory=list)
     piped: bool = False
     numbers: list[int] = field(default_factory=lambda: [0])
     _kind: MessageType | None = None
@@ -193,7 +193,7 @@ class Course:
         return found
 
 
-def concerning(steps: Sequence[Step], topic: RecordedTopic) -> list[Step]:
+def concerning(steps: Sequence[EditStep], topic: RecordedTopic) -> list[EditStep]:
     """Return the steps that mean a topic."""
     found = [step for step in steps if means(step.selection.topic, topic)]
     for step in found:
@@ -201,7 +201,7 @@ def concerning(steps: Sequence[Step], topic: RecordedTopic) -> list[Step]:
     return found
 
 
-def _holds(course: Course, step: Step, condition: Condition, time: int, number: int, payload: bytes) -> bool:
+def _holds(course: ChannelEdit, step: EditStep, condition: Condition, time: int, number: int, payload: bytes) -> bool:
     if condition.where is None:
         return condition.holds(time, number, _nothing)
     try:
@@ -213,7 +213,7 @@ def _holds(course: Course, step: Step, condition: Condition, time: int, number: 
     return found
 
 
-def _read(course: Course, payload: bytes, path: str) -> bool | int | float | str | bytes:
+def _read(course: ChannelEdit, payload: bytes, path: str) -> bool | int | float | str | bytes:
     return course.kind(payload).read(payload, path)
 
 

@@ -10,9 +10,9 @@ from mcap.records import Channel
 from mcap.records import Schema as SchemaRecord
 
 from riot_bus.log import layout
-from riot_bus.log.editing.channel_edit import Course, Kinds, Step, concerning
-from riot_bus.log.editing.result import TopicCounts
-from riot_bus.log.editing.targets import Target, Targets, new_identity
+from riot_bus.log.editing.channel_edit import ChannelEdit, EditStep, Kinds, concerning
+from riot_bus.log.editing.result import EditCounts
+from riot_bus.log.editing.targets import OutputChannel, Targets, new_identity
 from riot_bus.log.layout import Constants
 from riot_bus.log.naming import in_full, means, renamed
 from riot_bus.types.model import Schema
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Roster"]
+__all__ = ["ChannelTable"]
 
 
-class Roster:
+class ChannelTable:
     """Makes courses.
 
     Args:
@@ -52,17 +52,17 @@ class Roster:
     def __init__(
         self, options: EditOptions, design: Design, inputs: Sequence[InputLog], origin: Callable[[], int]
     ) -> None:
-        self.courses: list[Course] = []
+        self.courses: list[ChannelEdit] = []
         self._options = options
         self._design = design = self._in_full(design, inputs)
         self._origin = origin
-        self._keep = [Step(each) for each in design.keep]
-        self._drop = [Step(each) for each in design.drop]
-        self._changes = [Step(each.selection, each) for each in design.changes]
+        self._keep = [EditStep(each) for each in design.keep]
+        self._drop = [EditStep(each) for each in design.drop]
+        self._changes = [EditStep(each.selection, each) for each in design.changes]
         self.steps = [*self._keep, *self._drop, *self._changes]
         self._targets = Targets()
         self._kinds = Kinds(lambda: self.adapters, dict(options.types), options.definitions)
-        self._counts: dict[str, TopicCounts] = {}
+        self._counts: dict[str, EditCounts] = {}
         self._numbers: dict[str, list[int]] = {}
         self._by_key: dict[str, int] = {}
         self._definitions: list[tuple[Channel, SchemaRecord | None]] = []
@@ -113,16 +113,16 @@ class Roster:
         for course in self.courses:
             course.piped = not course.original and course.target is not None and is_wanted(course.topic.key)
 
-    def counts(self) -> list[TopicCounts]:
+    def counts(self) -> list[EditCounts]:
         """Return what has become of the topics, by name."""
         return sorted(self._counts.values(), key=lambda each: each.topic)
 
-    def targets(self) -> list[Target]:
+    def targets(self) -> list[OutputChannel]:
         """Return all channels of the output."""
         found = {course.target.channel.id: course.target for course in self.courses if course.target is not None}
         return [found[number] for number in sorted(found)]
 
-    def target_list(self) -> list[Target | None]:
+    def target_list(self) -> list[OutputChannel | None]:
         """Return where messages are written, by number of the course."""
         return [course.target for course in self.courses]
 
@@ -167,8 +167,8 @@ class Roster:
     def _add(self, channel: Channel, schema: SchemaRecord | None, *, made: bool = False) -> int:
         original = channel.metadata.get(layout.ROLE) == "original"
         topic = _recorded(channel, schema)
-        counts = self._counts.setdefault(topic.key, TopicCounts(topic.name))
-        course = Course(topic, None, -1 if made else channel.id, counts, self._kinds, original)
+        counts = self._counts.setdefault(topic.key, EditCounts(topic.name))
+        course = ChannelEdit(topic, None, -1 if made else channel.id, counts, self._kinds, original)
         course.numbers = self._numbers.setdefault(topic.key, [0])
         if made or self._select(course):
             shifts = (each.delta for each in self._design.shifts if each.topic is None or means(each.topic, topic))
@@ -184,7 +184,7 @@ class Roster:
             self._by_key.setdefault(topic.key, number)
         return number
 
-    def _select(self, course: Course) -> bool:
+    def _select(self, course: ChannelEdit) -> bool:
         """Say which of a course's messages are kept and what is set in them; return whether any are kept."""
         topic, original = course.topic, course.original
         keeping, dropping = concerning(self._keep, topic), concerning(self._drop, topic)
@@ -235,5 +235,5 @@ def _recorded(channel: Channel, schema: SchemaRecord | None) -> RecordedTopic:
     )
 
 
-def _selections(steps: Sequence[Step]) -> list[Selection]:
+def _selections(steps: Sequence[EditStep]) -> list[Selection]:
     return [step.selection for step in steps]

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, gathered, renumbered, shifted
-from riot_bus.log.editing.channel_table import Roster
+from riot_bus.log.editing.channel_table import ChannelTable
 from riot_bus.log.editing.inputs import InputLog
-from riot_bus.log.editing.latched import Latched
-from riot_bus.log.editing.output_file import Ready
-from riot_bus.log.editing.output_set import Product
+from riot_bus.log.editing.latched import LatchedMessages
+from riot_bus.log.editing.output_file import ReadyChunk
+from riot_bus.log.editing.output_set import OutputSet
 from riot_bus.log.editing.piping import Piping
 from riot_bus.log.editing.result import EditResult
 from riot_bus.log.editing.sorting import Sorter
@@ -67,12 +67,12 @@ class _Editor:
         self._inputs = [InputLog(number, path, salvage=options.salvage) for number, path in enumerate(paths)]
         for log in self._inputs:
             stack.callback(log.close)
-        self._product = Product(options, paths)
+        self._product = OutputSet(options, paths)
         stack.callback(self._product.discard)
         if options.align:
             self._align()
         self._low, self._high = self._window()
-        self._roster = Roster(options, design, self._inputs, lambda: self._origin)
+        self._roster = ChannelTable(options, design, self._inputs, lambda: self._origin)
         self._piping = self._pipe(interceptors, stack)
         one_shift = len({course.shift for course in self._roster.courses if course.target is not None}) <= 1
         self._latched = self._keep_latched()
@@ -142,10 +142,10 @@ class _Editor:
         self._pipeline = pipeline
         return Piping(pipeline, self._roster, self._product.refuse)
 
-    def _keep_latched(self) -> Latched | None:
+    def _keep_latched(self) -> LatchedMessages | None:
         if not self._options.latched or self._low <= 0:
             return None
-        return Latched(self._low, self._roster.courses, self._roster.adapters)
+        return LatchedMessages(self._low, self._roster.courses, self._roster.adapters)
 
     def _batches(self) -> Iterator[tuple[Block, int | None, Batch | None]]:
         """Yield blocks and the messages that are due after each: its own, or those that no later block can precede."""
@@ -276,12 +276,12 @@ class _Editor:
         ready = partial(self._ready, *batch.whole) if batch.whole is not None else None
         self._product.write(batch, self._roster.target_list(), ready)
 
-    def _ready(self, log: InputLog, block: Block) -> Ready | None:
+    def _ready(self, log: InputLog, block: Block) -> ReadyChunk | None:
         """Return a chunk, if it can be copied: nothing in it needs to be different."""
         if not log.agrees(block, self._roster.targets()):
             return None
         found = log.packed(block)
-        return None if found is None else Ready(*found)
+        return None if found is None else ReadyChunk(*found)
 
     def _count(self, batch: Batch, name: str) -> None:
         courses = self._roster.courses

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.editing.targets import Target
+    from riot_bus.log.editing.targets import OutputChannel
     from riot_bus.log.engine.scan import Block, Span
     from riot_bus.log.layout import Role
 
@@ -201,7 +201,7 @@ class InputLog:
             batch = batch.where(fits)
         return batch
 
-    def agrees(self, block: Block, targets: Sequence[Target]) -> bool:
+    def agrees(self, block: Block, targets: Sequence[OutputChannel]) -> bool:
         """Return whether the definitions in the block that was loaded last are those of an output.
 
         Args:

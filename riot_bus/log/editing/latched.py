@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.editing.channel_edit import Course
+    from riot_bus.log.editing.channel_edit import ChannelEdit
     from riot_bus.types.model import Adapter
 
-__all__ = ["Latched"]
+__all__ = ["LatchedMessages"]
 
 
-class Latched:
+class LatchedMessages:
     """Keeps the last messages of latched topics until the slice begins.
 
     Args:
@@ -30,7 +30,7 @@ class Latched:
         adapters: Know which topics are latched, and how many messages of each are kept.
     """
 
-    def __init__(self, start: int, courses: Sequence[Course], adapters: Sequence[Adapter]) -> None:
+    def __init__(self, start: int, courses: Sequence[ChannelEdit], adapters: Sequence[Adapter]) -> None:
         self._start = start
         self._depths = [0 if course.original else _depth(course, adapters) for course in courses]
         self._last: dict[int, Batch] = {}
@@ -70,7 +70,7 @@ class Latched:
         return moved
 
 
-def _depth(course: Course, adapters: Sequence[Adapter]) -> int:
+def _depth(course: ChannelEdit, adapters: Sequence[Adapter]) -> int:
     for adapter in adapters:
         try:
             offer = adapter.offer(course.topic, name=None, domain=None) if isinstance(adapter, Offering) else None

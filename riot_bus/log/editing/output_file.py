@@ -27,24 +27,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.editing.batch import Batch
-    from riot_bus.log.editing.targets import Target
+    from riot_bus.log.editing.targets import OutputChannel
     from riot_bus.log.engine.mcap_file import McapFile as File
 
-__all__ = ["Part", "Ready"]
+__all__ = ["OutputFile", "ReadyChunk"]
 
 _INDEX = struct.Struct("<BQHI")
 _MOST_WAITING = 4
 _SMALL = 8  # a chunk is copied whole unless less than this share of a chunk waits before it
 
 
-class Ready(NamedTuple):
+class ReadyChunk(NamedTuple):
     """A chunk that may be copied as it is: how it is compressed, and its data."""
 
     compression: str
     data: bytes
 
 
-class Part:
+class OutputFile:
     """Takes messages in.
 
     Args:
@@ -64,7 +64,7 @@ class Part:
         self._where = where
         self._chunk_bytes = chunk_bytes
         self._file: File = McapFile(path, profile=profile, library=layout.LIBRARY, compression=compression)
-        self._targets: dict[int, Target] = {}
+        self._targets: dict[int, OutputChannel] = {}
         self._definitions: list[bytes] = []
         self._pieces: list[memoryview | bytes] = []
         self._rows: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
@@ -86,17 +86,17 @@ class Part:
         known = self._file.statistics
         return known.message_start_time, known.message_end_time
 
-    def targets(self) -> list[tuple[Target, int]]:
+    def targets(self) -> list[tuple[OutputChannel, int]]:
         """Return its channels and how many messages each has; known after `finish`."""
         counts = self._file.statistics.channel_message_counts
         return [(each, counts.get(number, 0)) for number, each in sorted(self._targets.items())]
 
-    def open(self, targets: Sequence[Target]) -> None:
+    def open(self, targets: Sequence[OutputChannel]) -> None:
         """Define channels, whether messages come or not."""
         for target in targets:
             self._define(target)
 
-    def write(self, batch: Batch, targets: Sequence[Target | None]) -> None:
+    def write(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
         """Write messages.
 
         Args:
@@ -119,7 +119,7 @@ class Part:
                 self._end_chunk()
             position = following
 
-    def copy(self, batch: Batch, targets: Sequence[Target | None], ready: Ready) -> bool:
+    def copy(self, batch: Batch, targets: Sequence[OutputChannel | None], ready: ReadyChunk) -> bool:
         """Write a whole chunk as it stands; return whether that was done.
 
         Args:
@@ -184,14 +184,14 @@ class Part:
         self._thread.shutdown(cancel_futures=True)
         self._file.close()
 
-    def _define(self, target: Target | None) -> None:
+    def _define(self, target: OutputChannel | None) -> None:
         assert target is not None
         number = target.channel.id
         if number not in self._targets:
             self._targets[number] = target
             self._definitions.append(target.definition())
 
-    def _append(self, batch: Batch, targets: Sequence[Target | None]) -> None:
+    def _append(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> None:
         view = memoryview(batch.buffer)
         self._pieces += [view[begin:end] for begin, end in runs_of(batch)]
         heads = heads_of(batch.buffer, batch.start)
@@ -201,7 +201,7 @@ class Part:
         self._bytes += batch.weight
         self.messages += len(batch)
 
-    def _take_extras(self, batch: Batch, targets: Sequence[Target | None], heads: NDArray[Any]) -> None:
+    def _take_extras(self, batch: Batch, targets: Sequence[OutputChannel | None], heads: NDArray[Any]) -> None:
         if batch.extras is not None:
             for row, extras in enumerate(batch.extras.tolist()):
                 if extras is not None:

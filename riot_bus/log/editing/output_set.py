@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.log.editing.batch import Batch
-    from riot_bus.log.editing.channel_table import Roster
+    from riot_bus.log.editing.channel_table import ChannelTable
     from riot_bus.log.editing.inputs import InputLog
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.log.editing.output_file import Part, Ready
+    from riot_bus.log.editing.output_file import OutputFile, ReadyChunk
     from riot_bus.log.editing.result import WrittenFile
-    from riot_bus.log.editing.targets import Target
+    from riot_bus.log.editing.targets import OutputChannel
 
-__all__ = ["EDIT", "Product"]
+__all__ = ["EDIT", "OutputSet"]
 
 EDIT = "riot_bus.edit"
 """Name of the metadata record that says what was done."""
 
 
-class Product:
+class OutputSet:
     """Takes messages; nothing has its name before `commit`.
 
     Args:
@@ -61,7 +61,7 @@ class Product:
         self._records: list[tuple[str, dict[str, str]]] = []
         self._former = Former()
 
-    def open(self, inputs: Sequence[InputLog], roster: Roster) -> None:
+    def open(self, inputs: Sequence[InputLog], roster: ChannelTable) -> None:
         """Begin.
 
         Args:
@@ -89,12 +89,14 @@ class Product:
             for attachment in log.attachments():
                 first.attachment(attachment)
 
-    def write(self, batch: Batch, targets: Sequence[Target | None], ready: Callable[[], Ready | None] | None) -> None:
+    def write(
+        self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
+    ) -> None:
         """Take messages; see `riot_bus.log.editing.sink.Sink`."""
         if self._sink is not None:
             self._sink.write(batch, targets, ready)
 
-    def warnings(self, roster: Roster) -> list[str]:
+    def warnings(self, roster: ChannelTable) -> list[str]:
         """Return what is odd about what was written."""
         if not self._options.folder:
             return []
@@ -108,7 +110,7 @@ class Product:
         """Count a message whose time does not fit into a log."""
         self.unwritable[topic] += 1
 
-    def commit(self, inputs: Sequence[InputLog], roster: Roster) -> list[WrittenFile]:
+    def commit(self, inputs: Sequence[InputLog], roster: ChannelTable) -> list[WrittenFile]:
         """End all files and give them their names; return them.
 
         Raises:
@@ -140,7 +142,7 @@ class Product:
             self._sink.close()
         self._outputs.discard()
 
-    def _take_records(self, inputs: Sequence[InputLog], roster: Roster) -> None:
+    def _take_records(self, inputs: Sequence[InputLog], roster: ChannelTable) -> None:
         accounts: list[Account] = []
         for log in reversed(inputs):  # of several values the last one counts: that of the first input
             account: Account | None = None
@@ -168,11 +170,11 @@ class Product:
         former = former_of({FIELD: text})
         return Former(present=True, distro=former.distro, custom=former.custom)
 
-    def _began(self, part: Part) -> None:
+    def _began(self, part: OutputFile) -> None:
         for name, mapping in self._records:
             part.metadata(name, mapping)
 
-    def _told(self, inputs: Sequence[InputLog], roster: Roster) -> dict[str, str]:
+    def _told(self, inputs: Sequence[InputLog], roster: ChannelTable) -> dict[str, str]:
         total = {
             counts.topic: {name: getattr(counts, name) for name in ("kept", "changed", "dropped", "added")}
             for counts in roster.counts()
@@ -208,7 +210,7 @@ def _combined(accounts: Sequence[Account], names: Mapping[str, str]) -> Account:
     )
 
 
-def _bag_file(part: Part, final: str) -> BagFile:
+def _bag_file(part: OutputFile, final: str) -> BagFile:
     targets = part.targets()
     schemas = {each.schema.id: each.schema for each, _ in targets if each.schema is not None}
     counts = {each.channel.id: count for each, count in targets}

@@ -15,8 +15,8 @@ from riot_bus.vocabulary.message import Message
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.log.editing.channel_edit import Course
-    from riot_bus.log.editing.channel_table import Roster
+    from riot_bus.log.editing.channel_edit import ChannelEdit
+    from riot_bus.log.editing.channel_table import ChannelTable
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission, Pipeline
 
@@ -44,7 +44,7 @@ class Piping:
         refuse: Told the topic of a message whose time does not fit into a log.
     """
 
-    def __init__(self, pipeline: Pipeline, roster: Roster, refuse: Callable[[str], None]) -> None:
+    def __init__(self, pipeline: Pipeline, roster: ChannelTable, refuse: Callable[[str], None]) -> None:
         self._pipeline = pipeline
         self._courses = roster.courses
         self._course_of_key = roster.course_of_key
@@ -153,7 +153,7 @@ class Piping:
         return both.take(np.lexsort((orders, both.time)))
 
 
-def _message(batch: Batch, row: int, head: Any, course: Course) -> Message:
+def _message(batch: Batch, row: int, head: Any, course: ChannelEdit) -> Message:
     assert course.target is not None
     constants = course.target.constants
     time, published = int(batch.time[row]), int(head["published"])

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-__all__ = ["EditResult", "TopicCounts", "WrittenFile"]
+__all__ = ["EditCounts", "EditResult", "WrittenFile"]
 
 
 @dataclass(slots=True)
-class TopicCounts:
+class EditCounts:
     """The messages of one topic: `read == kept + dropped`, and the output holds `kept + added`.
 
     Attributes:
@@ -56,16 +56,16 @@ class EditResult:
         hint: What to do about damage, if something can be done.
     """
 
-    topics: Sequence[TopicCounts]
+    topics: Sequence[EditCounts]
     files: Sequence[WrittenFile] = ()
     losses: Mapping[str, str] = field(default_factory=dict)
     unwritable: Mapping[str, int] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     hint: str | None = None
 
-    def total(self) -> TopicCounts:
+    def total(self) -> EditCounts:
         """Return the sums over all topics."""
-        found = TopicCounts("")
+        found = EditCounts("")
         for each in self.topics:
             for name in ("read", "kept", "changed", "dropped", "added", "originals"):
                 setattr(found, name, getattr(found, name) + getattr(each, name))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from riot_bus.log.editing.output_file import Part
+from riot_bus.log.editing.output_file import OutputFile
 from riot_bus.log.editing.result import WrittenFile
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from riot_bus.log.editing.batch import Batch
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.log.editing.output_file import Ready
+    from riot_bus.log.editing.output_file import ReadyChunk
     from riot_bus.log.editing.outputs import Outputs
-    from riot_bus.log.editing.targets import Target
+    from riot_bus.log.editing.targets import OutputChannel
 
 __all__ = ["FileSink", "NullSink", "Sink"]
 
@@ -25,7 +25,9 @@ __all__ = ["FileSink", "NullSink", "Sink"]
 class Sink(Protocol):
     """Takes messages."""
 
-    def write(self, batch: Batch, targets: Sequence[Target | None], ready: Callable[[], Ready | None] | None) -> None:
+    def write(
+        self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
+    ) -> None:
         """Take messages.
 
         Args:
@@ -39,7 +41,9 @@ class Sink(Protocol):
 class NullSink:
     """Takes nothing."""
 
-    def write(self, batch: Batch, targets: Sequence[Target | None], ready: Callable[[], Ready | None] | None) -> None:
+    def write(
+        self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
+    ) -> None:
         """Do nothing."""
 
 
@@ -55,19 +59,27 @@ class FileSink:
     """
 
     def __init__(
-        self, options: EditOptions, outputs: Outputs, *, profile: str, compression: str, began: Callable[[Part], None]
+        self,
+        options: EditOptions,
+        outputs: Outputs,
+        *,
+        profile: str,
+        compression: str,
+        began: Callable[[OutputFile], None],
     ) -> None:
         self._options = options
         self._outputs = outputs
         self._profile = profile
         self._compression = compression
         self._began = began
-        self._current: dict[str, Part] = {}
+        self._current: dict[str, OutputFile] = {}
         self._numbers: dict[str, int] = {}
         self._begins: dict[str, int] = {}
-        self.parts: list[tuple[Part, Path, str]] = []
+        self.parts: list[tuple[OutputFile, Path, str]] = []
 
-    def write(self, batch: Batch, targets: Sequence[Target | None], ready: Callable[[], Ready | None] | None) -> None:
+    def write(
+        self, batch: Batch, targets: Sequence[OutputChannel | None], ready: Callable[[], ReadyChunk | None] | None
+    ) -> None:
         """Write messages to the files that they belong to."""
         whole = len(batch)
         for label, share in self._shares(batch, targets):
@@ -80,7 +92,7 @@ class FileSink:
                     part.write(piece, targets)
                 share = share.take(slice(count, None))
 
-    def part_for(self, target: Target | None) -> Part:
+    def part_for(self, target: OutputChannel | None) -> OutputFile:
         """Return a file for a channel that may have no messages, or for nothing at all."""
         label = target.name if self._options.split_topics and target is not None else ""
         return self._current.get(label) or self._open(label)
@@ -94,7 +106,7 @@ class FileSink:
         for part, _, _ in self.parts:
             part.close()
 
-    def _shares(self, batch: Batch, targets: Sequence[Target | None]) -> Iterator[tuple[str, Batch]]:
+    def _shares(self, batch: Batch, targets: Sequence[OutputChannel | None]) -> Iterator[tuple[str, Batch]]:
         if not self._options.split_topics:
             yield "", batch
             return
@@ -103,7 +115,7 @@ class FileSink:
             numbers = [number for number, each in names.items() if each == name]
             yield name, batch.where(np.isin(batch.course, numbers))
 
-    def _part(self, label: str, time: int) -> Part:
+    def _part(self, label: str, time: int) -> OutputFile:
         part, options = self._current.get(label), self._options
         if part is not None:
             self._begins.setdefault(label, time)
@@ -130,14 +142,16 @@ class FileSink:
             count = min(count, int(np.searchsorted(sizes, max(room, 1), side="left")) + 1)
         return max(count, 1)
 
-    def _open(self, label: str) -> Part:
+    def _open(self, label: str) -> OutputFile:
         options = self._options
         number = self._numbers[label] = self._numbers.get(label, -1) + 1
         names = [label] if options.split_topics else []
         if options.split_seconds is not None or options.split_bytes is not None:
             names.append(str(number))
         path, final = self._outputs.path("_".join(names) if names else None)
-        part = Part(path, final, profile=self._profile, compression=self._compression, chunk_bytes=options.chunk_bytes)
+        part = OutputFile(
+            path, final, profile=self._profile, compression=self._compression, chunk_bytes=options.chunk_bytes
+        )
         self.parts.append((part, path, final))
         self._current[label] = part
         self._began(part)

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from riot_bus.types.model import Adapter
     from riot_bus.types.offer import RecordedTopic
 
-__all__ = ["Target", "Targets", "new_identity"]
+__all__ = ["OutputChannel", "Targets", "new_identity"]
 
 _NUMBERS = 1 << 16
 _NO_KEY = re.compile(r"\A\Z|//|[*$?#\s]")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class OutputChannel:
     """A channel of the output.
 
     Attributes:
@@ -58,12 +58,12 @@ class Targets:
     """Gives numbers to channels and schemas: the same as in the input where they are free."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, str, frozenset[tuple[str, str]], int], Target] = {}
+        self._known: dict[tuple[str, str, frozenset[tuple[str, str]], int], OutputChannel] = {}
         self._schemas: dict[tuple[str, str, bytes], Schema] = {}
         self._channel_numbers: set[int] = set()
         self._schema_numbers: set[int] = {0}
 
-    def open(self, channel: Channel, schema: Schema | None) -> Target:
+    def open(self, channel: Channel, schema: Schema | None) -> OutputChannel:
         """Return a channel of the output; the same one for all that say the same.
 
         Args:
@@ -84,7 +84,7 @@ class Targets:
                 metadata=metadata,
                 schema_id=number,
             )
-            found = self._known[identity] = Target(
+            found = self._known[identity] = OutputChannel(
                 record,
                 own_schema,
                 metadata.get(layout.KEY, channel.topic),

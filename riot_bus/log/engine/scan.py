@@ -34,7 +34,7 @@ from riot_bus.log.engine.blocks import (
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["Block", "Entry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
+__all__ = ["Block", "MessageEntry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
 
 MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
@@ -51,7 +51,7 @@ _LARGEST_METADATA = 1 << 26
 _MOST_GAPS = 1000
 
 
-class Entry(NamedTuple):
+class MessageEntry(NamedTuple):
     """One message as it is in the file; sorts by time, then by place in the file."""
 
     time: int
@@ -261,7 +261,7 @@ def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]
     return layout.unpack_extras(body[position + 8 : -4], most)
 
 
-def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[Entry]:
+def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[MessageEntry]:
     """Return a block's messages in file order, and take in its schemas and channels.
 
     Args:
@@ -273,7 +273,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
     Raises:
         ValueError: The block is damaged; of a block that was cut off, what is left is returned instead.
     """
-    entries: list[Entry] = []
+    entries: list[MessageEntry] = []
     order, place, others = block.number << 32, 0, 0
     position, size = 0, len(data)
     unpack, head_size, is_message = _MESSAGE.unpack_from, _MESSAGE.size, int(Opcode.MESSAGE)
@@ -284,7 +284,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
             if following > size or length < SHORTEST_MESSAGE:
                 break
             payload = data[position + head_size : following]
-            entries.append(Entry(time, order + place, channel, sequence, published, payload, extras.get(place)))
+            entries.append(MessageEntry(time, order + place, channel, sequence, published, payload, extras.get(place)))
             place += 1
             if place > MOST_MESSAGES:
                 raise ValueError(f"more than {MOST_MESSAGES} messages")

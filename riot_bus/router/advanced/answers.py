@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.source import announced
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.router.advanced.publisher_state import Relay
-    from riot_bus.router.advanced.source import Source
+    from riot_bus.router.advanced.publisher_state import PublisherState
+    from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.router.advanced.worker import Worker
 
 __all__ = ["Answers"]
@@ -45,7 +45,7 @@ class Answers:
     """
 
     def __init__(
-        self, sessions: Mapping[str, zenoh.Session], worker: Worker, find: Callable[[str, str], list[Relay]]
+        self, sessions: Mapping[str, zenoh.Session], worker: Worker, find: Callable[[str, str], list[PublisherState]]
     ) -> None:
         self._sessions, self._worker, self._find = sessions, worker, find
         self._declared: dict[str, list[Any]] = {}
@@ -63,7 +63,7 @@ class Answers:
         text = f"{key}/@adv/pub/**"
         for name, session in self._sessions.items():
             zenoh = library_of(session)
-            hold(session, text)
+            pin(session, text)
             take = zenoh.handlers.Callback(partial(self._take, name), indirect=False)
             declared.append(session.declare_queryable(text, take, allowed_origin=zenoh.Locality.REMOTE))
 
@@ -78,7 +78,7 @@ class Answers:
         else:
             query.drop()
 
-    def _answer(self, asked: Source, query: Any, deadline: float) -> None:
+    def _answer(self, asked: AdvancedSource, query: Any, deadline: float) -> None:
         relays = [relay for relay in self._find(asked.key, asked.zid) if relay.source.segment != asked.segment]
         if all(relay.opened for relay in relays) or time.monotonic() >= deadline:
             caches = [relay.outlets[asked.segment].cache for relay in relays if asked.segment in relay.outlets]

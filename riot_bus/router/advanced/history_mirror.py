@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError
-from riot_bus.router.advanced.proxy_publisher import StandIn
+from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
 from riot_bus.router.advanced.publisher_state import Task
 
 if TYPE_CHECKING:
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.router.advanced.publisher_state import Relay, Stored
-    from riot_bus.router.advanced.upstream import Found, Upstream
+    from riot_bus.router.advanced.publisher_state import PublisherState, Stored
+    from riot_bus.router.advanced.upstream import CacheAnswer, Upstream
     from riot_bus.router.advanced.worker import Worker
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.zenoh.convert import Converter, Outlets
 
-__all__ = ["Keeper"]
+__all__ = ["HistoryMirror"]
 
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.05
@@ -40,7 +40,7 @@ _FAILURES = 3
 _STAND_IN = 1 << 30
 
 
-class Keeper:
+class HistoryMirror:
     """Carries out the tasks of relays.
 
     Args:
@@ -59,7 +59,7 @@ class Keeper:
         outlets: Mapping[str, Outlets],
         converters: Mapping[str, Converter],
         *,
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         worker: Worker,
         upstream: Upstream,
         depth: Callable[[str, str], int | None],
@@ -70,20 +70,20 @@ class Keeper:
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
-    def open(self, relay: Relay) -> None:
+    def open(self, relay: PublisherState) -> None:
         """Fetch the history and make stand-ins; until then live messages wait."""
         fetch = partial(self._upstream.ask, relay.source, "", partial(self._step, relay, partial(self._fetched, relay)))
         self._add(relay, fetch, holds=True)
 
-    def recover(self, relay: Relay, first: int, last: int) -> None:
+    def recover(self, relay: PublisherState, first: int, last: int) -> None:
         """Fetch what was lost on the way to us, before what came after it is let go."""
         self._add(relay, partial(self._recover, relay, first, last), holds=True)
 
-    def check(self, relay: Relay) -> None:
+    def check(self, relay: PublisherState) -> None:
         """Find out how many samples a publisher keeps: as many as it has once the first one is gone."""
         self._add(relay, partial(self._check, relay), holds=False)
 
-    def beat(self, relay: Relay, told: int) -> None:
+    def beat(self, relay: PublisherState, told: int) -> None:
         """Take note of a heartbeat; called by the worker.
 
         Args:
@@ -98,7 +98,7 @@ class Keeper:
         else:
             self._locked(relay, relay.beat)
 
-    def end(self, relay: Relay, then: Callable[[], None]) -> None:
+    def end(self, relay: PublisherState, then: Callable[[], None]) -> None:
         """Take everything away, once earlier tasks are done."""
 
         def close() -> None:
@@ -110,18 +110,18 @@ class Keeper:
 
     # -- how tasks are carried out ------------------------------------------------------------------------------------
 
-    def _add(self, relay: Relay, run: Callable[[], None], *, holds: bool) -> None:
+    def _add(self, relay: PublisherState, run: Callable[[], None], *, holds: bool) -> None:
         if holds:
             relay.hold()
         relay.tasks.append(Task(run, holds))
         self._worker.do(partial(self._next, relay))
 
-    def _next(self, relay: Relay) -> None:
+    def _next(self, relay: PublisherState) -> None:
         if relay.task is None and relay.tasks:
             relay.task = relay.tasks.popleft()
             self._step(relay, relay.task.run)
 
-    def _step(self, relay: Relay, action: Callable[..., None], *arguments: Any) -> None:
+    def _step(self, relay: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
         try:
             action(*arguments)
         except AbandonedError:
@@ -130,7 +130,7 @@ class Keeper:
             _LOG.exception("the advanced publisher %s could not be looked after", relay.source)
             self._locked(relay, partial(self._checked, relay))
 
-    def _locked(self, relay: Relay, action: Callable[..., None], *arguments: Any) -> None:
+    def _locked(self, relay: PublisherState, action: Callable[..., None], *arguments: Any) -> None:
         if not relay.lock.acquire(timeout=_PATIENCE_S):
             self._worker.later(_PATIENCE_S, partial(self._locked, relay, action, *arguments))
             return
@@ -139,7 +139,7 @@ class Keeper:
         finally:
             relay.lock.release()
 
-    def _finish(self, relay: Relay) -> None:
+    def _finish(self, relay: PublisherState) -> None:
         task, relay.task = relay.task, None
         if task is not None and task.holds:
             relay.let_go()
@@ -149,7 +149,7 @@ class Keeper:
 
     # -- history ------------------------------------------------------------------------------------------------------
 
-    def _fetched(self, relay: Relay, found: Found) -> None:
+    def _fetched(self, relay: PublisherState, found: CacheAnswer) -> None:
         adopt = partial(self._locked, relay, _once(partial(self._adopt, relay, found)))
         with relay.lock:  # nobody publishes yet, so nobody holds it for long
             wait = bool(found.samples) and relay.first is None and not relay.ended
@@ -161,7 +161,7 @@ class Keeper:
         else:
             adopt()
 
-    def _adopt(self, relay: Relay, found: Found) -> None:
+    def _adopt(self, relay: PublisherState, found: CacheAnswer) -> None:
         relay.waiting, source, samples = None, relay.source, found.samples
         first = math.inf if relay.first is None else relay.first
         depth = self._hint(source.key, source.zid)
@@ -172,11 +172,11 @@ class Keeper:
         relay.depth = depth
         for name, session in self._sessions.items():
             if name != source.segment:
-                relay.outlets[name] = StandIn(self._outlets[name], session, source.key, depth)
+                relay.outlets[name] = ProxyPublisher(self._outlets[name], session, source.key, depth)
         history = [each for each in samples if relay.first is None or each[0] < relay.first]
         self._feed(relay, history, partial(self._opened, relay, bool(history)))
 
-    def _opened(self, relay: Relay, history: bool) -> None:  # noqa: FBT001
+    def _opened(self, relay: PublisherState, history: bool) -> None:  # noqa: FBT001
         relay.opened = True
         for standin in relay.outlets.values() if relay.token else ():
             standin.announce(next(self._numbers), again=relay.again)
@@ -186,11 +186,11 @@ class Keeper:
         else:
             self._finish(relay)
 
-    def _feed(self, relay: Relay, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
+    def _feed(self, relay: PublisherState, samples: list[tuple[int, Any]], then: Callable[[], None]) -> None:
         claimed = deque((relay.claim(number), sample) for number, sample in samples)
         self._worker.do(partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
 
-    def _feed_next(self, relay: Relay, claimed: deque[tuple[Stored, Any]], then: Callable[[], None]) -> None:
+    def _feed_next(self, relay: PublisherState, claimed: deque[tuple[Stored, Any]], then: Callable[[], None]) -> None:
         """Take one sample through the interceptors, without the lock: they may block, and then this is done again."""
         if not claimed:
             self._locked(relay, then)
@@ -202,7 +202,7 @@ class Keeper:
         more = partial(self._worker.do, partial(self._step, relay, partial(self._feed_next, relay, claimed, then)))
         self._locked(relay, partial(self._put_away, relay, stored, sample.timestamp, more))
 
-    def _put_away(self, relay: Relay, stored: Stored, stamp: Any, then: Callable[[], None]) -> None:
+    def _put_away(self, relay: PublisherState, stored: Stored, stamp: Any, then: Callable[[], None]) -> None:
         assert stored.result is not None
         for emission in stored.result.emissions:
             for name in self._crossing.targets_of(emission):
@@ -213,30 +213,30 @@ class Keeper:
 
     # -- what was lost ------------------------------------------------------------------------------------------------
 
-    def _behind(self, relay: Relay, before: int, told: int) -> None:
+    def _behind(self, relay: PublisherState, before: int, told: int) -> None:
         if relay.busy:
             self._worker.later(_SETTLE_S, partial(self._locked, relay, partial(self._behind, relay, before, told)))
         elif relay.last == before and not relay.ended:
             relay.last = told
             self.recover(relay, before + 1, told)
 
-    def _recover(self, relay: Relay, first: int, last: int) -> None:
+    def _recover(self, relay: PublisherState, first: int, last: int) -> None:
         if relay.depth == 0:
             self._locked(relay, partial(self._skipped, relay, last - first + 1))
         else:
             then = partial(self._locked, relay, partial(self._recovered, relay))
             self._upstream.ask(relay.source, f"?_sn={first}..{last}", then)
 
-    def _skipped(self, relay: Relay, numbers: int) -> None:
+    def _skipped(self, relay: PublisherState, numbers: int) -> None:
         relay.skip(numbers)
         self._finish(relay)
         if relay.beats:
             relay.beat()
 
-    def _recovered(self, relay: Relay, found: Found) -> None:
+    def _recovered(self, relay: PublisherState, found: CacheAnswer) -> None:
         self._feed(relay, found.samples, partial(self._stored, relay))
 
-    def _stored(self, relay: Relay) -> None:
+    def _stored(self, relay: PublisherState) -> None:
         relay.check_from = time.monotonic() + _RECOVERED_S  # not before present subscribers have recovered it from us
         relay.checking = True
         self._worker.later(_RECOVERED_S, partial(self.check, relay), background=True)
@@ -246,7 +246,7 @@ class Keeper:
 
     # -- depth --------------------------------------------------------------------------------------------------------
 
-    def _check(self, relay: Relay) -> None:
+    def _check(self, relay: PublisherState) -> None:
         source = relay.source
         if relay.depth is not None or relay.ended:
             self._locked(relay, partial(self._checked, relay))
@@ -256,13 +256,13 @@ class Keeper:
         else:
             self._upstream.ask(source, "", partial(self._locked, relay, partial(self._measured, relay)))
 
-    def _first(self, relay: Relay, found: Found) -> None:
+    def _first(self, relay: PublisherState, found: CacheAnswer) -> None:
         if found.samples:
             self._locked(relay, partial(self._checked, relay))
         else:
             self._upstream.ask(relay.source, "", partial(self._locked, relay, partial(self._measured, relay)))
 
-    def _measured(self, relay: Relay, found: Found) -> None:
+    def _measured(self, relay: PublisherState, found: CacheAnswer) -> None:
         """Take over the depth; of a cache that never answers, late joiners would not have got anything either."""
         relay.failures = 0 if found.complete else relay.failures + 1
         first, samples = relay.first, found.samples
@@ -273,7 +273,7 @@ class Keeper:
             relay.resize(len(samples))
         self._checked(relay)
 
-    def _checked(self, relay: Relay) -> None:
+    def _checked(self, relay: PublisherState) -> None:
         relay.checking = False  # also after a failure: then the next message asks again
         self._finish(relay)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of, moved
 from riot_bus.zenoh.session import release
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh.convert import Outlets
 
-__all__ = ["StandIn", "StoreFilter"]
+__all__ = ["ProxyPublisher", "StoreFilter"]
 
 _DEEP = 1 << 20  # while nobody knows how much the publisher keeps
 _MOST_SKIPPED = 10_000
 
 
-class StandIn:
+class ProxyPublisher:
     """Stands in one segment for an advanced publisher of another; calls are serialised by its relay.
 
     Args:
@@ -41,7 +41,7 @@ class StandIn:
 
     def _declare(self, depth: int | None) -> None:
         ext = self._library.ext
-        hold(self._session, self._key)
+        pin(self._session, self._key)
         self._cache: Any = ext.declare_advanced_publisher(
             self._session,
             self._key,
@@ -51,7 +51,7 @@ class StandIn:
         )
         self._depth, self._next, self._beaten = depth, 0, 0
         self._suffix = f"{self._key}/@adv/pub/{self._cache.id.zid}/{self._cache.id.eid}/_"
-        hold(self._session, self._suffix)  # who has seen a token asks just there, also when the cache is replaced
+        pin(self._session, self._suffix)  # who has seen a token asks just there, also when the cache is replaced
 
     @property
     def cache(self) -> str:

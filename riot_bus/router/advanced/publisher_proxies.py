@@ -10,12 +10,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.answers import Answers
-from riot_bus.router.advanced.history_mirror import Keeper
-from riot_bus.router.advanced.publisher_state import Relay
-from riot_bus.router.advanced.source import Relayed, Source, announced, relayed, source_of
+from riot_bus.router.advanced.history_mirror import HistoryMirror
+from riot_bus.router.advanced.publisher_state import PublisherState
+from riot_bus.router.advanced.source import AdvancedSource, Relayed, announced, relayed, source_of
 from riot_bus.router.advanced.upstream import Upstream
 from riot_bus.router.advanced.worker import Worker
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release, wait_until
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.router.advanced.publisher_state import Stored
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh.convert import Converter, Outlets
 
-__all__ = ["Terminator"]
+__all__ = ["PublisherProxies"]
 
 _LOG = logging.getLogger(__name__)
 _BEAT_S = 0.5
@@ -45,7 +45,7 @@ _MOST_ENDED = 1 << 12
 _MOST_RELAYS = 1 << 14
 
 
-class Terminator:
+class PublisherProxies:
     """Detects advanced publishers on intercepted keys and stands in for them in the other segments.
 
     Args:
@@ -63,11 +63,11 @@ class Terminator:
         outlets: Mapping[str, Outlets],
         converters: Mapping[str, Converter],
         *,
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         changed: Callable[[], None] = lambda: None,
         depth: Callable[[str, str], int | None] = lambda key, zid: None,
     ) -> None:
-        self.keys: dict[str, dict[Source, Relay]] = {}
+        self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
         self._sessions, self._converters = sessions, converters
         self._crossing, self._changed = crossing, changed
@@ -77,13 +77,13 @@ class Terminator:
         self._asked: OrderedDict[tuple[str, str], float] = OrderedDict()
         self._unasked: deque[tuple[str, str]] = deque(maxlen=_MOST_UNASKED)
         self._asking = False
-        self._ended: OrderedDict[Source, None] = OrderedDict()
-        self._ending: set[Relay] = set()
+        self._ended: OrderedDict[AdvancedSource, None] = OrderedDict()
+        self._ending: set[PublisherState] = set()
         self._closed = False
         self._worker = Worker("riot-advanced")
         self._upstream = Upstream(sessions, self._worker)
         self._answers = Answers(sessions, self._worker, self._published_by)
-        self._keeper = Keeper(
+        self._keeper = HistoryMirror(
             sessions,
             outlets,
             converters,
@@ -113,7 +113,7 @@ class Terminator:
         for name, session in self._sessions.items():
             heard = partial(self._heard, name)
             remote = library_of(session).Locality.REMOTE
-            hold(session, text)
+            pin(session, text)
             mine.append(session.declare_subscriber(text, heard, allowed_origin=remote))
         for name, sample in self._present(text) if again else ():
             self._token(name, sample, again=True)
@@ -208,7 +208,7 @@ class Terminator:
         if isinstance(message, Relayed) and message.relay is not None:
             message.relay.busy = False
 
-    def relay_of(self, original: Message | None, message: Message) -> Relay | None:
+    def relay_of(self, original: Message | None, message: Message) -> PublisherState | None:
         """Return to whose stream a message belongs that came out of the interceptors; None if to nobody's.
 
         Args:
@@ -263,7 +263,7 @@ class Terminator:
                     found.append((source is None or source.zid not in near, name, reply.ok))
         return [(name, sample) for _, name, sample in sorted(found, key=lambda each: each[0])]
 
-    def _is_elsewhere(self, source: Source) -> bool:
+    def _is_elsewhere(self, source: AdvancedSource) -> bool:
         """Return whether a token has come from another segment natively, as it does if it did before interception."""
         here = list(self.keys.get(source.key, ()))
         return any(known[1:] == source[1:] and known.segment != source.segment for known in here)
@@ -271,7 +271,7 @@ class Terminator:
     def _connected(self, segment: str) -> set[str]:
         return {str(each.zid) for each in self._sessions[segment].info.transports()}
 
-    def _published_by(self, key: str, zid: str) -> list[Relay]:
+    def _published_by(self, key: str, zid: str) -> list[PublisherState]:
         return [relay for source, relay in list(self.keys.get(key, {}).items()) if source.zid == zid]
 
     def _heard(self, segment: str, sample: Any) -> None:
@@ -294,13 +294,13 @@ class Terminator:
             self._asking = True
             self._worker.later(max(_ASK_PAUSE_S, _ASK_REST * took), self._ask, background=True)
 
-    def _relay(self, source: Source) -> Relay | None:
+    def _relay(self, source: AdvancedSource) -> PublisherState | None:
         relay = self.keys.get(source.key, {}).get(source)
         if relay is None and source.numbered and source not in self._ended and not self._closed:
             relay = self._meet(source, again=False, token=False)
         return relay
 
-    def _meet(self, source: Source, *, again: bool, token: bool) -> Relay | None:
+    def _meet(self, source: AdvancedSource, *, again: bool, token: bool) -> PublisherState | None:
         with self._lock:
             here = self.keys.get(source.key, {})
             if source in here and not here[source].ended:
@@ -308,13 +308,13 @@ class Terminator:
             if len(self.keys) >= _MOST_RELAYS or len(here) >= _MOST_RELAYS:
                 return None
             self.keys[source.key] = here
-            relay = here[source] = Relay(source, again=again, token=token)
+            relay = here[source] = PublisherState(source, again=again, token=token)
             self._worker.do(partial(self._answers.begin, source.key))
             self._keeper.open(relay)
         self._changed()
         return relay
 
-    def _end(self, relay: Relay) -> None:
+    def _end(self, relay: PublisherState) -> None:
         with self._lock:
             if relay.ended:
                 return
@@ -324,7 +324,7 @@ class Terminator:
 
     # -- on the worker's thread ---------------------------------------------------------------------------------------
 
-    def _gone(self, relay: Relay) -> None:
+    def _gone(self, relay: PublisherState) -> None:
         source = relay.source
         with self._lock:
             here = self.keys.get(source.key, {})
@@ -337,7 +337,7 @@ class Terminator:
             self._answers.end(source.key)
         self._ending.discard(relay)
 
-    def _found(self, source: Source, *, again: bool) -> None:
+    def _found(self, source: AdvancedSource, *, again: bool) -> None:
         if source.zid not in self._own and source not in self._ended:
             self._meet(source, again=again, token=False)
 
@@ -367,7 +367,7 @@ class Terminator:
                 elif relay.near:
                     self._end(relay)
 
-    def _relays(self) -> list[Relay]:
+    def _relays(self) -> list[PublisherState]:
         with self._lock:
             return [relay for here in self.keys.values() for relay in here.values()]
 

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.pipeline.runner import Result
-    from riot_bus.router.advanced.proxy_publisher import StandIn
-    from riot_bus.router.advanced.source import Source
+    from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
+    from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Relay", "Stored", "Task", "Verdict"]
+__all__ = ["PublisherState", "SampleVerdict", "Stored", "Task"]
 
 
 class Task(NamedTuple):
@@ -35,10 +35,10 @@ class Stored:
     """
 
     result: Result | None = None
-    places: list[tuple[StandIn, Message, int, Any]] = field(default_factory=list)
+    places: list[tuple[ProxyPublisher, Message, int, Any]] = field(default_factory=list)
 
 
-class Verdict(NamedTuple):
+class SampleVerdict(NamedTuple):
     """What to do about a live sample.
 
     Attributes:
@@ -54,7 +54,7 @@ class Verdict(NamedTuple):
     check: bool = False
 
 
-class Relay:
+class PublisherState:
     """One advanced publisher. All but `tasks` and `ended` is guarded by `lock`.
 
     Args:
@@ -63,10 +63,10 @@ class Relay:
         token: It shows a liveliness token.
     """
 
-    def __init__(self, source: Source, *, again: bool, token: bool) -> None:
+    def __init__(self, source: AdvancedSource, *, again: bool, token: bool) -> None:
         self.source, self.again, self.token = source, again, token
         self.lock = threading.RLock()
-        self.outlets: dict[str, StandIn] = {}
+        self.outlets: dict[str, ProxyPublisher] = {}
         self.tasks: deque[Task] = deque()
         self.task: Task | None = None
         self.waiting: Callable[[], None] | None = None
@@ -86,7 +86,7 @@ class Relay:
         """Whether the history is there."""
         self.ended = self.checking = self.unchecked = self.beats = self.near = False
 
-    def arrived(self, number: int, now: float) -> Verdict:
+    def arrived(self, number: int, now: float) -> SampleVerdict:
         """Take note of a live sample.
 
         Args:
@@ -99,16 +99,16 @@ class Relay:
                 self.first = number
             self.last = number if before is None else max(before, number)
             if stored is not None:
-                return Verdict(stored)
+                return SampleVerdict(stored)
             if self.early and number > max(self.early):
                 self.early.clear()
             elif self.early and not self.holds:  # a lane was very late: as an unnumbered message it is not refused
-                return Verdict(late=True)
+                return SampleVerdict(late=True)
             lost = None
             if self.source.numbered and before is not None and number > before + 1:
                 lost = before + 1, number - 1
             self.unchecked = self.depth is None
-            return Verdict(lost=lost, check=lost is None and now >= self.check_from and self.overdue())
+            return SampleVerdict(lost=lost, check=lost is None and now >= self.check_from and self.overdue())
 
     def overdue(self) -> bool:
         """Return whether it is time to ask how many samples the publisher keeps; if so, take note that it is asked."""

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
-    from riot_bus.router.advanced.publisher_state import Relay
+    from riot_bus.router.advanced.publisher_state import PublisherState
 
-__all__ = ["UNNUMBERED", "Relayed", "Source", "announced", "relayed", "source_of"]
+__all__ = ["UNNUMBERED", "AdvancedSource", "Relayed", "announced", "relayed", "source_of"]
 
 UNNUMBERED = "uhlc"
 """Entity of a publisher that stamps its samples instead of numbering them, as zenoh-ext names it."""
@@ -18,7 +18,7 @@ UNNUMBERED = "uhlc"
 _BETWEEN = "/@adv/pub/"
 
 
-class Source(NamedTuple):
+class AdvancedSource(NamedTuple):
     """An advanced publisher of a component; `entity` is `uhlc` if it does not number its samples."""
 
     segment: str
@@ -40,14 +40,14 @@ class Relayed(Message):
         relay: What is known of the publisher.
     """
 
-    relay: Relay | None = field(default=None, compare=False, repr=False)
+    relay: PublisherState | None = field(default=None, compare=False, repr=False)
 
     def with_payload(self, payload: bytes) -> Message:
         """Return a copy with another payload, of the same publisher."""
         return self.with_(payload=payload)
 
 
-def relayed(message: Message, relay: Relay) -> Relayed:
+def relayed(message: Message, relay: PublisherState) -> Relayed:
     """Return a message that knows its publisher."""
     return Relayed(
         message.time,
@@ -64,17 +64,17 @@ def relayed(message: Message, relay: Relay) -> Relayed:
     )
 
 
-def source_of(segment: str, sample: Any) -> tuple[Source, int] | None:
+def source_of(segment: str, sample: Any) -> tuple[AdvancedSource, int] | None:
     """Return who published a sample, and its place in order; None if the sample does not tell."""
     info, stamp, key = sample.source_info, sample.timestamp, str(sample.key_expr)
     if info is not None:
-        return Source(segment, key, str(info.source_id.zid), str(info.source_id.eid)), info.source_sn
+        return AdvancedSource(segment, key, str(info.source_id.zid), str(info.source_id.eid)), info.source_sn
     if stamp is not None:
-        return Source(segment, key, str(stamp.get_id()), UNNUMBERED), stamp.get_time_as_ntp64().as_nanos()
+        return AdvancedSource(segment, key, str(stamp.get_id()), UNNUMBERED), stamp.get_time_as_ntp64().as_nanos()
     return None
 
 
-def announced(segment: str, token: str) -> Source | None:
+def announced(segment: str, token: str) -> AdvancedSource | None:
     """Return the publisher that a key tells of, which is that of its token and of its heartbeats.
 
     Args:
@@ -85,4 +85,4 @@ def announced(segment: str, token: str) -> Source | None:
     chunks = rest.split("/")
     if not between or len(chunks) < 2 or "*" in key:
         return None
-    return Source(segment, key, chunks[0], chunks[1])
+    return AdvancedSource(segment, key, chunks[0], chunks[1])

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.router.advanced.source import Source
+    from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.router.advanced.worker import Worker
 
-__all__ = ["Found", "Upstream"]
+__all__ = ["CacheAnswer", "Upstream"]
 
 _TIMEOUT_S = 2.0
 _CHANNEL = 1 << 16
@@ -25,7 +25,7 @@ _PAUSE_S = 0.001
 _LONGEST_PAUSE_S = 0.05
 
 
-class Found(NamedTuple):
+class CacheAnswer(NamedTuple):
     """What a cache answered.
 
     Attributes:
@@ -50,7 +50,7 @@ class Upstream:
     def __init__(self, sessions: Mapping[str, zenoh.Session], worker: Worker) -> None:
         self._sessions, self._worker = sessions, worker
 
-    def ask(self, source: Source, parameters: str, then: Callable[[Found], None]) -> None:
+    def ask(self, source: AdvancedSource, parameters: str, then: Callable[[CacheAnswer], None]) -> None:
         """Ask one publisher's cache.
 
         Args:
@@ -74,12 +74,12 @@ class Upstream:
             # would be the proper way, but in 1.10.2 it does not see these caches.)
             asked = threading.get_ident() != caller
             samples.sort(key=lambda each: each[0])
-            self._worker.do(partial(then, Found(samples, not failed, asked)))
+            self._worker.do(partial(then, CacheAnswer(samples, not failed, asked)))
 
         selector = f"{source.key}/@adv/pub/{source.zid}/{source.entity}/**{parameters}"
         self._get(source.segment, selector, zenoh.handlers.Callback(take, drop=done, indirect=False))
 
-    def search(self, segment: str, selector: str, then: Callable[[Source], None]) -> None:
+    def search(self, segment: str, selector: str, then: Callable[[AdvancedSource], None]) -> None:
         """Find out who has caches.
 
         Every key that comes asks, and nobody waits for it, so the answers are fetched now and then. A callback would
@@ -95,7 +95,7 @@ class Upstream:
         channel = self._get(segment, selector, handlers.FifoChannel(_CHANNEL))
         self._worker.do(partial(self._look, segment, channel, then, _PAUSE_S))
 
-    def _look(self, segment: str, channel: Any, then: Callable[[Source], None], pause: float) -> None:
+    def _look(self, segment: str, channel: Any, then: Callable[[AdvancedSource], None], pause: float) -> None:
         try:
             while (reply := channel.try_recv()) is not None:
                 known = None if reply.ok is None else source_of(segment, reply.ok)

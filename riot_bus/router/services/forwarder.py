@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import AbandonedError, Result
 from riot_bus.router.advanced.worker import Worker
-from riot_bus.router.counts import Tally
+from riot_bus.router.counts import BoundedCounts
 from riot_bus.router.services.call import Call, encoding_text, payload_of
 from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from riot_bus.pipeline.runner import Emission
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
 
 __all__ = ["CallLane", "Limits"]
 
@@ -74,13 +74,13 @@ class CallLane:
         expression: str,
         *,
         sessions: Mapping[str, zenoh.Session],
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         sequence: Iterator[int],
         owner: Callable[[str], str | None],
         asked: Callable[[str, str], Mapping[str, bool]],
     ) -> None:
         self.segment, self.expression = segment, expression
-        self.shed = Tally()
+        self.shed = BoundedCounts()
         """Requests and replies, by key, for which there was no room."""
         self._sessions, self._crossing, self._sequence = sessions, crossing, sequence
         self._owner, self._asked = owner, asked

@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.zenoh.keyexpr_pins import hold
+from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
@@ -118,7 +118,7 @@ class Presence:
 
     def _stand_in(self, name: str, *, complete: bool) -> None:
         session = self._sessions[name]
-        hold(session, self.expression)
+        pin(session, self.expression)
         queryable = session.declare_queryable(
             self.expression,
             _callback(session, self._take[name]),
@@ -144,7 +144,7 @@ class Presence:
 
 def _querier(session: zenoh.Session, expression: str, *, complete: bool) -> Any:
     zenoh = library_of(session)
-    hold(session, expression)
+    pin(session, expression)
     return session.declare_querier(
         expression,
         target=zenoh.QueryTarget.ALL_COMPLETE if complete else zenoh.QueryTarget.BEST_MATCHING,

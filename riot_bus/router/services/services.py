@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from riot_bus.router.delivery_queue import Crossing
+    from riot_bus.router.delivery_queue import DeliveryQueue
 
 __all__ = ["Services"]
 
@@ -35,7 +35,7 @@ class Services:
     def __init__(
         self,
         sessions: Mapping[str, zenoh.Session],
-        crossing: Crossing,
+        crossing: DeliveryQueue,
         *,
         sequence: Iterator[int],
         spaces: Sequence[str] = (),

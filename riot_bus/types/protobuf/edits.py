@@ -10,7 +10,7 @@ from riot_bus.types.protobuf.wire import varint
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.types.protobuf.walk import Box
+    from riot_bus.types.protobuf.walk import LengthPrefix
 
 __all__ = ["Edit", "apply", "growth"]
 
@@ -21,7 +21,7 @@ class Edit(NamedTuple):
     start: int
     end: int
     data: bytes
-    box: Box | None
+    box: LengthPrefix | None
 
     @property
     def growth(self) -> int:
@@ -52,7 +52,7 @@ def apply(data: bytes, edits: Sequence[Edit]) -> bytes:
 
 def _counts(edits: Sequence[Edit]) -> list[Edit]:
     """Return the counts of bytes that change, from the inside outwards."""
-    boxes: dict[int, Box] = {}
+    boxes: dict[int, LengthPrefix] = {}
     grown: dict[int, int] = {}
     for edit in edits:
         _grow(edit.box, edit.growth, boxes, grown)
@@ -66,7 +66,7 @@ def _counts(edits: Sequence[Edit]) -> list[Edit]:
     return found
 
 
-def _grow(box: Box | None, by: int, boxes: dict[int, Box], grown: dict[int, int]) -> None:
+def _grow(box: LengthPrefix | None, by: int, boxes: dict[int, LengthPrefix], grown: dict[int, int]) -> None:
     while box is not None:
         boxes[box.prefix] = box
         grown[box.prefix] = grown.get(box.prefix, 0) + by

@@ -22,8 +22,8 @@ from riot_bus.types.model import (
 from riot_bus.types.protobuf.edits import Edit, apply
 from riot_bus.types.protobuf.static import array_values, static_fields
 from riot_bus.types.protobuf.walk import (
-    Found,
-    Part,
+    EntrySpan,
+    FieldEntry,
     Slot,
     count,
     element,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.bulk import Payloads
     from riot_bus.types.fields import FieldType
-    from riot_bus.types.protobuf.layout import Definitions, Field, Layout
+    from riot_bus.types.protobuf.layout import Definitions, Layout, ProtobufField
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["ProtobufType"]
@@ -67,11 +67,11 @@ class _Spot(NamedTuple):
         missing: Messages inside that one, and around the field, that are not on the wire.
     """
 
-    field: Field
-    found: Sequence[Found]
+    field: ProtobufField
+    found: Sequence[FieldEntry]
     slot: Slot | None
-    part: Part
-    missing: tuple[Field, ...]
+    part: EntrySpan
+    missing: tuple[ProtobufField, ...]
 
 
 class ProtobufType:
@@ -168,7 +168,7 @@ class ProtobufType:
         self,
         payload: bytes,
         layout: Layout,
-        parts: Sequence[Part],
+        parts: Sequence[EntrySpan],
         path: str,
         most: int,
         depth: int,
@@ -202,21 +202,21 @@ class ProtobufType:
             elif found or not field.presence:
                 leaves.append(self._leaf(payload, field, slot_of(found[-1]) if found else None, here))
 
-    def _leaf(self, payload: bytes, field: Field, slot: Slot | None, path: str) -> Leaf:
+    def _leaf(self, payload: bytes, field: ProtobufField, slot: Slot | None, path: str) -> Leaf:
         assert field.kind is not None
         value = field.default if slot is None else decode(field.kind, payload, slot.start, slot.end)
         return Leaf(path, field.kind.leaf, value)
 
-    def _entry(self, field: Field) -> Layout | None:
+    def _entry(self, field: ProtobufField) -> Layout | None:
         """Return the type of the entries of a map; None for other fields."""
         if field.kind is not None or not field.repeated:
             return None
         layout = self._definitions.inside(field)
         return layout if layout.entry and {1, 2} <= layout.numbers.keys() else None
 
-    def _entries(self, payload: bytes, entry: Layout, found: Sequence[Found]) -> dict[str | int, Found]:
+    def _entries(self, payload: bytes, entry: Layout, found: Sequence[FieldEntry]) -> dict[str | int, FieldEntry]:
         """Return the last entry of each key."""
-        last_of: dict[str | int, Found] = {}
+        last_of: dict[str | int, FieldEntry] = {}
         for one in found:
             key = entry.numbers[1]
             inside = found_of(payload, entry, (part_of(one),), key)
@@ -225,7 +225,7 @@ class ProtobufType:
         return last_of
 
     def _add_value(
-        self, payload: bytes, entry: Layout, one: Found, path: str, most: int, depth: int, leaves: list[Leaf]
+        self, payload: bytes, entry: Layout, one: FieldEntry, path: str, most: int, depth: int, leaves: list[Leaf]
     ) -> None:
         field = entry.numbers[2]
         found = found_of(payload, entry, (part_of(one),), field)
@@ -246,10 +246,10 @@ class ProtobufType:
         steps = list(reversed(parse_path(path).steps))
         length = parse_path(path).length
         layout, parts = self._layout, whole(payload)
-        missing: tuple[Field, ...] = ()
+        missing: tuple[ProtobufField, ...] = ()
         while True:
             field = _member(layout, steps.pop())
-            found: Sequence[Found] = ()
+            found: Sequence[FieldEntry] = ()
             if not missing:
                 found = found_of(payload, layout, parts, field)
             entry = self._entry(field)
@@ -282,7 +282,7 @@ class ProtobufType:
             else:
                 missing = (*missing, field)
 
-    def _chosen(self, payload: bytes, entry: Layout, found: Sequence[Found], steps: list[str | int]) -> Found:
+    def _chosen(self, payload: bytes, entry: Layout, found: Sequence[FieldEntry], steps: list[str | int]) -> FieldEntry:
         known = self._entries(payload, entry, found)
         if not steps:
             raise PayloadError("a map is no scalar field", hint=did_you_mean("", map(str, known)))
@@ -336,7 +336,7 @@ class ProtobufType:
         return [Edit(place, place, data * more, box)]
 
 
-def _member(layout: Layout, step: str | int) -> Field:
+def _member(layout: Layout, step: str | int) -> ProtobufField:
     field = layout.fields.get(step) if isinstance(step, str) else None
     if field is None:
         raise PayloadError(f"no field {step!r}", hint=did_you_mean(str(step), layout.fields))
@@ -354,7 +354,7 @@ def _key_path(path: str, key: str | int) -> str:
     return member_path(path, key) if isinstance(key, str) else f"{path}[{key}]"
 
 
-def _wrapped(data: bytes, around: Sequence[Field]) -> bytes:
+def _wrapped(data: bytes, around: Sequence[ProtobufField]) -> bytes:
     """Return a field inside messages that are not on the wire yet."""
     for field in reversed(around):
         if field.group:
@@ -364,7 +364,7 @@ def _wrapped(data: bytes, around: Sequence[Field]) -> bytes:
     return data
 
 
-def _empty(field: Field, number: int) -> bytes:
+def _empty(field: ProtobufField, number: int) -> bytes:
     """Return the entries of so many elements that are zero or empty."""
     kind = field.kind
     if field.packed and kind is not None:
@@ -376,7 +376,7 @@ def _empty(field: Field, number: int) -> bytes:
     return (tag(field.number, wire) + bytes(width)) * number
 
 
-def _cut(payload: bytes, field: Field, found: Sequence[Found], less: int) -> list[Edit]:
+def _cut(payload: bytes, field: ProtobufField, found: Sequence[FieldEntry], less: int) -> list[Edit]:
     """Remove elements from the end of an array."""
     edits = []
     for one in reversed(found):

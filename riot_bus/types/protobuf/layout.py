@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.protobuf.wire import KINDS, Kind
+from riot_bus.types.protobuf.wire import KINDS, ScalarKind
 from riot_bus.types.units import unit_in
 from riot_bus.vocabulary.errors import MissingExtraError, PayloadError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Definitions", "Field", "Layout", "load_set"]
+__all__ = ["Definitions", "Layout", "ProtobufField", "load_set"]
 
 _MAX_SET = 1 << 24
 _TYPES = (
@@ -36,7 +36,7 @@ _UNITS = {
 
 
 @dataclass(slots=True)
-class Field:
+class ProtobufField:
     """One field of a message.
 
     Attributes:
@@ -56,7 +56,7 @@ class Field:
 
     name: str
     number: int
-    kind: Kind | None
+    kind: ScalarKind | None
     message: str
     repeated: bool
     packed: bool
@@ -78,12 +78,12 @@ class Layout:
     """A message type; `entry` says that it stands for the entries of a map."""
 
     name: str
-    fields: dict[str, Field] = field(default_factory=dict)
-    numbers: dict[int, Field] = field(default_factory=dict)
+    fields: dict[str, ProtobufField] = field(default_factory=dict)
+    numbers: dict[int, ProtobufField] = field(default_factory=dict)
     entry: bool = False
     _oneofs: dict[int, frozenset[int]] = field(default_factory=dict)
 
-    def rivals(self, one: Field) -> Collection[int]:
+    def rivals(self, one: ProtobufField) -> Collection[int]:
         """Return the numbers of the fields of which only one can be set at a time: itself, and those in its oneof."""
         if one.oneof < 0:
             return (one.number,)
@@ -157,7 +157,7 @@ class Definitions:
             found = self._layouts[name] = self._compile(name, source)
         return found
 
-    def inside(self, one: Field) -> Layout:
+    def inside(self, one: ProtobufField) -> Layout:
         """Return the type of a field that is a message."""
         found = self.layout(one.message)
         assert found is not None  # fields of unknown types are left out
@@ -199,7 +199,7 @@ class Definitions:
                 layout.numbers[made.number] = made
         return layout
 
-    def _field(self, one: Any, file: Any, *, entry: bool) -> Field | None:
+    def _field(self, one: Any, file: Any, *, entry: bool) -> ProtobufField | None:
         type_name = _TYPES[one.type] if one.type < len(_TYPES) else ""
         target = one.type_name.removeprefix(".")
         kind = KINDS.get(type_name)
@@ -207,7 +207,7 @@ class Definitions:
             return None
         repeated = one.label == _REPEATED
         low, high = self._enums.get(target, (None, None)) if type_name == "enum" else (None, None)
-        return Field(
+        return ProtobufField(
             one.name,
             one.number,
             kind,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.bulk import Payloads
     from riot_bus.types.protobuf.kind import ProtobufType
-    from riot_bus.types.protobuf.layout import Definitions, Field, Layout
+    from riot_bus.types.protobuf.layout import Definitions, Layout, ProtobufField
 
 __all__ = ["array_values", "static_fields"]
 
@@ -57,7 +57,7 @@ class _Listing:
             else:
                 self._add_one(field, here, (*outer, layout.name))
 
-    def _add_one(self, field: Field, path: str, outer: tuple[str, ...]) -> None:
+    def _add_one(self, field: ProtobufField, path: str, outer: tuple[str, ...]) -> None:
         if field.kind is None:
             self.add(self._definitions.inside(field), path, outer)
         else:

@@ -14,13 +14,13 @@ from riot_bus.vocabulary.errors import PayloadError
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator, Sequence
 
-    from riot_bus.types.protobuf.layout import Field, Layout
-    from riot_bus.types.protobuf.wire import Entry
+    from riot_bus.types.protobuf.layout import Layout, ProtobufField
+    from riot_bus.types.protobuf.wire import WireField
 
 __all__ = [
-    "Box",
-    "Found",
-    "Part",
+    "EntrySpan",
+    "FieldEntry",
+    "LengthPrefix",
     "Slot",
     "count",
     "element",
@@ -37,35 +37,35 @@ __all__ = [
 _ENDS_VARINT = bytes(range(0x80))
 
 
-class Box(NamedTuple):
+class LengthPrefix(NamedTuple):
     """Bytes whose number stands before them: the count from `prefix` to `body`, they themselves up to `end`."""
 
     prefix: int
     body: int
     end: int
     depth: int
-    outer: Box | None
+    outer: LengthPrefix | None
 
 
-class Part(NamedTuple):
+class EntrySpan(NamedTuple):
     """A span of entries that belong to one message, and the innermost box around it."""
 
     start: int
     end: int
-    box: Box | None
+    box: LengthPrefix | None
 
 
-class Found(NamedTuple):
+class FieldEntry(NamedTuple):
     """One entry of a field, and the part that it stands in."""
 
-    entry: Entry
-    part: Part
+    entry: WireField
+    part: EntrySpan
 
     @property
-    def inner(self) -> Box:
+    def inner(self) -> LengthPrefix:
         """The box that the entry itself is."""
         outer = self.part.box
-        return Box(self.entry.value, self.entry.body, self.entry.end, outer.depth + 1 if outer else 0, outer)
+        return LengthPrefix(self.entry.value, self.entry.body, self.entry.end, outer.depth + 1 if outer else 0, outer)
 
 
 class Slot(NamedTuple):
@@ -73,22 +73,22 @@ class Slot(NamedTuple):
 
     start: int
     end: int
-    box: Box | None
+    box: LengthPrefix | None
 
 
-def whole(data: bytes) -> tuple[Part, ...]:
+def whole(data: bytes) -> tuple[EntrySpan, ...]:
     """Return the parts of a payload's message."""
-    return (Part(0, len(data), None),)
+    return (EntrySpan(0, len(data), None),)
 
 
-def found_of(data: bytes, layout: Layout, parts: Sequence[Part], field: Field) -> Sequence[Found]:
+def found_of(data: bytes, layout: Layout, parts: Sequence[EntrySpan], field: ProtobufField) -> Sequence[FieldEntry]:
     """Return the entries of one field, in the order of the wire; raises as `fields_of`."""
     return fields_of(data, layout, parts, layout.rivals(field)).get(field.number, ())
 
 
 def fields_of(
-    data: bytes, layout: Layout, parts: Sequence[Part], numbers: Container[int] | None = None
-) -> dict[int, list[Found]]:
+    data: bytes, layout: Layout, parts: Sequence[EntrySpan], numbers: Container[int] | None = None
+) -> dict[int, list[FieldEntry]]:
     """Return the entries of each known field by its number, in the order of the wire; all others are passed over.
 
     Args:
@@ -100,7 +100,7 @@ def fields_of(
     Raises:
         PayloadError: These are no entries.
     """
-    found: dict[int, list[Found]] = {}
+    found: dict[int, list[FieldEntry]] = {}
     chosen: dict[int, int] = {}
     known = layout.numbers
     for part in parts:
@@ -113,38 +113,38 @@ def fields_of(
                 if other != entry.number:
                     found.pop(other, None)
                 chosen[field.oneof] = entry.number
-            found.setdefault(entry.number, []).append(Found(entry, part))
+            found.setdefault(entry.number, []).append(FieldEntry(entry, part))
     return found
 
 
-def _fits(field: Field, wire: int) -> bool:
+def _fits(field: ProtobufField, wire: int) -> bool:
     if field.kind is None:
         return wire in (BYTES, GROUP)
     return wire == field.kind.wire or (field.repeated and wire == BYTES)
 
 
-def part_of(one: Found) -> Part:
+def part_of(one: FieldEntry) -> EntrySpan:
     """Return the inside of a message."""
     entry = one.entry
-    return Part(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
+    return EntrySpan(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
 
 
-def slot_of(one: Found) -> Slot:
+def slot_of(one: FieldEntry) -> Slot:
     """Return where a scalar stands that is not packed."""
     entry = one.entry
     return Slot(entry.body, entry.end, one.inner if entry.wire == BYTES else one.part.box)
 
 
-def _packed(field: Field, one: Found) -> bool:
+def _packed(field: ProtobufField, one: FieldEntry) -> bool:
     return field.kind is not None and field.kind.wire != BYTES and one.entry.wire == BYTES
 
 
-def count(data: bytes, field: Field, found: Sequence[Found]) -> int:
+def count(data: bytes, field: ProtobufField, found: Sequence[FieldEntry]) -> int:
     """Return how many elements an array has."""
     return sum(size(data, field, one) for one in found)
 
 
-def size(data: bytes, field: Field, one: Found) -> int:
+def size(data: bytes, field: ProtobufField, one: FieldEntry) -> int:
     """Return how many elements of an array stand in one entry."""
     if not _packed(field, one):
         return 1
@@ -160,7 +160,7 @@ def size(data: bytes, field: Field, one: Found) -> int:
     return end - start - len(data[start:end].translate(None, _ENDS_VARINT))
 
 
-def elements(data: bytes, field: Field, found: Sequence[Found], most: int) -> Iterator[Found | Slot]:
+def elements(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], most: int) -> Iterator[FieldEntry | Slot]:
     """Yield the elements of an array, `most` of them: scalars as slots, messages as entries."""
     left = most
     for one in found:
@@ -178,7 +178,7 @@ def elements(data: bytes, field: Field, found: Sequence[Found], most: int) -> It
                 left -= 1
 
 
-def element(data: bytes, field: Field, found: Sequence[Found], index: int) -> Found | Slot:
+def element(data: bytes, field: ProtobufField, found: Sequence[FieldEntry], index: int) -> FieldEntry | Slot:
     """Return one element of an array; raises PayloadError if there is none of this number."""
     left = index
     for one in found if index >= 0 else ():
@@ -191,12 +191,12 @@ def element(data: bytes, field: Field, found: Sequence[Found], index: int) -> Fo
     raise PayloadError(f"no element {index} in an array of {count(data, field, found)}")
 
 
-def last(data: bytes, field: Field, one: Found) -> Slot:
+def last(data: bytes, field: ProtobufField, one: FieldEntry) -> Slot:
     """Return the last element of a packed entry that is not empty."""
     return next(_slots(data, field, one, size(data, field, one) - 1, 1))
 
 
-def _slots(data: bytes, field: Field, one: Found, first: int, number: int) -> Iterator[Slot]:
+def _slots(data: bytes, field: ProtobufField, one: FieldEntry, first: int, number: int) -> Iterator[Slot]:
     """Yield some elements of a packed entry, which has them."""
     assert field.kind is not None
     at, end, box = one.entry.body, one.entry.end, one.inner

@@ -21,8 +21,8 @@ __all__ = [
     "BYTES",
     "GROUP",
     "KINDS",
-    "Entry",
-    "Kind",
+    "ScalarKind",
+    "WireField",
     "decode",
     "encode",
     "entries",
@@ -38,7 +38,7 @@ _MOST_GROUPS = 100
 _MAX_VARINT = 10
 
 
-class Kind(NamedTuple):
+class ScalarKind(NamedTuple):
     """A kind of scalar: its wire type, its type as in `Leaf`, and how it is packed (none: as a varint)."""
 
     wire: int
@@ -53,27 +53,27 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "double": Kind(FIXED64, "float64", struct.Struct("<d")),
-    "float": Kind(FIXED32, "float32", struct.Struct("<f")),
-    "int64": Kind(VARINT, "int64"),
-    "uint64": Kind(VARINT, "uint64"),
-    "int32": Kind(VARINT, "int32"),
-    "fixed64": Kind(FIXED64, "uint64", struct.Struct("<Q")),
-    "fixed32": Kind(FIXED32, "uint32", struct.Struct("<I")),
-    "bool": Kind(VARINT, "bool"),
-    "string": Kind(BYTES, "string"),
-    "bytes": Kind(BYTES, "bytes"),
-    "uint32": Kind(VARINT, "uint32"),
-    "enum": Kind(VARINT, "int32"),
-    "sfixed32": Kind(FIXED32, "int32", struct.Struct("<i")),
-    "sfixed64": Kind(FIXED64, "int64", struct.Struct("<q")),
-    "sint32": Kind(VARINT, "int32", zigzag=True),
-    "sint64": Kind(VARINT, "int64", zigzag=True),
+    "double": ScalarKind(FIXED64, "float64", struct.Struct("<d")),
+    "float": ScalarKind(FIXED32, "float32", struct.Struct("<f")),
+    "int64": ScalarKind(VARINT, "int64"),
+    "uint64": ScalarKind(VARINT, "uint64"),
+    "int32": ScalarKind(VARINT, "int32"),
+    "fixed64": ScalarKind(FIXED64, "uint64", struct.Struct("<Q")),
+    "fixed32": ScalarKind(FIXED32, "uint32", struct.Struct("<I")),
+    "bool": ScalarKind(VARINT, "bool"),
+    "string": ScalarKind(BYTES, "string"),
+    "bytes": ScalarKind(BYTES, "bytes"),
+    "uint32": ScalarKind(VARINT, "uint32"),
+    "enum": ScalarKind(VARINT, "int32"),
+    "sfixed32": ScalarKind(FIXED32, "int32", struct.Struct("<i")),
+    "sfixed64": ScalarKind(FIXED64, "int64", struct.Struct("<q")),
+    "sint32": ScalarKind(VARINT, "int32", zigzag=True),
+    "sint64": ScalarKind(VARINT, "int64", zigzag=True),
 }
 """By the names that .proto files use; enums are open."""
 
 
-class Entry(NamedTuple):
+class WireField(NamedTuple):
     """One field on the wire.
 
     Attributes:
@@ -124,7 +124,7 @@ def tag(number: int, wire: int) -> bytes:
     return varint(number << 3 | wire)
 
 
-def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Iterator[Entry]:
+def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Iterator[WireField]:
     """Yield the fields of a message from `start` to `end`, of these numbers alone; the others are passed over.
 
     Raises:
@@ -146,7 +146,7 @@ def entries(data: bytes, start: int, end: int, numbers: Container[int]) -> Itera
             body, stop = _span(data, value, end, wire)
             after = stop
         if number in numbers:
-            yield Entry(number, wire, first, value, body, stop, after)
+            yield WireField(number, wire, first, value, body, stop, after)
 
 
 def _span(data: bytes, at: int, end: int, wire: int) -> tuple[int, int]:
@@ -186,7 +186,7 @@ def _end_of_group(data: bytes, at: int, end: int, number: int) -> tuple[int, int
     raise PayloadError(f"group {number} does not end")
 
 
-def decode(kind: Kind, data: bytes, body: int, end: int) -> Scalar:
+def decode(kind: ScalarKind, data: bytes, body: int, end: int) -> Scalar:
     """Return a value; text that is no UTF-8 becomes surrogates, integers are cut to the bits of their type."""
     if kind.form is not None:
         value: Scalar = kind.form.unpack_from(data, body)[0]
@@ -203,7 +203,7 @@ def decode(kind: Kind, data: bytes, body: int, end: int) -> Scalar:
     return wrap_integer(number, bits=bits, signed=kind.leaf[0] == "i")
 
 
-def encode(kind: Kind, value: Scalar) -> bytes:
+def encode(kind: ScalarKind, value: Scalar) -> bytes:
     """Return a value without a count of bytes; integers wrap, floats that overflow become infinite.
 
     Raises:
@@ -227,7 +227,7 @@ def encode(kind: Kind, value: Scalar) -> bytes:
     return varint(number & 0xFFFF_FFFF_FFFF_FFFF)
 
 
-def _text(kind: Kind, value: Scalar) -> bytes:
+def _text(kind: ScalarKind, value: Scalar) -> bytes:
     if isinstance(value, bytes) and kind.leaf == "bytes":
         return value
     if not isinstance(value, str) or kind.leaf == "bytes":
@@ -238,7 +238,7 @@ def _text(kind: Kind, value: Scalar) -> bytes:
         raise PayloadError(f"{value!r} cannot be encoded: {error}") from error
 
 
-def _packed_float(kind: Kind, value: float) -> bytes:
+def _packed_float(kind: ScalarKind, value: float) -> bytes:
     assert kind.form is not None
     try:
         return kind.form.pack(float(value))
@@ -246,5 +246,5 @@ def _packed_float(kind: Kind, value: float) -> bytes:
         return kind.form.pack(math.inf if value > 0 else -math.inf)
 
 
-def _bits(kind: Kind) -> int:
+def _bits(kind: ScalarKind) -> int:
     return 64 if kind.leaf.endswith("64") else 32

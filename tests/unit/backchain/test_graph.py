@@ -4,17 +4,17 @@ import json
 
 import pytest
 
-from riot_bus.backchain.graph import Component, TopicGraph
+from riot_bus.backchain.graph import ComponentTopics, TopicGraph
 
 
 @pytest.fixture
 def graph():
     return TopicGraph(
         {
-            "planner": Component(frozenset({"goal", "odom", "map"}), frozenset({"cmd", "plan"})),
-            "base": Component(frozenset({"cmd"}), frozenset({"odom"})),
-            "mapper": Component(frozenset({"scan", "odom"}), frozenset({"map"})),
-            "logger": Component(frozenset({"plan", "battery"}), frozenset({"log"})),
+            "planner": ComponentTopics(frozenset({"goal", "odom", "map"}), frozenset({"cmd", "plan"})),
+            "base": ComponentTopics(frozenset({"cmd"}), frozenset({"odom"})),
+            "mapper": ComponentTopics(frozenset({"scan", "odom"}), frozenset({"map"})),
+            "logger": ComponentTopics(frozenset({"plan", "battery"}), frozenset({"log"})),
         }
     )
 
@@ -50,7 +50,7 @@ def test_trace_tree_goes_forward(graph):
 
 def test_large_trees_are_cut_and_say_so():
     topics = frozenset(f"t{at}" for at in range(9))
-    dense = TopicGraph({"all": Component(topics | {"in"}, topics)})
+    dense = TopicGraph({"all": ComponentTopics(topics | {"in"}, topics)})
     tree = dense.backtrack_tree("t0", {"in"}, most=500)
     text = tree.text()
     assert "cut" in text

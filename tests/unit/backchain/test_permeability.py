@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from riot_bus.backchain.fir import Columns, RunColumns, lag_grid, standardise
-from riot_bus.backchain.permeability import Drive, Run, analyse
+from riot_bus.backchain.fir import LagColumns, RunColumns, lag_grid, standardise
+from riot_bus.backchain.permeability import FieldDrive, Run, analyse
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
 
@@ -22,7 +22,7 @@ def make_runs(count, response, *, fields=8, seed=0, rate=1, samples=SAMPLES):
         for at in range(fields):
             signal = Signal(10.0, 2.0, 5, seed=seed * 100_003 + number * 101 + at)
             values = tuple(signal.value(index) for index in range(len(in_times)))
-            drives[f"ext{at}"] = Drive(Series(in_times, values), signal)
+            drives[f"ext{at}"] = FieldDrive(Series(in_times, values), signal)
             held.append((np.asarray(values[::rate]) - 10.0) / 2.0)
         runs.append(Run(drives, {"unit:y": Series(out_times, tuple(response(held, rng).tolist()))}))
     return runs
@@ -105,7 +105,7 @@ def test_robust_against_missing_short_constant_and_uneven_series():
     broken = (float("nan"), float("inf"), 1e300, *runs[4].outputs["unit:y"].values[3:])
     runs[4] = Run(runs[4].inputs, {"unit:y": Series(full.times, broken), "unit:dead": Series()})
     runs[5] = Run({name: drive for name, drive in runs[5].inputs.items() if name != "ext0"}, runs[5].outputs)
-    constant = Drive(Series((0.0, 1.0), (3.0, 3.0)), Signal(3.0, 0.0))
+    constant = FieldDrive(Series((0.0, 1.0), (3.0, 3.0)), Signal(3.0, 0.0))
     runs[6] = Run({**runs[6].inputs, "constant": constant}, runs[6].outputs)
     result = analyse(runs)
     assert names(result) == {"ext0"}
@@ -118,7 +118,7 @@ def test_one_value_per_run_is_a_single_run_with_one_sample_per_system_run():
     times = tuple(float(at) for at in range(96))
     signals = [Signal(0.0, 1.0, 1, seed=at) for at in range(6)]
     drives = {
-        f"ext{at}": Drive(Series(times, tuple(signal.value(index) for index in range(96))), signal)
+        f"ext{at}": FieldDrive(Series(times, tuple(signal.value(index) for index in range(96))), signal)
         for at, signal in enumerate(signals)
     }
     output = np.asarray(drives["ext2"].series.values) + 0.5 * rng.normal(size=96)
@@ -130,7 +130,7 @@ def test_integer_signals_and_deterministic_answers():
     runs = make_runs(4, lambda held, rng: held[0] + rng.normal(size=SAMPLES))
     whole = Signal(1.0, 1.0, 5, seed=1, integer=True)
     times = runs[0].outputs["unit:y"].times
-    drive = Drive(Series(times, tuple(whole.value(at) for at in range(SAMPLES))), whole)
+    drive = FieldDrive(Series(times, tuple(whole.value(at) for at in range(SAMPLES))), whole)
     runs = [Run({**run.inputs, "mode": drive}, run.outputs) for run in runs]
     seen = []
     first = analyse(runs, seed=4, progress=lambda *args: seen.append(args))
@@ -148,8 +148,8 @@ def test_redrawn_correlations_equal_those_of_built_designs():
     drawn = part.redraw(1, np.random.default_rng([1, 2, 0]))[0][part.blocks()]
     response = rng.normal(size=(50, 2))
     response -= response.mean(axis=0)
-    fast = Columns(grid, 0.1, (part,), 50).correlate_draws(response, draws=1, seed=(1, 2))
-    slow = Columns(grid, 0.1, (RunColumns(slice(0, 50), index, drawn, signal, 2),), 50).correlate(response)
+    fast = LagColumns(grid, 0.1, (part,), 50).correlate_draws(response, draws=1, seed=(1, 2))
+    slow = LagColumns(grid, 0.1, (RunColumns(slice(0, 50), index, drawn, signal, 2),), 50).correlate(response)
     np.testing.assert_allclose(fast, slow, rtol=1e-9)
 
 

@@ -15,10 +15,10 @@ from riot_bus.control.remote import Remote, find_routers
 from riot_bus.control.router_flags import RouterFlags, merged
 from riot_bus.control.router_service import RouterService
 from riot_bus.graph.history import replay
-from riot_bus.graph.model import Component
+from riot_bus.graph.model import ConnectedComponent
 from riot_bus.log.reader import LogReader
 from riot_bus.pipeline.runner import Pipeline
-from riot_bus.router.pipeline_executor import Gate, end_interceptors
+from riot_bus.router.pipeline_executor import PipelineExecutor, end_interceptors
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
@@ -43,10 +43,10 @@ class Passes:
     def message(self, event: object) -> None:
         pass
 
-    def joined(self, component: Component) -> None:
+    def joined(self, component: ConnectedComponent) -> None:
         self.seen.append(("joined", component.segment))
 
-    def left(self, component: Component) -> None:
+    def left(self, component: ConnectedComponent) -> None:
         self.seen.append(("left", component.segment))
 
 
@@ -68,7 +68,7 @@ class Hangs(Passes):
         self._hang("stop")
         super().stop()
 
-    def joined(self, component: Component) -> None:
+    def joined(self, component: ConnectedComponent) -> None:
         self._hang("joined")
 
 
@@ -171,7 +171,7 @@ def test_an_interceptor_that_hangs_when_it_comes_in_is_bypassed_and_the_others_c
     hangs, passes = Hangs("start"), Passes()
     pipeline = Pipeline([], registry=TypeRegistry())
     pipeline.start()
-    gate = Gate(pipeline, budget_s=0.2)
+    gate = PipelineExecutor(pipeline, budget_s=0.2)
     gate.start()
     coming = threading.Thread(target=gate.replace, args=([hangs, passes],))
     coming.start()

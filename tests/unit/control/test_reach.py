@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 from riot_bus.control.reach import Contact, Sightings, judge
-from riot_bus.graph.model import Component
+from riot_bus.graph.model import ConnectedComponent
 from riot_bus.zenoh.scouting import Answer
 
-OUT, OUT2 = Component("out", "a1", "peer", "one"), Component("out", "a2", "peer", "two")
-IN, CLIENT = Component("in", "b1", "peer", "three"), Component("in", "b2", "client", "four")
+OUT, OUT2 = ConnectedComponent("out", "a1", "peer", "one"), ConnectedComponent("out", "a2", "peer", "two")
+IN, CLIENT = ConnectedComponent("in", "b1", "peer", "three"), ConnectedComponent("in", "b2", "client", "four")
 ALL = [OUT, OUT2, IN, CLIENT]
 
 
@@ -24,7 +24,7 @@ def test_only_those_who_cross_are_named() -> None:
 
 
 def test_a_router_beside_the_bus_is_named_with_who_uses_it() -> None:
-    router = Component("", "ff", "router", "zenohd")
+    router = ConnectedComponent("", "ff", "router", "zenohd")
     contacts = [Contact("a1", "ff", "x"), Contact("b1", "ff", "y")]
     (found,) = judge(Sightings(ALL, contacts, {"ff": router}))
     assert (found.kind, found.components, found.evidence) == ("router", (router, IN, OUT), "x; y")
@@ -35,10 +35,10 @@ def test_a_router_beside_the_bus_is_named_with_who_uses_it() -> None:
 
 
 def test_one_session_in_two_segments() -> None:
-    (peer,) = judge(Sightings([OUT, Component("in", "a1", "peer", "one")]))
+    (peer,) = judge(Sightings([OUT, ConnectedComponent("in", "a1", "peer", "one")]))
     assert peer.kind == "two segments"
     assert "in and out" in peer.evidence
-    (router,) = judge(Sightings([Component("out", "a1", "router"), Component("in", "a1", "router")]))
+    (router,) = judge(Sightings([ConnectedComponent("out", "a1", "router"), ConnectedComponent("in", "a1", "router")]))
     assert router.kind == "router"
     assert "stop this router" in router.cure
 

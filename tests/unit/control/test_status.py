@@ -4,12 +4,12 @@ from typing import Any
 
 from riot_bus.control.reach import Bypass
 from riot_bus.control.status import bypass_rows, count_rows, count_table, interceptor_rows, loss_rows, plan_row
-from riot_bus.control.status_text import answer_lines, counts_lines, plain, status_lines
-from riot_bus.graph.model import Component
+from riot_bus.control.status_text import answer_lines, counts_lines, escape_control_chars, status_lines
+from riot_bus.graph.model import ConnectedComponent
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import OTHER_TOPICS, Pipeline
 from riot_bus.router.counts import Losses, TopicCounts
-from riot_bus.router.interception import Plan
+from riot_bus.router.interception import InjectionPlan
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message
@@ -77,7 +77,7 @@ def test_errors_are_shown_with_their_hints() -> None:
 
 def status(**changes: Any) -> dict[str, Any]:
     losses = Losses({"a": 2}, {"a": 1}, (BrokenLink("unit", "1f", 0, "stalled"),), {"no room": 2})
-    component = Component("unit", "ab", name="evil\x1b[2J")
+    component = ConnectedComponent("unit", "ab", name="evil\x1b[2J")
     bypass = Bypass("direct", (component, component), "a link", "set this")
     return {
         "name": "lab",
@@ -93,7 +93,7 @@ def status(**changes: Any) -> dict[str, Any]:
         "controlled_from": ["unit"],
         "intercepted": ["cut/**"],
         "interceptors": [{**interceptor_rows(pipeline())[0], "bypassed": "blocked"}],
-        "plan": plan_row(Plan.parse(PLAN, "p.toml")),
+        "plan": plan_row(InjectionPlan.parse(PLAN, "p.toml")),
         "recording": {"file": "x.mcap", "messages": 1, "lost": 0, "seconds": 2.0},
         "counts": count_rows({"a": TopicCounts(received=1, forwarded=1)}),
         "losses": loss_rows(losses),
@@ -136,4 +136,4 @@ def test_answers_in_lines() -> None:
         "recorded: b.mcap (1 messages, 0 lost, 1 s)"
     ]
     assert counts_lines({"counts": {}, "losses": loss_rows(Losses())})[0].startswith("topic")
-    assert plain("a\nb") == "a\ufffdb"
+    assert escape_control_chars("a\nb") == "a\ufffdb"

@@ -8,7 +8,7 @@ import pytest
 from riot_bus.doctor import checks as doctor
 from riot_bus.doctor import host
 from riot_bus.doctor.checks import Facts, check, judge
-from riot_bus.doctor.host import Port, Runtime, SharedMemory
+from riot_bus.doctor.host import PortState, Runtime, SharedMemory
 from riot_bus.zenoh.scouting import Answer
 
 GOOD = {"eclipse-zenoh": "1.10.2", "mcap": "1.6.0"}
@@ -19,7 +19,7 @@ def one(name: str, **facts: object) -> doctor.Check:
 
 
 def test_all_is_well() -> None:
-    assert {each.status for each in judge(Facts(versions=GOOD, ports=[Port("tcp/a:1", "free")]))} == {"ok"}
+    assert {each.status for each in judge(Facts(versions=GOOD, ports=[PortState("tcp/a:1", "free")]))} == {"ok"}
     assert all(not each.cure for each in judge(Facts(versions=GOOD)))
 
 
@@ -44,10 +44,10 @@ def test_all_is_well() -> None:
         ("shared", {"memory": SharedMemory("/s", 9 << 30, 9 << 30, 1)}, "ok", ""),
         ("open files", {"files": 256}, "warning", "ulimit"),
         ("processors", {"processors": 1}, "warning", "two"),
-        ("port", {"ports": [Port("tcp/a:1", "taken", "zenohd (pid 3)")]}, "problem", "another endpoint"),
-        ("port", {"ports": [Port("tcp/a:1", "elsewhere")]}, "problem", "own address"),
-        ("port", {"ports": [Port("tcp/a:1", "denied")]}, "problem", "1023"),
-        ("port", {"ports": [Port("udp/a:1", "other")]}, "ok", ""),
+        ("port", {"ports": [PortState("tcp/a:1", "taken", "zenohd (pid 3)")]}, "problem", "another endpoint"),
+        ("port", {"ports": [PortState("tcp/a:1", "elsewhere")]}, "problem", "own address"),
+        ("port", {"ports": [PortState("tcp/a:1", "denied")]}, "problem", "1023"),
+        ("port", {"ports": [PortState("udp/a:1", "other")]}, "ok", ""),
     ],
 )
 def test_what_is_wrong_is_named_with_its_cure(name: str, facts: dict[str, object], status: str, cure: str) -> None:

@@ -6,10 +6,10 @@ import pytest
 
 from riot_bus.graph.build import build
 from riot_bus.graph.declarations import Declared
-from riot_bus.graph.model import Change, Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.model import ConnectedComponent, Edge, Graph, GraphChange, Topic, Unknown
 from riot_bus.graph.observations import Observations
 from riot_bus.graph.observe import Observer
-from riot_bus.graph.processes import Process, endpoint_of
+from riot_bus.graph.processes import SocketOwner, endpoint_of
 from riot_bus.graph.sources import AdminView
 from riot_bus.graph.tokens import ADVANCED, expressions, parse_token
 from riot_bus.types.announcement import Announcement, BridgedLink, Role
@@ -52,7 +52,7 @@ def test_announced_edges_and_components() -> None:
         segments=TWO,
         sessions={("out", A): "peer", ("in", B): "client"},
         addresses={("out", A): ["tcp/127.0.0.1:5"]},
-        owners={"tcp/127.0.0.1:5": Process(17, "talker")},
+        owners={"tcp/127.0.0.1:5": SocketOwner(17, "talker")},
         names={B: "unit"},
         tokens={token, Announcement(C, "subscribes", "k", "", "", "", "advanced token")},
         flows={("k", "out"): 12},
@@ -60,7 +60,9 @@ def test_announced_edges_and_components() -> None:
         intercepted=lambda key: key == "k",
     )
     graph = build(seen)
-    assert graph.component(A) == Component("out", A, "peer", "", ("/talker",), ("tcp/127.0.0.1:5",), 17, "talker")
+    assert graph.component(A) == ConnectedComponent(
+        "out", A, "peer", "", ("/talker",), ("tcp/127.0.0.1:5",), 17, "talker"
+    )
     assert [each.label for each in graph.components] == ["cc", "unit", "/talker"]
     (publisher,) = edge(graph, "publishes")
     assert (publisher.zid, publisher.node, publisher.messages, publisher.rate) == (A, "/talker", 12, 3.0)
@@ -134,17 +136,17 @@ def test_key_expressions_count_for_the_topics_they_include() -> None:
 
 def test_changes_are_named_sorted_and_blind_to_counts() -> None:
     one = Edge("k", "publishes", "out", A, messages=1)
-    before = Graph.of([Component("out", A), Component("in", B)], [Topic("k", "k")], [one], [])
+    before = Graph.of([ConnectedComponent("out", A), ConnectedComponent("in", B)], [Topic("k", "k")], [one], [])
     counted = Graph.of(before.components, before.topics, [Edge("k", "publishes", "out", A, messages=2, rate=9)], [])
     assert counted.changes_since(before) == ()
     assert counted == before
-    after = Graph.of([Component("out", A, name="x")], [Topic("k", "k")], [one], [Unknown("k", "", "why")])
+    after = Graph.of([ConnectedComponent("out", A, name="x")], [Topic("k", "k")], [one], [Unknown("k", "", "why")])
     assert after.changes_since(before) == (
-        Change("component", "changed", "aa in out"),
-        Change("component", "vanished", "bb in in"),
-        Change("unknown", "appeared", "k: why"),
+        GraphChange("component", "changed", "aa in out"),
+        GraphChange("component", "vanished", "bb in in"),
+        GraphChange("unknown", "appeared", "k: why"),
     )
-    assert before.changes_since(Graph())[-1] == Change("topic", "appeared", "k")
+    assert before.changes_since(Graph())[-1] == GraphChange("topic", "appeared", "k")
 
 
 def test_admin_answers_are_read_with_suspicion() -> None:

@@ -5,16 +5,16 @@ import json
 import pytest
 
 from riot_bus.graph.history import graph_from, record, replay
-from riot_bus.graph.model import Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic, Unknown
 from riot_bus.graph.render import graph_json, render
 
 A = Graph.of(
-    [Component("unit", "a1", "client", addresses=("tcp/127.0.0.1:1",), pid=3)],
+    [ConnectedComponent("unit", "a1", "client", addresses=("tcp/127.0.0.1:1",), pid=3)],
     [Topic("cut/x", "cut/x", intercepted=True)],
     [Edge("cut/x", "publishes", "unit", "a1", evidence=("traffic",), messages=3)],
     [Unknown("a1", "unit", "text")],
 )
-B = Graph.of([*A.components, Component("system", "b2")], A.topics, [], [])
+B = Graph.of([*A.components, ConnectedComponent("system", "b2")], A.topics, [], [])
 
 
 def test_graphs_come_back_from_the_records_of_a_log() -> None:

@@ -3,15 +3,15 @@ from __future__ import annotations
 import json
 import re
 
-from riot_bus.graph.model import Change, Component, Edge, Graph, Topic, Unknown
+from riot_bus.graph.model import ConnectedComponent, Edge, Graph, GraphChange, Topic, Unknown
 from riot_bus.graph.render import changes_json, dot, graph_json, mermaid, text
 
 EVIL = 'a"]; end --> x{}\\"<b>\n\x1b[31m#quot;`|'
 
 GRAPH = Graph.of(
     [
-        Component("out", "aa11", "client", name="sim", addresses=("tcp/127.0.0.1:5",), pid=17),
-        Component("in", "bb22", "peer", nodes=("/planner",)),
+        ConnectedComponent("out", "aa11", "client", name="sim", addresses=("tcp/127.0.0.1:5",), pid=17),
+        ConnectedComponent("in", "bb22", "peer", nodes=("/planner",)),
     ],
     [Topic("cmd", "cmd", "json", intercepted=True)],
     [
@@ -21,7 +21,9 @@ GRAPH = Graph.of(
     ],
     [Unknown("cmd", "in", "unknown source in segment in: none of 1 components declares it")],
 )
-HOSTILE = Graph.of([Component(EVIL, EVIL, name=EVIL)], [Topic(EVIL, EVIL)], [Edge(EVIL, "publishes", EVIL, EVIL)], [])
+HOSTILE = Graph.of(
+    [ConnectedComponent(EVIL, EVIL, name=EVIL)], [Topic(EVIL, EVIL)], [Edge(EVIL, "publishes", EVIL, EVIL)], []
+)
 
 
 def test_text_has_columns() -> None:
@@ -50,7 +52,7 @@ def test_json_is_versioned_and_stable() -> None:
     assert graph_json(GRAPH) == graph_json(
         Graph.of(reversed(GRAPH.components), GRAPH.topics, GRAPH.edges, GRAPH.unknown)
     )
-    line = changes_json(GRAPH, [Change("topic", "appeared", "cmd")], time=5)
+    line = changes_json(GRAPH, [GraphChange("topic", "appeared", "cmd")], time=5)
     assert "\n" not in line
     assert json.loads(line)["changes"] == [{"what": "topic", "kind": "appeared", "subject": "cmd"}]
     assert json.loads(graph_json(HOSTILE))["components"][0]["name"] == EVIL

@@ -4,7 +4,7 @@ import pytest
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.play.options import PlayOptions
-from riot_bus.play.playback_plan import Programme
+from riot_bus.play.playback_plan import PlaybackPlan
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from tests.bags import LATCHED, STRING_HASH, STRING_KEY, VOLATILE, write_bag
@@ -23,7 +23,7 @@ def write(path, *messages):
 
 def played(*logs: Path, **options):
     """Keys and seconds since the beginning of all logs, as they are played."""
-    programme = Programme(PlayOptions(logs=logs, **options))
+    programme = PlaybackPlan(PlayOptions(logs=logs, **options))
     try:
         return [(m.key, (m.time - programme.origin) / SECOND) for m in programme.source.messages()]
     finally:
@@ -85,7 +85,7 @@ def test_what_is_latched_comes_first_wherever_it_begins(tmp_path):
     topics = {"/map": (LATCHED, STRING_HASH), "/odom": (VOLATILE, STRING_HASH)}
     log = [(BEGIN + number * SECOND, "/map" if number < 4 else "/odom", str(number)) for number in range(8)]
     bag = write_bag(tmp_path / "bag.mcap", topics, log)
-    programme = Programme(PlayOptions(logs=[bag], domain=0, start_offset=5.0))
+    programme = PlaybackPlan(PlayOptions(logs=[bag], domain=0, start_offset=5.0))
     found = [(m.key.split("/")[1], m.payload[8:9], m.time - BEGIN) for m in programme.source.messages()]
     programme.close()
     assert found == [
@@ -99,7 +99,7 @@ def test_what_is_latched_comes_first_wherever_it_begins(tmp_path):
 
 def test_types_are_known_under_the_keys_that_are_played(tmp_path):
     bag = write_bag(tmp_path / "bag.mcap", {"/chatter": (VOLATILE, STRING_HASH)}, [(BEGIN, "/chatter", "hello")])
-    programme = Programme(PlayOptions(logs=[bag], remap=["/chatter:=/replay"], domain=0))
+    programme = PlaybackPlan(PlayOptions(logs=[bag], remap=["/chatter:=/replay"], domain=0))
     (message,) = programme.source.messages()
     programme.close()
     assert message.key == f"0/replay/{STRING_KEY}"
@@ -112,7 +112,7 @@ def test_interceptors_work_on_what_is_played(tmp_path):
     log = write(tmp_path / "log.mcap", ("a", 0), ("b", 1), ("a", 2))
     assert played(log, interceptors=["drop select=a"]) == [("b", 1)]
     assert played(log, interceptors=["delay select=a seconds=1.5"]) == [("b", 1), ("a", 1.5), ("a", 3.5)]
-    programme = Programme(PlayOptions(logs=[log], interceptors=["drop select=c"]))
+    programme = PlaybackPlan(PlayOptions(logs=[log], interceptors=["drop select=c"]))
     programme.close()
     assert programme.warnings == ["nothing is played on 'c', which an interceptor wants; known: a, b"]
 
@@ -120,7 +120,7 @@ def test_interceptors_work_on_what_is_played(tmp_path):
 def test_what_could_not_be_read_is_told(tmp_path):
     log = write(tmp_path / "log.mcap", *[("a", time) for time in range(100)])
     log.write_bytes(log.read_bytes()[:-300])
-    programme = Programme(PlayOptions(logs=[log]))
+    programme = PlaybackPlan(PlayOptions(logs=[log]))
     list(programme.source.messages())
     programme.finish()
     assert set(programme.losses()) == {str(log)}

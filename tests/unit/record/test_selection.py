@@ -1,18 +1,20 @@
 from __future__ import annotations
 
 from riot_bus.record.options import CaptureOptions
-from riot_bus.record.selection import Selection
+from riot_bus.record.selection import RecordingSelection
 from riot_bus.record.trigger import Trigger
 from riot_bus.types.registry import TypeRegistry, load_adapters
 
 ODOM = "0/odom/nav_msgs::msg::dds_::Odometry_/RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"
 
 
-def selection(**more: object) -> tuple[Selection, list[str]]:
+def selection(**more: object) -> tuple[RecordingSelection, list[str]]:
     told: list[str] = []
     registry = TypeRegistry(load_adapters())
     options = CaptureOptions(**more)  # type: ignore[arg-type]
-    return Selection(options, registry=registry, trigger=Trigger([], registry=registry), warn=told.append), told
+    return RecordingSelection(
+        options, registry=registry, trigger=Trigger([], registry=registry), warn=told.append
+    ), told
 
 
 def test_what_was_named_and_never_came_is_known() -> None:

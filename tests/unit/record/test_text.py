@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from riot_bus.log.account import Account
 from riot_bus.record.keys import keys_help
-from riot_bus.record.loss_counts import Book, summed
+from riot_bus.record.loss_counts import LossCounts, summed
 from riot_bus.record.rotating_sink import FileResult
 from riot_bus.record.service import CaptureResult
 from riot_bus.record.text import account_lines, answer_lines, progress_line, result_lines
@@ -65,7 +65,7 @@ def test_keys_are_those_that_do_something() -> None:
 
 
 def test_books_balance() -> None:
-    book = Book()
+    book = LossCounts()
     book.recorded.add("a", 5)
     book.lose("disk", "a", 2, written=True)
     book.lose("missed", "a")

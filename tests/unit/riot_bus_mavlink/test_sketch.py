@@ -14,14 +14,14 @@ from riot_bus.sut.system import SystemFile
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_mavlink.bridge.url import parse_links
 from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_toml
-from riot_bus_mavlink.survey import Survey
+from riot_bus_mavlink.survey import LinkSurvey
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of
 
 SPECS = parse_links(["/fc=/dev/ttyACM0,115200", "/radio.1=udpin:0.0.0.0:14550?group=a"])
 
 
-def heard(*, ground: bool = True) -> Survey:
-    survey = Survey(COMMON.targets)
+def heard(*, ground: bool = True) -> LinkSurvey:
+    survey = LinkSurvey(COMMON.targets)
     for _ in range(4):
         survey.see(frame_of(source=(1, 1), type=2, autopilot=3), "fc")
         survey.see(frame_of("ATTITUDE", source=(1, 1)), "fc")
@@ -70,12 +70,12 @@ def test_the_user_says_what_is_tested() -> None:
     with pytest.raises(ConfigError, match="heard: 1, 255"):
         sketch(heard(), SPECS, COMMON, seconds=2, unit=9)
     with pytest.raises(EnvironmentFaultError, match="nothing was heard"):
-        sketch(Survey(COMMON.targets), SPECS, COMMON, seconds=2)
+        sketch(LinkSurvey(COMMON.targets), SPECS, COMMON, seconds=2)
 
 
 @given(st.text(max_size=40), st.integers(0, 255), st.integers(0, 255))
 def test_whatever_is_heard_gives_a_valid_file(origin: str, kind: int, autopilot: int) -> None:
-    survey = Survey(COMMON.targets)
+    survey = LinkSurvey(COMMON.targets)
     survey.see(frame_of(source=(0, 0), type=kind, autopilot=autopilot), "unit")
     survey.see(frame_of(source=(2, 0), type=kind, autopilot=autopilot), "unit")
     specs = parse_links(['/unit=serial:/dev/a"\\\U0001f680\x7f:9600'])

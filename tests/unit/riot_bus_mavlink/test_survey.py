@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus_mavlink.survey import Survey, listen
+from riot_bus_mavlink.survey import LinkSurvey, listen
 from riot_bus_mavlink.tlog import tlog_record
 from tests.unit.riot_bus_mavlink.bridge.frames import COMMON, frame_of, unknown_frame
 
 
 def test_speakers_are_told_apart() -> None:
-    survey = Survey(COMMON.targets)
+    survey = LinkSurvey(COMMON.targets)
     survey.see(frame_of(source=(1, 1), type=2, autopilot=3), "fc")
     survey.see(frame_of(source=(255, 190), type=6, autopilot=8), "gcs")
     for _ in range(2):
@@ -29,7 +29,7 @@ def test_speakers_are_told_apart() -> None:
 
 
 def test_what_is_kept_is_bounded() -> None:
-    survey = Survey(COMMON.targets)
+    survey = LinkSurvey(COMMON.targets)
     for number in range(1030):
         survey.see(unknown_frame(source=(1 + number // 256, number % 256)), "fc")
     assert (len(survey.speakers), survey.skipped) == (1024, 6)

@@ -6,7 +6,7 @@ from pymavlink import mavutil
 
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame, parse_frame
-from riot_bus_mavlink.tlog import Record, TlogReader, tlog_record
+from riot_bus_mavlink.tlog import TlogReader, TlogRecord, tlog_record
 
 COMMON = load_dialect("common")
 START = 1_700_000_000 * 10**9
@@ -90,4 +90,4 @@ def test_pymavlink_reads_it_and_is_read(tmp_path):
     written = io.BytesIO()
     for time, raw in wanted:
         written.write((time // 1_000).to_bytes(8) + raw)
-    assert [Record(time, parse_frame(raw)) for time, raw in wanted] == read(written.getvalue())[0]
+    assert [TlogRecord(time, parse_frame(raw)) for time, raw in wanted] == read(written.getvalue())[0]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from riot_bus_ros2.keys import DataKey
 from riot_bus_ros2.qos import AnnouncedQos
 from riot_bus_ros2.ros2dds import BridgeQos, BridgeToken
-from riot_bus_ros2.tokens import Endpoint, Node
+from riot_bus_ros2.tokens import Node, NodeEndpoint
 
 relaxed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 """For machines under load."""
@@ -40,7 +40,7 @@ qos = st.builds(
 )
 nodes = st.builds(Node, domains, hexes, st.integers(0, 999), names, names | st.just("/"), st.just("") | words)
 endpoints = st.builds(
-    Endpoint,
+    NodeEndpoint,
     nodes,
     st.integers(0, 999),
     st.sampled_from(["MP", "MS", "SS", "SC"]),

@@ -7,7 +7,7 @@ from riot_bus.types.announcement import Announcement
 from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import ACTION_PARTS, action_parts
 from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.unit.riot_bus_ros2.ros_names import bridge_tokens, endpoints, names, relaxed
 
 NODE = Node(7, "3f2a", 0, "/robot1/nav")
@@ -46,7 +46,7 @@ def test_bridges() -> None:
 def test_actions_are_told_by_each_of_their_parts() -> None:
     for number, (name, type_name) in enumerate(action_parts("/dock", "nav_msgs/action/Dock").items()):
         part = ACTION_PARTS[name.rpartition("/")[2]]
-        token = build_token(Endpoint(NODE, number, "SS" if part.is_service else "MP", name, type_name))
+        token = build_token(NodeEndpoint(NODE, number, "SS" if part.is_service else "MP", name, type_name))
         found = announcement_of(token)
         assert found is not None
         assert (found.topic, found.type_name, found.action) == (name, type_name, "/dock")
@@ -59,8 +59,8 @@ def test_actions_are_told_by_each_of_their_parts() -> None:
 
 @relaxed
 @given(endpoints | bridge_tokens)
-def test_what_is_announced_is_named(of: Endpoint | BridgeToken) -> None:
-    if isinstance(of, Endpoint):
+def test_what_is_announced_is_named(of: NodeEndpoint | BridgeToken) -> None:
+    if isinstance(of, NodeEndpoint):
         found = announcement_of(build_token(of))
         assert found is not None
         assert (found.key, found.node, found.topic) == (of.key, of.node.name, of.topic)

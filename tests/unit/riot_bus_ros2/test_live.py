@@ -10,7 +10,7 @@ from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import DataKey, build_data_key
 from riot_bus_ros2.live import SERVICE, described, question, services_of
 from riot_bus_ros2.store import TypeStore
-from riot_bus_ros2.tokens import Endpoint, Node, build_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.type_descriptions import description, reply
 
 STORE = TypeStore()
@@ -84,7 +84,7 @@ def test_a_question():
 
 
 def endpoint(node, kind, topic, type_name, type_hash):
-    return Endpoint(Node(0, "abc", 1, node), 2, kind, topic, type_name, type_hash)
+    return NodeEndpoint(Node(0, "abc", 1, node), 2, kind, topic, type_name, type_hash)
 
 
 def node_of(name, *others):

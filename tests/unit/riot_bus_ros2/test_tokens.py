@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.keys import build_data_key
 from riot_bus_ros2.qos import AnnouncedQos
-from riot_bus_ros2.tokens import Endpoint, Node, build_token, parse_token
+from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token, parse_token
 from tests.unit.riot_bus_ros2.ros_names import endpoints, nodes, relaxed
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 TALKER = Node(0, "3f2a", 0, "/talker")
-CHATTER = Endpoint(TALKER, 11, "MP", "/chatter", "std_msgs/msg/String", HASH, AnnouncedQos(depth=10))
-KNOWN: dict[str, Node | Endpoint] = {
+CHATTER = NodeEndpoint(TALKER, 11, "MP", "/chatter", "std_msgs/msg/String", HASH, AnnouncedQos(depth=10))
+KNOWN: dict[str, Node | NodeEndpoint] = {
     "@ros2_lv/0/3f2a/0/0/NN/%/%/talker": TALKER,
     f"@ros2_lv/0/3f2a/0/11/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/{HASH}/::,10:,:,:,,": CHATTER,
     "@ros2_lv/7/ab/2/3/MS/%secure%enclave/%robot1%nav/planner/%robot1%odom/nav_msgs::msg::dds_::Odometry_"
-    "/TypeHashNotSupported/2:1:2,1:1,2:3,4:3,5,6": Endpoint(
+    "/TypeHashNotSupported/2:1:2,1:1,2:3,4:3,5,6": NodeEndpoint(
         Node(7, "ab", 2, "/robot1/nav/planner", "/secure/enclave"),
         3,
         "MS",
@@ -27,7 +27,7 @@ KNOWN: dict[str, Node | Endpoint] = {
         AnnouncedQos(2, 1, 2, 1, (1, 2), (3, 4), 3, (5, 6)),
     ),
     f"rb/unit/@ros2_lv/0/3f2a/0/1/MS/%/%/eye/%points/sensor_msgs::msg::dds_::PointCloud2_/{HASH}"
-    "/2::,5:,:,:,,/cpu:1;cuda:2": Endpoint(
+    "/2::,5:,:,:,,/cpu:1;cuda:2": NodeEndpoint(
         Node(0, "3f2a", 0, "/eye", prefix="rb/unit"),
         1,
         "MS",
@@ -37,7 +37,7 @@ KNOWN: dict[str, Node | Endpoint] = {
         AnnouncedQos(reliability=2, depth=5),
         "cpu:1;cuda:2",
     ),
-    f"@ros2_lv/2/3f2a/0/4/SS/%/%/adder/%add/example_interfaces::srv::dds_::AddTwoInts_/{HASH}/::,10:,:,:,,": Endpoint(
+    f"@ros2_lv/2/3f2a/0/4/SS/%/%/adder/%add/example_interfaces::srv::dds_::AddTwoInts_/{HASH}/::,10:,:,:,,": NodeEndpoint(
         Node(2, "3f2a", 0, "/adder"),
         4,
         "SS",
@@ -50,14 +50,14 @@ KNOWN: dict[str, Node | Endpoint] = {
 
 
 @pytest.mark.parametrize(("text", "expected"), KNOWN.items())
-def test_tokens_as_rmw_zenoh_writes_them(text: str, expected: Node | Endpoint) -> None:
+def test_tokens_as_rmw_zenoh_writes_them(text: str, expected: Node | NodeEndpoint) -> None:
     assert parse_token(text) == expected
     assert build_token(expected) == text
 
 
 @relaxed
 @given(nodes | endpoints)
-def test_what_is_built_is_read(of: Node | Endpoint) -> None:
+def test_what_is_built_is_read(of: Node | NodeEndpoint) -> None:
     text = build_token(of)
     assert parse_token(text) == of
     assert len(gid_of(text)) == 16
@@ -65,14 +65,14 @@ def test_what_is_built_is_read(of: Node | Endpoint) -> None:
 
 @relaxed
 @given(endpoints)
-def test_the_key_is_that_of_the_messages(of: Endpoint) -> None:
+def test_the_key_is_that_of_the_messages(of: NodeEndpoint) -> None:
     prefix = f"{of.node.prefix}/" if of.node.prefix else ""
     assert of.key == prefix + build_data_key(of.data_key)
 
 
 @relaxed
 @given(endpoints, st.data())
-def test_what_is_read_of_damaged_tokens_is_built_again(of: Endpoint, data: st.DataObject) -> None:
+def test_what_is_read_of_damaged_tokens_is_built_again(of: NodeEndpoint, data: st.DataObject) -> None:
     text = build_token(of)
     place = data.draw(st.integers(0, len(text)))
     damaged = text[:place] + data.draw(st.text(st.sampled_from("/%@:0aX,"), max_size=3)) + text[place + 1 :]
@@ -109,6 +109,6 @@ def test_other_tokens_are_none(text: str) -> None:
 def test_types_that_are_none_of_ros_keep_their_names() -> None:
     text = "@ros2_lv/0/3f/0/1/MP/%/%/n/%t/some::Type/any_hash/::,:,:,:,,"
     found = parse_token(text)
-    assert isinstance(found, Endpoint)
+    assert isinstance(found, NodeEndpoint)
     assert (found.type_name, found.type_hash, found.key) == ("some::Type", "any_hash", "0/t/some::Type/any_hash")
     assert build_token(found) == text

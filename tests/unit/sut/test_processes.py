@@ -13,12 +13,12 @@ import psutil
 import pytest
 
 from riot_bus.sut.activity import activity, families
-from riot_bus.sut.launcher import Launcher, Process
+from riot_bus.sut.launcher import ComponentProcess, Launcher
 from riot_bus.sut.settling import wait_settled
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import wait_until
 
-Start = Callable[[str], Process]
+Start = Callable[[str], ComponentProcess]
 WAIT_S = 20.0
 
 
@@ -30,7 +30,7 @@ def launcher() -> Iterator[Launcher]:
 
 @pytest.fixture
 def start(launcher: Launcher, tmp_path: Path) -> Start:
-    def run(code: str) -> Process:
+    def run(code: str) -> ComponentProcess:
         return launcher.start(
             "part", [sys.executable, "-S", "-c", code], env=dict(os.environ), cwd=tmp_path, directory=tmp_path
         )

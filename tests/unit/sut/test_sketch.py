@@ -8,7 +8,7 @@ import pytest
 from riot_bus.graph.survey import Started
 from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
-from riot_bus.sut.system_draft import Sketch, sketch
+from riot_bus.sut.system_draft import SystemDraft, sketch
 from riot_bus.types.announcement import Announcement
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
@@ -44,7 +44,7 @@ DAEMON = node("/_ros2cli_daemon_0_abc", "e5", sub=[("/scan", SCAN)])
 SYSTEM = [*LIDAR, *ODOM, *PLANNER, *CONTROLLER, *DAEMON]
 
 
-def parsed(found: Sketch) -> SystemFile:
+def parsed(found: SystemDraft) -> SystemFile:
     text = sketch_toml(found, origin="a test\nwith = 'two lines'")
     return SystemFile.model_validate({**tomllib.loads(text), "path": Path("riot.toml").resolve()})
 

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from riot_bus.zenoh import keyexpr_pins as held_keys
-from riot_bus.zenoh.keyexpr_pins import FrequentKeys, begin_holding, end_holding, hold, no_more_numbers
+from riot_bus.zenoh.keyexpr_pins import FrequentKeys, begin_pinning, end_pinning, no_more_numbers, pin
 
 
 class Declaring:
@@ -24,9 +24,9 @@ class Declaring:
 @pytest.fixture
 def session() -> Iterator[Any]:
     made = Declaring()
-    begin_holding(made)  # type: ignore[arg-type]
+    begin_pinning(made)  # type: ignore[arg-type]
     yield made
-    end_holding(made)  # type: ignore[arg-type]
+    end_pinning(made)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -41,23 +41,23 @@ def session() -> Iterator[Any]:
     ],
 )
 def test_the_whole_and_the_part_before_wildcards_are_held(session: Any, expression: str, numbered: set[str]) -> None:
-    hold(session, expression)
-    hold(session, expression)
+    pin(session, expression)
+    pin(session, expression)
     assert sorted(session.declared) == sorted(numbered)
 
 
 def test_those_used_last_of_too_many_are_kept(session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(held_keys, "_MOST", 3)
     for key in "abcad":
-        hold(session, key)
+        pin(session, key)
     assert list(held_keys._held[id(session)]) == ["c", "a", "d"]
-    hold(session, "b")
+    pin(session, "b")
     assert session.declared == ["a", "b", "c", "d", "b"]
 
 
 def test_a_session_that_does_not_hold_keys_declares_none() -> None:
     other: Any = Declaring()
-    hold(other, "a")
+    pin(other, "a")
     assert other.declared == []
 
 
@@ -90,7 +90,7 @@ def test_no_key_gets_a_number_meanwhile_but_afterwards(session: Any) -> None:
 
 def test_a_number_for_a_key_ends_with_the_session(session: Any) -> None:
     frequent = FrequentKeys(session)
-    end_holding(session)
+    end_pinning(session)
     for _ in range(20):
         frequent.saw(zenoh.KeyExpr("a"))
     assert session.declared == []

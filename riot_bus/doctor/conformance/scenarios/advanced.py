@@ -13,7 +13,7 @@ from riot_bus.doctor.conformance.samples import Inbox
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _STAMPED = {"timestamping/enabled": True}
 
@@ -23,7 +23,7 @@ class _AdvancedLive:
     """Live messages from an advanced publisher to an advanced and to a plain subscriber."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         publisher = advanced_publisher(end, "x")
         end.meet()
         for number in range(10):
@@ -32,7 +32,7 @@ class _AdvancedLive:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         advanced, plain = advanced_subscriber(end, "x", recovery=True), end.subscribe("x")
         end.meet()
         enough = 11
@@ -46,7 +46,7 @@ class _AdvancedHistory:
     """Late joiners get the history, as deep as they want and the publisher keeps, then the live messages, once."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         publisher = advanced_publisher(end, "x", cache=5)
         for number in range(8):
             publisher.put(str(number))
@@ -56,7 +56,7 @@ class _AdvancedHistory:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         deep, shallow = advanced_subscriber(end, "x", history=100), advanced_subscriber(end, "x", history=2)
         deep.take(5, 1.0)
@@ -75,7 +75,7 @@ class _AdvancedLatePublisher:
     """A publisher that comes after the subscriber, having published before anybody could hear it."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         late = end.open()
         publisher = advanced_publisher(end, "x", session=late)
@@ -86,7 +86,7 @@ class _AdvancedLatePublisher:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = advanced_subscriber(end, "x", history=10, recovery=True)
         end.meet()
         inbox.take(3, 1.0)
@@ -101,7 +101,7 @@ class _AdvancedDetection:
     """Advanced publishers and subscribers that are found by their liveliness tokens."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         tokens = Inbox()
         publisher = advanced_publisher(end, "x")
         listener = end.session.liveliness().declare_subscriber(end.key("x/@adv/sub/**"), tokens, history=True)
@@ -113,7 +113,7 @@ class _AdvancedDetection:
         return [seen, listener is not None]
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox, found = advanced_subscriber(end, "x", history=1), Inbox()
         listener = inbox.handle.detect_publishers(found, history=True)
         end.meet()

@@ -9,11 +9,11 @@ from riot_bus.doctor.conformance.helpers import (
     advanced_subscriber,
     sequence,
 )
-from riot_bus.doctor.conformance.samples import Box
+from riot_bus.doctor.conformance.samples import CallCollector
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _STAMPED = {"timestamping/enabled": True}
 _LOSSES = [
@@ -35,7 +35,7 @@ class _AdvancedRecovery:
     """Messages that were lost on the way are fetched again after the next heartbeat."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         publisher = advanced_publisher(end, "lossy")
         end.meet()
         publisher.put("0")
@@ -44,7 +44,7 @@ class _AdvancedRecovery:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox, plain = advanced_subscriber(end, "lossy", recovery=True), end.subscribe("lossy")
         end.meet()
         seen = [sequence(inbox.wait(lambda samples: len(samples) >= 6, 2.0)), sequence(plain.wait(bool))]
@@ -57,7 +57,7 @@ class _AdvancedMisses:
     """Messages that were lost and that nobody keeps are reported as missed."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         publisher = advanced_publisher(end, "lossy", cache=None)
         end.meet()
         for text in ("0", *(f"{number}{_LARGE}" for number in range(1, 6)), "6"):
@@ -65,8 +65,8 @@ class _AdvancedMisses:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
-        inbox, missed = advanced_subscriber(end, "lossy", recovery=True), Box()
+    def right(end: ScenarioEnd) -> Observation:
+        inbox, missed = advanced_subscriber(end, "lossy", recovery=True), CallCollector()
         listener = inbox.handle.sample_miss_listener(missed)
         end.meet()
         misses = [miss.nb for miss in missed.wait(lambda seen: sum(miss.nb for miss in seen) >= 5, 2.0)]
@@ -79,7 +79,7 @@ class _MixedPublishers:
     """Plain publishers, stamping or not, to an advanced subscriber with history and recovery."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         unstamped = end.open(timestamping__enabled=False)
         end.meet(end.session, unstamped)
         for number in range(5):
@@ -88,7 +88,7 @@ class _MixedPublishers:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inboxes = [advanced_subscriber(end, rest, history=10, recovery=True) for rest in ("stamped", "unstamped")]
         end.meet()
         seen = [inbox.take(5, 3.0) for inbox in inboxes]

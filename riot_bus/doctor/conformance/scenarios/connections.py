@@ -8,14 +8,14 @@ from riot_bus.doctor.conformance.samples import END, show_replies
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 
 _STAMPING = "peers of one router talk directly, so nobody stamps; between segments, the segments' routers do"
 _PEER = {"mode": "peer", "listen/endpoints": ["tcp/127.0.0.1:0"]}
 
 
-def _publish_and_ask(end: End) -> Observation:
+def _publish_and_ask(end: ScenarioEnd) -> Observation:
     import zenoh
 
     block = zenoh.CongestionControl.BLOCK
@@ -30,7 +30,7 @@ def _publish_and_ask(end: End) -> Observation:
     return seen
 
 
-def _receive_and_answer(end: End) -> Observation:
+def _receive_and_answer(end: ScenarioEnd) -> Observation:
     def answer(query: Any) -> None:
         with query:
             query.reply(query.key_expr, "answer")
@@ -50,11 +50,11 @@ class _Peers:
     """Both ends are peers, whom a single router introduces to each other."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         return _publish_and_ask(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _receive_and_answer(end)
 
 
@@ -63,12 +63,12 @@ class _PeerToClient:
     """A peer and a client, between whom the router carries everything."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.configure(mode="peer", listen__endpoints=["tcp/127.0.0.1:0"])
         return _publish_and_ask(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _receive_and_answer(end)
 
 
@@ -77,7 +77,7 @@ class _SharedMemory:
     """Payloads in shared memory."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
         from zenoh import shm
 
@@ -91,7 +91,7 @@ class _SharedMemory:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("x")
         end.meet()
         samples = inbox.until_end()
@@ -105,11 +105,11 @@ class _Encrypted:
     """Encrypted links."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         return _publish_and_ask(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _receive_and_answer(end)
 
 
@@ -118,11 +118,11 @@ class _MutuallyEncrypted:
     """Encrypted links on which components show certificates as well."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         return _publish_and_ask(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _receive_and_answer(end)
 
 
@@ -131,9 +131,9 @@ class _Passwords:
     """Routers that ask for a user and a password."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         return _publish_and_ask(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _receive_and_answer(end)

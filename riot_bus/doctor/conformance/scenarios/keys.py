@@ -11,10 +11,10 @@ from riot_bus.doctor.conformance.samples import END, Inbox
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 
-def _put_all(end: End, keys: list[str], closing: list[str]) -> None:
+def _put_all(end: ScenarioEnd, keys: list[str], closing: list[str]) -> None:
     import zenoh
 
     block = zenoh.CongestionControl.BLOCK
@@ -34,12 +34,12 @@ class _WildcardSubscribers:
     """Overlapping wildcard subscribers of one session: each gets what it matches, once."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         _put_all(end, ["a", "a/x", "a/x/y", "ab/x", "b/x/y/z", "@v/x", "a/@v/x"], ["a/x", "a"])
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         expressions = ["**", "*/x", "a/**", "a$*/x", "*", "a", "**/x/**"]
         inboxes = {expression: end.subscribe(expression) for expression in expressions}
         end.meet()
@@ -51,12 +51,12 @@ class _WildcardPublications:
     """Publications on key expressions with wildcards, which reach all that they intersect."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         _put_all(end, ["*/x", "a/**", "**", "a/x"], ["a/x", "b/x"])
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inboxes = {expression: end.subscribe(expression) for expression in ("a/x", "b/x", "a/*")}
         end.meet()
         return _all_keys(inboxes)
@@ -67,12 +67,12 @@ class _VerbatimKeys:
     """Keys with verbatim chunks, which only a verbatim subscriber gets."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         _put_all(end, ["@v/x", "a/@v/x", "a/x"], ["@v/x", "a/@v/x", "a/x"])
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inboxes = {expression: end.subscribe(expression) for expression in ("@v/**", "a/@v/*", "**")}
         end.meet()
         return _all_keys(inboxes)
@@ -83,7 +83,7 @@ class _DeclaredKeys:
     """Key expressions that both ends declare beforehand."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         key = end.session.declare_keyexpr(end.key("long/key/expression"))
         publisher = end.session.declare_publisher(key)
         end.meet()
@@ -94,7 +94,7 @@ class _DeclaredKeys:
         _put_all(end, ["long/key/expression", "other"], ["long/end"])
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         declared = end.session.declare_keyexpr(end.key("long/**"))
         end.session.declare_keyexpr(end.key("never/used"))
         named = Inbox()

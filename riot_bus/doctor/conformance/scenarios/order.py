@@ -12,7 +12,7 @@ from riot_bus.doctor.conformance.samples import END
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _TOPICS = 1000
 _EACH = 500
@@ -24,7 +24,7 @@ class _ThousandTopics:
     """A thousand topics, each with a publisher and a subscriber of its own."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         block = zenoh.CongestionControl.BLOCK
@@ -38,7 +38,7 @@ class _ThousandTopics:
         end.session.put(end.key("end"), END, congestion_control=block)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inboxes = [end.subscribe(f"t/{number}") for number in range(_TOPICS)]
         closing = end.subscribe("end")
         end.meet()
@@ -51,7 +51,7 @@ class _TwoPublishers:
     """Two sessions that publish on one topic at once: each one's order is kept, nothing is lost or doubled."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         sessions = [end.open(), end.open()]
         end.meet(*sessions)
         threads = [threading.Thread(target=_publish, args=(end, each, n)) for n, each in enumerate(sessions)]
@@ -61,7 +61,7 @@ class _TwoPublishers:
             thread.join()
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("**")
         end.meet()
         texts = [sample.payload.to_string() for sample in inbox.until_end(2)]
@@ -72,7 +72,7 @@ class _TwoPublishers:
         }
 
 
-def _publish(end: End, session: Any, name: int) -> None:
+def _publish(end: ScenarioEnd, session: Any, name: int) -> None:
     import zenoh
 
     block = zenoh.CongestionControl.BLOCK
@@ -88,7 +88,7 @@ class _BothWays:
     """Both ends publish and subscribe on one key: each sees its own and the other's messages, once."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         block = zenoh.CongestionControl.BLOCK
@@ -103,7 +103,7 @@ class _BothWays:
         return {side: [text for text in texts if text.startswith(side)] for side in ("left", "right", END.decode())}
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return _BothWays.left(end)
 
 
@@ -112,7 +112,7 @@ class _Burst:
     """Thousands of messages as fast as possible: all arrive, in order."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         block = zenoh.CongestionControl.BLOCK
@@ -124,7 +124,7 @@ class _Burst:
         publisher.put(END)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("x")
         end.meet()
         numbers = [int.from_bytes(sample.payload.to_bytes()[:8], "big") for sample in inbox.until_end()]

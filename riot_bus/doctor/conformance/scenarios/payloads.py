@@ -12,7 +12,7 @@ from riot_bus.doctor.conformance.helpers import (
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _SIZES = (0, 1, 1 << 16, 10 << 20)
 
@@ -22,7 +22,7 @@ class _PayloadSizes:
     """Payloads of 0 bytes to 10 MiB."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         publisher = end.session.declare_publisher(
@@ -35,7 +35,7 @@ class _PayloadSizes:
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return everything(end)
 
 
@@ -46,7 +46,7 @@ class _PutDelete:
     """Puts and deletes of the session and of a publisher, in order."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         block = zenoh.CongestionControl.BLOCK
@@ -62,7 +62,7 @@ class _PutDelete:
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return everything(end)
 
 
@@ -71,7 +71,7 @@ class _Encodings:
     """Known encodings, schemas, and encodings of one's own."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         end.meet()
@@ -94,7 +94,7 @@ class _Encodings:
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return everything(end)
 
 
@@ -103,12 +103,12 @@ class _Attachments:
     """No attachment, an empty one, text, all bytes, and a large one."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         for attachment in (None, b"", b"text", bytes(range(256)), bytes(1 << 16)):
             put(end, "a", "x", attachment=attachment)
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         return everything(end)

@@ -11,7 +11,7 @@ from riot_bus.doctor.conformance.scenario import Observation, scenario
 from riot_bus.zenoh.session import wait_until
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _BUS_SUBSCRIBES = "the bus itself subscribes to what it intercepts, so every publisher is matched"
 
@@ -20,7 +20,7 @@ def _events(samples: list[Any]) -> list[list[str]]:
     return [[str(sample.key_expr), "gone" if int(sample.kind) else "here"] for sample in samples]
 
 
-def _ask(end: End, rest: str, count: int) -> list[dict[str, Any]]:
+def _ask(end: ScenarioEnd, rest: str, count: int) -> list[dict[str, Any]]:
     """Ask for tokens until there are so many: with more than one router, Zenoh may overlook what is new."""
     replies: list[dict[str, Any]] = []
 
@@ -38,7 +38,7 @@ class _Liveliness:
     """Tokens that appear and disappear, as a subscriber and a query see them."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         liveliness = end.session.liveliness()
         tokens = {name: liveliness.declare_token(end.key(name)) for name in ("a", "b/c")}
@@ -48,7 +48,7 @@ class _Liveliness:
         return None
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = Inbox()
         subscriber = end.session.liveliness().declare_subscriber(end.key("**"), inbox)
         end.meet()
@@ -67,7 +67,7 @@ class _LivelinessHistory:
     """Subscribers that come after the tokens: with history they hear of them, without they do not."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         liveliness = end.session.liveliness()
         tokens = [liveliness.declare_token(end.key(name)) for name in ("old/1", "old/2")]
         end.meet()
@@ -77,7 +77,7 @@ class _LivelinessHistory:
         return len(tokens)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         inboxes = {"history": Inbox(), "none": Inbox()}
         for name, inbox in inboxes.items():
@@ -94,7 +94,7 @@ class _LivelinessOfKilled:
     """A token's process is killed: the token is gone."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         inbox = Inbox()
         subscriber = end.session.liveliness().declare_subscriber(end.key("**"), inbox)
         end.meet()
@@ -103,7 +103,7 @@ class _LivelinessOfKilled:
         return [_events(inbox.wait(lambda samples: len(samples) >= 2)), subscriber is not None]
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         token = end.session.liveliness().declare_token(end.key("me"))
         end.wait("never", 60.0)
@@ -119,7 +119,7 @@ class _Matching:
     """A publisher learns that a subscriber elsewhere comes and goes, and comes again."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         heard: list[bool] = []
         publisher = end.session.declare_publisher(end.key("x"))
         listener = publisher.declare_matching_listener(lambda status: heard.append(status.matching))
@@ -135,7 +135,7 @@ class _Matching:
         return {"seen": seen, "heard": heard, "listening": listener is not None}
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         inboxes: list[Inbox] = []
         for step in range(3):
@@ -153,7 +153,7 @@ class _MatchingLocal:
     """A publisher whose only subscriber is at its own end."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         other = end.open()
         publisher = end.session.declare_publisher(end.key("x"))
         end.meet()
@@ -164,7 +164,7 @@ class _MatchingLocal:
         return [before, inbox.take(1)]
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         publisher = end.session.declare_publisher(end.key("unheard"))
         end.meet()
         return publisher.matching_status.matching
@@ -175,7 +175,7 @@ class _NobodyListens:
     """Publications without a subscriber harm nobody, and a subscriber that left hears nothing."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         end.session.put(end.key("x"), "1")
         end.wait("left")
@@ -185,7 +185,7 @@ class _NobodyListens:
         return None
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         gone, stays = end.subscribe("x"), end.subscribe("y")
         end.meet()
         gone.take(1)

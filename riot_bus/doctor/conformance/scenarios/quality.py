@@ -11,7 +11,7 @@ from riot_bus.doctor.conformance.helpers import (
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _COMBINATIONS = 7 * 3 * 2
 
@@ -21,7 +21,7 @@ class _QualityOfService:
     """Every priority with every congestion control, express or not."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         levels: Any = zenoh
@@ -34,7 +34,7 @@ class _QualityOfService:
         return number
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("**")
         end.meet()
         for count in range(_COMBINATIONS):
@@ -43,7 +43,7 @@ class _QualityOfService:
         return inbox.shown()
 
 
-def _each_control(end: End, priority: Any, number: int) -> int:
+def _each_control(end: ScenarioEnd, priority: Any, number: int) -> int:
     import zenoh
 
     controls: Any = zenoh.CongestionControl
@@ -61,7 +61,7 @@ class _PublisherOptions:
     """A publisher's own encoding and quality of service, best effort and reliable."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         publishers = [
@@ -84,7 +84,7 @@ class _PublisherOptions:
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("**")
         end.meet()
         inbox.take(4)
@@ -102,7 +102,7 @@ class _Stamps:
     """A publisher's own timestamp and source information."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         publisher = end.session.declare_publisher(end.key("x"))
@@ -116,7 +116,7 @@ class _Stamps:
         finish(end)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("**")
         end.meet()
         stamp = end.wait("stamp")

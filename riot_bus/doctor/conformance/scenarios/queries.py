@@ -12,7 +12,7 @@ from riot_bus.doctor.conformance.samples import show_replies
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 _TIMEOUT_S = 0.3
 _ASKED = 8
@@ -23,7 +23,7 @@ class _ManyReplies:
     """Hundreds of replies to one query, puts and deletes, on several keys."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         end.meet()
@@ -34,7 +34,7 @@ class _ManyReplies:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         def reply(query: Any) -> None:
             for number in range(200):
                 query.reply(end.key(f"q/{number}"), f"{number}", encoding="text/plain", attachment=b"\x00\x01")
@@ -52,7 +52,7 @@ class _ErrorsAndTimeouts:
     """Error replies, a query that nobody answers, one that is answered too late, and one without a queryable."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         seen: dict[str, Any] = {
             key: show_replies(end.session.get(end.key(key), timeout=5.0)) for key in ("error", "mixed", "nobody")
@@ -73,7 +73,7 @@ class _ErrorsAndTimeouts:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         def mixed(query: Any) -> None:
             query.reply(query.key_expr, "fine")
             query.reply_err(b"\xff\x00")
@@ -95,7 +95,7 @@ class _QueryContents:
     """Payload, encoding, attachment and parameters of queries, and replies on other keys."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         end.meet()
@@ -114,7 +114,7 @@ class _QueryContents:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         asked: list[dict[str, Any]] = []
 
         def reply(query: Any) -> None:
@@ -143,7 +143,7 @@ class _QueryQuality:
     """Priority and congestion control of queries, which replies take over."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         priorities: Any = zenoh.Priority
@@ -158,7 +158,7 @@ class _QueryQuality:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         queryable = answer(end, "q", lambda query: query.reply(query.key_expr, "answer"))
         end.meet()
         end.together("asked")

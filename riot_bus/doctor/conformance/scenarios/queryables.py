@@ -11,7 +11,7 @@ from riot_bus.doctor.conformance.samples import show_replies
 from riot_bus.doctor.conformance.scenario import Observation, scenario
 
 if TYPE_CHECKING:
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 
 @scenario("consolidation")
@@ -19,7 +19,7 @@ class _Consolidation:
     """Every consolidation mode over two queryables that answer on the same key, old and new."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         end.meet()
@@ -34,7 +34,7 @@ class _Consolidation:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         old = end.session.new_timestamp()
         new = end.session.new_timestamp()
         sessions = [end.session, end.open()]
@@ -52,7 +52,7 @@ class _Targets:
     """Every target with complete and partial queryables at both ends."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         import zenoh
 
         targets: Any = zenoh.QueryTarget
@@ -72,7 +72,7 @@ class _Targets:
         return seen, str(own.key_expr)
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         sessions = [end.session, end.open(), end.open()]
 
         def declare(number: int, rest: str, *, complete: bool = False) -> Any:
@@ -99,7 +99,7 @@ class _Queriers:
     """Declared queriers, and how they learn that queryables come and go."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         heard: list[bool] = []
         querier = end.session.declare_querier(end.key("q"), timeout=5.0)
         listener = querier.declare_matching_listener(lambda status: heard.append(status.matching))
@@ -116,7 +116,7 @@ class _Queriers:
         return [before, nobody, first, heard, listener is not None]
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         end.wait("declare")
         queryable = answer(end, "q", lambda query: query.reply(query.key_expr, str(query.parameters)))

@@ -11,7 +11,7 @@ from riot_bus.doctor.conformance.scenario import Observation, scenario
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from riot_bus.doctor.conformance.end import End
+    from riot_bus.doctor.conformance.end import ScenarioEnd
 
 
 _RETRY = {
@@ -23,7 +23,7 @@ _RETRY = {
 class _Traffic:
     """Publishes numbers without a pause, from a thread of its own."""
 
-    def __init__(self, end: End) -> None:
+    def __init__(self, end: ScenarioEnd) -> None:
         import zenoh
 
         block = zenoh.CongestionControl.BLOCK
@@ -54,7 +54,7 @@ class _JoinDuringTraffic:
     """A subscriber that joins while messages flow gets all of them from the first that it gets."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         end.meet()
         traffic = _Traffic(end)
         end.signal("flowing")
@@ -63,7 +63,7 @@ class _JoinDuringTraffic:
         end.together("done")
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         end.meet()
         end.wait("flowing")
         inbox = end.subscribe("*", end.open())
@@ -79,7 +79,7 @@ class _KilledSubscriber:
     """A subscriber is killed under traffic and comes back; another one is not disturbed."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         beside = end.subscribe("x", end.open())
         end.meet()
         traffic = _Traffic(end)
@@ -92,7 +92,7 @@ class _KilledSubscriber:
         return seen
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("x")
         if not end.life:
             end.meet()
@@ -108,7 +108,7 @@ class _KilledPublisher:
     """A publisher is killed, and its next life publishes to the same subscriber."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         inbox = end.subscribe("x")
         end.meet()
         first = inbox.take(1)
@@ -118,7 +118,7 @@ class _KilledPublisher:
         return [first, seen]
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         publisher = end.session.declare_publisher(end.key("x"))
         if not end.life:
             end.meet()
@@ -136,7 +136,7 @@ class _RouterRestart:
     """The router is restarted: components come back by themselves, with all that they have declared."""
 
     @staticmethod
-    def left(end: End) -> Observation:
+    def left(end: ScenarioEnd) -> Observation:
         publisher = end.session.declare_publisher(end.key("x"))
         end.meet()
         end.matched(publisher)
@@ -153,7 +153,7 @@ class _RouterRestart:
         return replies
 
     @staticmethod
-    def right(end: End) -> Observation:
+    def right(end: ScenarioEnd) -> Observation:
         def answer(query: Any) -> None:
             with query:
                 query.reply(query.key_expr, "answer")
@@ -171,6 +171,6 @@ class _RouterRestart:
         return [seen, queryable is not None, token is not None]
 
 
-def _asked(end: End) -> Iterator[Any]:
+def _asked(end: ScenarioEnd) -> Iterator[Any]:
     yield from end.session.get(end.key("service"), timeout=5.0)
     yield from end.session.liveliness().get(end.key("token"), timeout=5.0)

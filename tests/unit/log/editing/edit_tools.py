@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from riot_bus.log.editing.edit import edit
 from riot_bus.log.editing.options import EditOptions
-from riot_bus.log.editing.result import EditResult, TopicCounts
+from riot_bus.log.editing.result import EditCounts, EditResult
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
@@ -160,6 +160,6 @@ def counts(result: EditResult) -> dict[str, tuple[int, int, int]]:
     return {each.topic: (each.kept, each.changed, each.dropped) for each in result.topics}
 
 
-def topic(result: EditResult, name: str) -> TopicCounts:
+def topic(result: EditResult, name: str) -> EditCounts:
     """The counts of one topic."""
     return next(each for each in result.topics if each.topic == name)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_mavlink.bridge.losses import Losses
+from riot_bus_mavlink.bridge.losses import LinkLosses
 
 
 @given(st.integers(0, 255), st.lists(st.integers(0, 255), max_size=40))
 def test_gaps_are_counted(first: int, gaps: list[int]) -> None:
-    losses = Losses()
+    losses = LinkLosses()
     number = first
     assert losses.see(1, 2, number) == 0
     for gap in gaps:
@@ -21,7 +21,7 @@ def test_gaps_are_counted(first: int, gaps: list[int]) -> None:
 
 
 def test_sources_have_counts_of_their_own_and_are_bounded() -> None:
-    losses = Losses()
+    losses = LinkLosses()
     for component in (1, 2):
         for number in (5, 6, 7):
             assert losses.see(1, component, number) == 0

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_mavlink.bridge.options import BridgeOptions
+from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
 
 LINK = ["udpin:1"]
 
@@ -30,15 +30,15 @@ LINK = ["udpin:1"]
 )
 def test_what_is_wrong_is_named(options: dict[str, Any], part: str) -> None:
     with pytest.raises(ConfigError) as error:
-        BridgeOptions(**options).plan(["a"])
+        MavlinkBridgeOptions(**options).plan(["a"])
     assert part in str(error.value)
 
 
 def test_a_plan() -> None:
-    plan = BridgeOptions(["a/x=udpin:1?block_msg_id_in=HEARTBEAT"], dialect="common").plan(["a", "b"])
+    plan = MavlinkBridgeOptions(["a/x=udpin:1?block_msg_id_in=HEARTBEAT"], dialect="common").plan(["a", "b"])
     (link,) = plan.links
     assert (link.segment, link.name, link.accepts.block_msg_id) == ("a", "x", frozenset({0}))
     assert plan.keys.key("x", 1, 2, "HEARTBEAT") == "mavlink_raw/x/1/2/HEARTBEAT"
     assert plan.signer is None
     with pytest.raises(ConfigError, match="to which segment"):
-        BridgeOptions(LINK).plan(["a", "b"])
+        MavlinkBridgeOptions(LINK).plan(["a", "b"])

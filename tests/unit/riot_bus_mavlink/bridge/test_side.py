@@ -15,7 +15,7 @@ from riot_bus_mavlink.bridge.routing import Routes
 from riot_bus_mavlink.bridge.side import ENCODING, Side
 from riot_bus_mavlink.bridge.streams import OwnStreams
 from riot_bus_mavlink.bridge.url import parse_link
-from riot_bus_mavlink.frame import Counts, Framer, parse_frame
+from riot_bus_mavlink.frame import Framer, StreamCounts, parse_frame
 from riot_bus_mavlink.keys import KeyTemplate
 from riot_bus_mavlink.links.end import End
 from riot_bus_mavlink.signing import Signer, sign_frame
@@ -126,7 +126,7 @@ def test_what_is_known_of_frames_changes_with_the_links() -> None:
     assert len(known(raws, 2, side._flows(end))) == 4
     assert known([raws[4][:-1] + b"?"], 0, side._flows(end)) == []
     assert known([raws[4] + raws[5]], 0, side._flows(end)) == []
-    end.framer.counts = Counts(2, bytes=2 * len(raws[0]), frame_bytes=2 * len(raws[0]))
+    end.framer.counts = StreamCounts(2, bytes=2 * len(raws[0]), frame_bytes=2 * len(raws[0]))
     side.take(end, raws[2:4])
     late = bench.ends["c"] = bench._end("c")
     bench.got["c"] = []

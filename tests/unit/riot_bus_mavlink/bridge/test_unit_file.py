@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import make_app
-from riot_bus_mavlink.bridge.options import BridgeOptions
+from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
 
 UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-bridge-mavlink@.service"
 
@@ -24,7 +24,7 @@ def test_its_options_and_links_are_good():
     assert [each for each in options if each not in told] == []
     links = re.findall(r"--link=([^ \"\n]+)", text)
     segments = re.findall(r"--segment=(\w+)=", text)
-    assert [each.where for each in BridgeOptions(links).plan(segments).links] == [
+    assert [each.where for each in MavlinkBridgeOptions(links).plan(segments).links] == [
         "/dev/ttyACM0:115200",
         "0.0.0.0:14550",
     ]

@@ -5,11 +5,11 @@ import pytest
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus_ros2.bridge.node import NodeProcess, interpreter
-from riot_bus_ros2.bridge.options import BridgeOptions
+from riot_bus_ros2.bridge.options import Ros2BridgeOptions
 
 
 def start(**options):
-    node = NodeProcess("riot_bridge_test", BridgeOptions(**options), lambda frame: None)
+    node = NodeProcess("riot_bridge_test", Ros2BridgeOptions(**options), lambda frame: None)
     try:
         return node.start()
     finally:

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus_ros2.bridge.options import BridgeOptions, Names
+from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
 
 TOPICS = ["/odom", "/camera/left/image", "/camera/info", "/_hidden/x", "/rosout", "/parameter_events", "/tf_static"]
 SERVICES = ["/switch", "/robot/switch", "/robot/get_parameters", "/robot/set_parameters_atomically", "/_secret"]
@@ -12,7 +12,7 @@ ACTION_SERVICES = ["/dock/_action/send_goal", "/dock/_action/cancel_goal", "/doc
 
 
 def chosen(**options):
-    names = Names(BridgeOptions(**options))
+    names = Names(Ros2BridgeOptions(**options))
     return (
         [each for each in TOPICS + ACTION_TOPICS if names.topic(each)],
         [each for each in SERVICES + ACTION_SERVICES if names.service(each)],
@@ -64,6 +64,6 @@ def test_names_may_be_chosen(options, topics, services):
 )
 def test_errors_name_the_option(options, where):
     with pytest.raises(ConfigError) as caught:
-        BridgeOptions(**options).check()
+        Ros2BridgeOptions(**options).check()
     assert where in str(caught.value)
     assert caught.value.hint

@@ -3,19 +3,19 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus_ros2.bridge.graph import DomainGraph, Found, Profile, announced, profile_of
-from riot_bus_ros2.bridge.options import BridgeOptions, Names
-from riot_bus_ros2.bridge.plan import Announcement, plan_of
+from riot_bus_ros2.bridge.graph import DomainEndpoint, DomainGraph, Profile, announced, profile_of
+from riot_bus_ros2.bridge.options import Names, Ros2BridgeOptions
+from riot_bus_ros2.bridge.plan import DomainAnnouncement, plan_of
 from riot_bus_ros2.keys import DataKey
 from riot_bus_ros2.qos import AnnouncedQos
-from riot_bus_ros2.tokens import Endpoint, Node
+from riot_bus_ros2.tokens import Node, NodeEndpoint
 
 STRING, HASH = "std_msgs/msg/String", "RIHS01_aa"
 SWITCH = "std_srvs/srv/SetBool"
 RELIABLE, BEST_EFFORT = Profile(), Profile(reliability=2)
 LATCHED = Profile(durability=1)
 KEY = DataKey(0, "/chatter", STRING, HASH)
-OPTIONS = BridgeOptions(depth=1000, latched=100)
+OPTIONS = Ros2BridgeOptions(depth=1000, latched=100)
 SECOND = 10**9
 
 profiles = st.builds(
@@ -31,14 +31,14 @@ profiles = st.builds(
 
 
 def found(profile=RELIABLE, *, node="/talker", topic="/chatter", kind=STRING, hashed=HASH, gid="01"):
-    return Found(node, topic, kind, hashed, profile, gid)
+    return DomainEndpoint(node, topic, kind, hashed, profile, gid)
 
 
 USUAL = AnnouncedQos()
 
 
 def token(kind="MP", qos=USUAL, *, topic="/chatter", type_name=STRING, hashed=HASH, domain=0):
-    return Endpoint(Node(domain, "ab", 0, "/far"), 1, kind, topic, type_name, hashed, qos)
+    return NodeEndpoint(Node(domain, "ab", 0, "/far"), 1, kind, topic, type_name, hashed, qos)
 
 
 def plan(*, segment=(), options=OPTIONS, **graph):
@@ -72,10 +72,10 @@ def test_what_the_domain_publishes_goes_up_and_is_announced():
     assert (up.reader.reliability, up.reader.durability, up.reliable, up.latched) == (2, 2, False, False)
     qos = AnnouncedQos(depth=10)
     assert wanted.announcements == {
-        Announcement(None, "/talker"),
-        Announcement(None, "/other"),
-        Announcement("MP", "/talker", KEY, qos, "01"),
-        Announcement("MP", "/other", KEY, AnnouncedQos(reliability=2, depth=10), "02"),
+        DomainAnnouncement(None, "/talker"),
+        DomainAnnouncement(None, "/other"),
+        DomainAnnouncement("MP", "/talker", KEY, qos, "01"),
+        DomainAnnouncement("MP", "/other", KEY, AnnouncedQos(reliability=2, depth=10), "02"),
     }
 
 
@@ -149,7 +149,7 @@ def test_types_that_do_not_meet_are_named():
 
 
 def test_keys_have_the_domain_of_the_segment():
-    options = BridgeOptions(domain=7, zenoh_domain=3)
+    options = Ros2BridgeOptions(domain=7, zenoh_domain=3)
     assert set(plan(options=options, publishers=[found()]).ups) == {DataKey(3, "/chatter", STRING, HASH)}
 
 

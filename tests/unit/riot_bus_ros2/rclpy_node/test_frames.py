@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from riot_bus_ros2.rclpy_node.frames import Kind, Wire
+from riot_bus_ros2.rclpy_node.frames import BridgeFrameKind, Wire
 
 
 @pytest.fixture
@@ -20,36 +20,36 @@ def test_frames_of_all_sizes_arrive_in_their_order(wires):
 
     def send():
         for number, payload in enumerate(payloads):
-            one.send(Kind.MESSAGE, number, number - 1, payload)
+            one.send(BridgeFrameKind.MESSAGE, number, number - 1, payload)
         one.tell({"do": "drop", "id": 7, "topic": "/ä"})
 
     thread = threading.Thread(target=send)
     thread.start()
     for number, payload in enumerate(payloads):
-        assert other.receive() == (Kind.MESSAGE, number, number - 1, payload)
+        assert other.receive() == (BridgeFrameKind.MESSAGE, number, number - 1, payload)
     frame = other.receive()
     thread.join()
     assert frame is not None
-    assert (frame.kind, frame.document()) == (Kind.DOCUMENT, {"do": "drop", "id": 7, "topic": "/ä"})
+    assert (frame.kind, frame.document()) == (BridgeFrameKind.DOCUMENT, {"do": "drop", "id": 7, "topic": "/ä"})
 
 
 def test_the_end_of_one_is_the_end_of_the_other(wires):
     one, other = wires
-    one.send(Kind.MESSAGE, 1, 2, b"last")
+    one.send(BridgeFrameKind.MESSAGE, 1, 2, b"last")
     one.hang_up()
     one.hang_up()
-    assert other.receive() == (Kind.MESSAGE, 1, 2, b"last")
+    assert other.receive() == (BridgeFrameKind.MESSAGE, 1, 2, b"last")
     assert other.receive() is None
     assert one.receive() is None
     with pytest.raises(OSError):  # noqa: PT011 - which one depends on the system
-        one.send(Kind.MESSAGE, 1, 2, b"more")
+        one.send(BridgeFrameKind.MESSAGE, 1, 2, b"more")
 
 
 @pytest.mark.parametrize("kept", [1, 16, 17, 20])
 def test_half_a_frame_is_none(kept):
     ours, theirs = socket.socketpair()
     writer, reader = Wire(ours), Wire(theirs)
-    writer.send(Kind.MESSAGE, 1, 2, b"payload")
+    writer.send(BridgeFrameKind.MESSAGE, 1, 2, b"payload")
     whole = theirs.recv(100)
     again, end = socket.socketpair()
     again.sendall(whole[:kept])
@@ -63,7 +63,9 @@ def test_half_a_frame_is_none(kept):
 def test_many_threads_may_send(wires):
     one, other = wires
     threads = [
-        threading.Thread(target=lambda n=n: [one.send(Kind.MESSAGE, n, each, bytes(each)) for each in range(200)])
+        threading.Thread(
+            target=lambda n=n: [one.send(BridgeFrameKind.MESSAGE, n, each, bytes(each)) for each in range(200)]
+        )
         for n in range(4)
     ]
     for thread in threads:

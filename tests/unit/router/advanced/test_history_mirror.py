@@ -10,10 +10,10 @@ import pytest
 
 from riot_bus.pipeline.runner import Emission, Result
 from riot_bus.router.advanced import history_mirror as module
-from riot_bus.router.advanced.history_mirror import Keeper
-from riot_bus.router.advanced.publisher_state import Relay
-from riot_bus.router.advanced.source import UNNUMBERED, Source
-from riot_bus.router.advanced.upstream import Found
+from riot_bus.router.advanced.history_mirror import HistoryMirror
+from riot_bus.router.advanced.publisher_state import PublisherState
+from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource
+from riot_bus.router.advanced.upstream import CacheAnswer
 from riot_bus.vocabulary.message import Message
 
 
@@ -49,9 +49,9 @@ class Cache:
     def __init__(self, worker: Hand) -> None:
         self._worker = worker
         self.asked: list[str] = []
-        self._then: deque[Callable[[Found], None]] = deque()
+        self._then: deque[Callable[[CacheAnswer], None]] = deque()
 
-    def ask(self, source: Source, parameters: str, then: Callable[[Found], None]) -> None:
+    def ask(self, source: AdvancedSource, parameters: str, then: Callable[[CacheAnswer], None]) -> None:
         self.asked.append(parameters)
         self._then.append(then)
 
@@ -59,7 +59,7 @@ class Cache:
         self._worker.run()
         then = self._then.popleft()
         found = [(number, SimpleNamespace(number=number, timestamp=None)) for number in numbers]
-        then(Found(found, complete, asked))
+        then(CacheAnswer(found, complete, asked))
         self._worker.run()
 
 
@@ -103,7 +103,7 @@ class Scene:
         self.worker = Hand()
         self.cache = Cache(self.worker)
         self.refused: set[int] = set()
-        self.keeper = Keeper(
+        self.keeper = HistoryMirror(
             {"system": None, "unit": None},  # type: ignore[dict-item]
             {"unit": None},  # type: ignore[dict-item]
             {"system": self.convert},  # type: ignore[dict-item]
@@ -112,7 +112,7 @@ class Scene:
             upstream=self.cache,  # type: ignore[arg-type]
             depth=lambda key, zid: hint,
         )
-        self.relay = Relay(Source("system", "k", "abc", entity), again=again, token=True)
+        self.relay = PublisherState(AdvancedSource("system", "k", "abc", entity), again=again, token=True)
 
     @staticmethod
     def convert(sample: Any) -> Message:

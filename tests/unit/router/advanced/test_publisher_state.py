@@ -9,12 +9,12 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.router.advanced.publisher_state import Relay
-from riot_bus.router.advanced.source import UNNUMBERED, Source
+from riot_bus.router.advanced.publisher_state import PublisherState
+from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource
 
 
-def relay(entity: str = "7", *, depth: int | None = 0) -> Relay:
-    made = Relay(Source("system", "k", "abc", entity), again=False, token=True)
+def relay(entity: str = "7", *, depth: int | None = 0) -> PublisherState:
+    made = PublisherState(AdvancedSource("system", "k", "abc", entity), again=False, token=True)
     made.depth = depth
     return made
 
@@ -153,7 +153,7 @@ class World:
     What the keeper does is written down here once more, in the few lines that matter.
     """
 
-    relay: Relay
+    relay: PublisherState
     outlet: Outlet = field(default_factory=Outlet)
     sent: int = 0
     link: deque[int] = field(default_factory=deque)

@@ -7,10 +7,10 @@ from typing import Any
 
 import zenoh
 
-from riot_bus.router.advanced.source import Source
-from riot_bus.router.advanced.upstream import Found, Upstream
+from riot_bus.router.advanced.source import AdvancedSource
+from riot_bus.router.advanced.upstream import CacheAnswer, Upstream
 
-SOURCE = Source("system", "k", "abc", "7")
+SOURCE = AdvancedSource("system", "k", "abc", "7")
 
 
 class Session:
@@ -32,10 +32,10 @@ def answer(number: int | None, *, zid: str = "abc", error: bool = False) -> Any:
     return SimpleNamespace(ok=None, err="timeout") if error else SimpleNamespace(ok=sample, err=None)
 
 
-def ask(*answers: Any, nobody: bool = False, parameters: str = "") -> tuple[Found, str]:
+def ask(*answers: Any, nobody: bool = False, parameters: str = "") -> tuple[CacheAnswer, str]:
     session, jobs = Session(nobody=nobody), list[Callable[[], None]]()
     worker = SimpleNamespace(do=jobs.append)
-    found: list[Found] = []
+    found: list[CacheAnswer] = []
     Upstream({"system": session}, worker).ask(SOURCE, parameters, found.append)  # type: ignore[dict-item,arg-type]
     for each in answers:
         session.callback(each)
@@ -69,7 +69,7 @@ def test_a_question_that_was_not_answered_in_time_is_not_complete() -> None:
 
 
 def test_it_tells_when_there_is_nobody_to_ask() -> None:
-    assert ask(nobody=True)[0] == Found([], complete=True, asked=False)
+    assert ask(nobody=True)[0] == CacheAnswer([], complete=True, asked=False)
 
 
 class Channel:
@@ -88,7 +88,7 @@ def test_a_search_tells_of_publishers_as_they_answer() -> None:
     yet = None
     channel = Channel(yet, answer(4), yet, yet, answer(None, error=True), answer(None), answer(1, zid="def"), yet)
     session = SimpleNamespace(get=lambda selector, handler, **options: channel)
-    jobs, pauses, found = list[Callable[[], None]](), list[float](), list[Source]()
+    jobs, pauses, found = list[Callable[[], None]](), list[float](), list[AdvancedSource]()
 
     def later(seconds: float, job: Callable[[], None], *, background: bool) -> None:
         assert background

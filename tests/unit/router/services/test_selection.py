@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.router.bus import Bus
-from riot_bus.router.interception import Interception, Plan
+from riot_bus.router.interception import InjectionPlan, Interception
 from riot_bus.router.services.selection import is_served, service_keys, split, with_spaces
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
@@ -36,7 +36,7 @@ def interception(registry: TypeRegistry, keys: list[str], *interceptors: object,
     def no_bus() -> Bus:
         raise AssertionError("nothing is changed here")
 
-    found = Plan.parse(plan, "plan") if plan else None
+    found = InjectionPlan.parse(plan, "plan") if plan else None
     return Interception(no_bus, keys=keys, interceptors=interceptors, plan=found, registry=registry)
 
 
