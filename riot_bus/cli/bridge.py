@@ -90,11 +90,11 @@ def ros2(
     from riot_bus.control.component import client_cfg, segment_endpoints
     from riot_bus.vocabulary.errors import ConfigError
     from riot_bus_ros2.bridge.bridge import Ros2Bridge
-    from riot_bus_ros2.bridge.options import MavlinkBridgeOptions
+    from riot_bus_ros2.bridge.options import Ros2BridgeOptions
 
     if (segment is None) == (endpoint is None):
         raise ConfigError("which segment?", where="riot bridge ros2", hint="give --segment NAME or --endpoint ENDPOINT")
-    options = MavlinkBridgeOptions(
+    options = Ros2BridgeOptions(
         domain=domain,
         zenoh_domain=zenoh_domain,
         topics=topics,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["TYPES", "Dictionary", "Entry", "eligible", "load_dictionary"]
+__all__ = ["TYPES", "Dictionary", "eligible", "load_dictionary"]
 
 _INTEGERS = {
     f"{sign}int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

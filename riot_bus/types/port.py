@@ -1,13 +1,17 @@
-"""What a bridge needs of a segment; `riot_bus.bridge` has it. Methods are described there."""
+"""What a bridge of an adapter needs of a segment, so that it needs no Zenoh; `riot_bus.bridge` implements it.
+
+Methods are described there. `BridgePort` is what a bridge has that is its own router; `SegmentAccess` is what one has
+that connects to a segment of a router elsewhere.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-__all__ = ["BridgePort", "Closeable", "PortPublisher", "PortQuery"]
+__all__ = ["BridgePort", "Closeable", "PortPublisher", "PortQuery", "SegmentAccess"]
 
 
 class Closeable(Protocol):
@@ -46,7 +50,29 @@ class PortQuery(Protocol):
 
 
 class BridgePort(Protocol):
-    """A segment."""
+    """A segment to publish on and to subscribe to."""
+
+    @property
+    def endpoint(self) -> str:
+        """Where it is connected."""
+
+    def publisher(
+        self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
+    ) -> PortPublisher:
+        """Return a new publisher."""
+
+    def put_all(self, outlets: Sequence[PortPublisher], payloads: Sequence[bytes], attachment: bytes) -> int:
+        """Publish many messages, each with one of this port's publishers; return how many could not be published."""
+
+    def subscribe(self, key: str, take: Callable[[bytes, bytes | None], None]) -> Closeable:
+        """Subscribe to what others put."""
+
+    def collect(self, expression: str, take: Callable[[list[tuple[bytes, bytes | None]]], None]) -> Closeable:
+        """Subscribe to what others put, several messages at once."""
+
+
+class SegmentAccess(Protocol):
+    """A segment with all that ROS 2 nodes do there: latched topics, tokens, services."""
 
     @property
     def zid(self) -> str:

@@ -27,7 +27,7 @@ from riot_bus_ros2.tokens import NodeEndpoint, parse_token
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from riot_bus.types.port import BridgePort
+    from riot_bus.types.port import SegmentAccess
     from riot_bus.vocabulary.errors import RiotError
     from riot_bus_ros2.bridge.options import Ros2BridgeOptions
     from riot_bus_ros2.bridge.plan import DomainAnnouncement, Up
@@ -68,7 +68,7 @@ class Ros2Bridge:
     """
 
     def __init__(
-        self, port: BridgePort, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
+        self, port: SegmentAccess, options: Ros2BridgeOptions, *, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
         options.check()
         self.failure: RiotError | None = None

@@ -13,7 +13,7 @@ from riot_bus_ros2.keys import build_data_key
 from riot_bus_ros2.rclpy_node.frames import BridgeFrame, BridgeFrameKind
 
 if TYPE_CHECKING:
-    from riot_bus.types.port import BridgePort, Closeable, PortQuery
+    from riot_bus.types.port import Closeable, PortQuery, SegmentAccess
     from riot_bus_ros2.bridge.node import NodeProcess
     from riot_bus_ros2.keys import DataKey
 
@@ -30,7 +30,7 @@ class OfferedService:
         port: The segment.
     """
 
-    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: BridgePort) -> None:
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: SegmentAccess) -> None:
         self.number, self.key = number, key
         self.count = 0
         self._node, self._port = node, port
@@ -91,7 +91,7 @@ class WantedService:
         port: The segment.
     """
 
-    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: BridgePort) -> None:
+    def __init__(self, number: int, key: DataKey, *, node: NodeProcess, port: SegmentAccess) -> None:
         self.number, self.key = number, key
         self.gid = bytes(16)
         self.count = 0

@@ -12,7 +12,7 @@ from riot_bus_ros2.rclpy_node.frames import BridgeFrameKind
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.types.port import BridgePort, Closeable
+    from riot_bus.types.port import Closeable, SegmentAccess
     from riot_bus_ros2.bridge.node import NodeProcess
     from riot_bus_ros2.bridge.plan import Down, Up
     from riot_bus_ros2.keys import DataKey
@@ -45,7 +45,7 @@ class UpRoute:
         plan: Up,
         *,
         node: NodeProcess,
-        port: BridgePort,
+        port: SegmentAccess,
         latched: int,
         changed: Callable[[], None],
     ) -> None:
@@ -113,7 +113,7 @@ class DownRoute:
         plan: Down,
         *,
         node: NodeProcess,
-        port: BridgePort,
+        port: SegmentAccess,
         is_own: Callable[[bytes | None], bool],
         refused: Callable[[str], None],
     ) -> None:

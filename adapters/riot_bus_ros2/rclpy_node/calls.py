@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from .frames import Kind
+from .frames import BridgeFrameKind
 from .kinds import service_type
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ class Server:
                     forgotten = next(iter(self._open))
                     del self._open[forgotten]
             if forgotten is not None:
-                wire.send(Kind.FAILURE, self._number, forgotten, b"too many requests are open")
-            wire.send(Kind.REQUEST, self._number, number, bytes(serialize_message(request)))
+                wire.send(BridgeFrameKind.FAILURE, self._number, forgotten, b"too many requests are open")
+            wire.send(BridgeFrameKind.REQUEST, self._number, number, bytes(serialize_message(request)))
         return True
 
     def answer(self, number: int, payload: bytes | None) -> None:
@@ -89,10 +89,10 @@ class DomainClient:
                 self._open[self.handle.send_request(request)] = number
                 lost = self._open.pop(next(iter(self._open))) if len(self._open) > _MOST_OPEN else None
         except Exception as error:
-            wire.send(Kind.FAILURE, self._number, number, str(error).encode(), patient=False)
+            wire.send(BridgeFrameKind.FAILURE, self._number, number, str(error).encode(), patient=False)
             return
         if lost is not None:
-            wire.send(Kind.FAILURE, self._number, lost, b"too many requests are open", patient=False)
+            wire.send(BridgeFrameKind.FAILURE, self._number, lost, b"too many requests are open", patient=False)
 
     def take(self, wire: Wire) -> bool:
         """Send on the responses that have come; return whether there may be more."""
@@ -103,7 +103,7 @@ class DomainClient:
                     return False
                 number = self._open.pop(header.request_id.sequence_number, None)
             if number is not None:
-                wire.send(Kind.RESPONSE, self._number, number, bytes(serialize_message(response)))
+                wire.send(BridgeFrameKind.RESPONSE, self._number, number, bytes(serialize_message(response)))
         return True
 
     def close(self) -> None:

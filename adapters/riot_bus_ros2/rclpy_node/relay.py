@@ -21,13 +21,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from .calls import Client, Server
-from .frames import Kind
-from .snapshot import Graph
+from .calls import DomainClient, Server
+from .frames import BridgeFrameKind
+from .snapshot import DomainGraph
 from .topics import Publisher, Subscription, Topics
 
 if TYPE_CHECKING:
-    from .frames import Frame, Wire
+    from .frames import BridgeFrame, Wire
 
 __all__ = ["Relay"]
 
@@ -66,7 +66,7 @@ class Relay:
         self._publishers: dict[int, Publisher] = {}
         self._subscriptions: dict[int, Subscription] = {}
         self._servers: dict[int, Server] = {}
-        self._clients: dict[int, Client] = {}
+        self._clients: dict[int, DomainClient] = {}
         self._writers: dict[str, list[str]] = {}
         self._gone: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
@@ -151,7 +151,7 @@ class Relay:
     def _obey(self) -> None:
         while not self._draining and (frame := self._wire.receive()) is not None:
             try:
-                if frame.kind == Kind.DOCUMENT:
+                if frame.kind == BridgeFrameKind.DOCUMENT:
                     self._order(frame.document())
                 else:
                     self._deliver(frame)
@@ -163,21 +163,23 @@ class Relay:
         self._changed.set()
         self._guard.trigger()
 
-    def _deliver(self, frame: Frame) -> None:
-        if frame.kind == Kind.MESSAGE:
+    def _deliver(self, frame: BridgeFrame) -> None:
+        if frame.kind == BridgeFrameKind.MESSAGE:
             publisher = self._publishers.get(frame.endpoint)
             if publisher is not None:
                 publisher.publish(frame.payload)
-        elif frame.kind == Kind.REQUEST:
+        elif frame.kind == BridgeFrameKind.REQUEST:
             client = self._clients.get(frame.endpoint)
             if client is None:
-                self._wire.send(Kind.FAILURE, frame.endpoint, frame.number, b"the server is gone", patient=False)
+                self._wire.send(
+                    BridgeFrameKind.FAILURE, frame.endpoint, frame.number, b"the server is gone", patient=False
+                )
             else:
                 client.ask(frame.number, frame.payload, self._wire)
         else:
             server = self._servers.get(frame.endpoint)
             if server is not None:
-                server.answer(frame.number, frame.payload if frame.kind == Kind.RESPONSE else None)
+                server.answer(frame.number, frame.payload if frame.kind == BridgeFrameKind.RESPONSE else None)
 
     def _order(self, order: dict[str, Any]) -> None:
         if order["do"] == "end":
@@ -197,7 +199,7 @@ class Relay:
             elif order["do"] == "serve":
                 self._servers[number] = Server(self._node, number, order["topic"], order["type"])
             else:
-                self._clients[number] = Client(self._node, number, order["topic"], order["type"])
+                self._clients[number] = DomainClient(self._node, number, order["topic"], order["type"])
         except Exception as error:
             self._tell({"event": "failed", "id": number, "topic": order["topic"], "problem": str(error)})
         self._changed.set()
@@ -213,7 +215,7 @@ class Relay:
     # -- the graph ----------------------------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        graph, changed = Graph(self._node), 0.0
+        graph, changed = DomainGraph(self._node), 0.0
         last: dict[str, Any] = {}
         told: dict[int, int] = {}
         while not self._stopping.is_set():
@@ -252,7 +254,7 @@ class Relay:
         """Let the watching thread send an event: those that relay messages must not wait for each other."""
         self._events.put(event)
 
-    def _topic(self, frame: Frame) -> str:
+    def _topic(self, frame: BridgeFrame) -> str:
         for endpoints in (self._publishers, self._servers, self._clients):
             found: Any = endpoints.get(frame.endpoint)
             if found is not None:

@@ -3,7 +3,8 @@ import math
 import pytest
 
 from riot_bus.inject import dictionary as module
-from riot_bus.inject.dictionary import Dictionary, Entry, eligible, load_dictionary
+from riot_bus.inject.dictionary import Dictionary, eligible, load_dictionary
+from riot_bus.types.exceptional import ExceptionalValue
 from riot_bus.vocabulary.errors import ConfigError
 
 
@@ -26,8 +27,8 @@ def test_values_by_type_and_long_text():
         reason = "bytes"
         """
     )
-    assert dictionary.values_for("string") == (Entry("ababab", "long"),)
-    assert dictionary.values_for("bytes") == (Entry(b"\x00\xff\x00\xff", "bytes"),)
+    assert dictionary.values_for("string") == (ExceptionalValue("ababab", "long"),)
+    assert dictionary.values_for("bytes") == (ExceptionalValue(b"\x00\xff\x00\xff", "bytes"),)
     assert dictionary.values_for("int8") == ()
 
 
@@ -116,7 +117,7 @@ def test_float32_holds_no_double():
 def test_user_files_and_broken_packages(tmp_path, monkeypatch):
     mine = tmp_path / "mine.toml"
     mine.write_text('type = "bool"\n[[field]]\npath = "on"\nonly = true\nentries = [{ value = true, reason = "r" }]')
-    assert load_dictionary([mine]).values_for("bool", "on") == (Entry(True, "r"),)
+    assert load_dictionary([mine]).values_for("bool", "on") == (ExceptionalValue(True, "r"),)
     with pytest.raises(ConfigError, match="cannot read"):
         load_dictionary([tmp_path / "none.toml"])
     point = type("Point", (), {"value": "no_such_module_here", "name": "broken"})()
@@ -128,8 +129,8 @@ def test_user_files_and_broken_packages(tmp_path, monkeypatch):
 def test_what_a_definition_tells_comes_after_bindings_and_before_types():
     dictionary = Dictionary()
     dictionary.add('[[entry]]\nvalue = 7\nreason = "general"\ntype = "uint8"', where="a")
-    told = [Entry(3, "undefined"), Entry(300, "too large"), Entry(7, "told")]
-    assert dictionary.values_for("uint8", "t:mode", told=told) == (Entry(3, "undefined"), Entry(7, "told"))
+    told = [ExceptionalValue(3, "undefined"), ExceptionalValue(300, "too large"), ExceptionalValue(7, "told")]
+    assert dictionary.values_for("uint8", "t:mode", told=told) == (ExceptionalValue(3, "undefined"), ExceptionalValue(7, "told"))
     dictionary.add('[[field]]\npath = "mode"\nentries = [{ value = 9, reason = "mine" }]', where="b")
     assert [entry.value for entry in dictionary.values_for("uint8", "t:mode", told=told)] == [9, 3, 7]
     dictionary.add('[[field]]\npath = "mode"\nonly = true\nentries = [{ value = 1, reason = "mine" }]', where="c")

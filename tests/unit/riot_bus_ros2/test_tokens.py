@@ -12,6 +12,7 @@ from tests.unit.riot_bus_ros2.ros_names import endpoints, nodes, relaxed
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 TALKER = Node(0, "3f2a", 0, "/talker")
+ADD_TWO_INTS = "example_interfaces::srv::dds_::AddTwoInts_"
 CHATTER = NodeEndpoint(TALKER, 11, "MP", "/chatter", "std_msgs/msg/String", HASH, AnnouncedQos(depth=10))
 KNOWN: dict[str, Node | NodeEndpoint] = {
     "@ros2_lv/0/3f2a/0/0/NN/%/%/talker": TALKER,
@@ -37,7 +38,7 @@ KNOWN: dict[str, Node | NodeEndpoint] = {
         AnnouncedQos(reliability=2, depth=5),
         "cpu:1;cuda:2",
     ),
-    f"@ros2_lv/2/3f2a/0/4/SS/%/%/adder/%add/example_interfaces::srv::dds_::AddTwoInts_/{HASH}/::,10:,:,:,,": NodeEndpoint(
+    f"@ros2_lv/2/3f2a/0/4/SS/%/%/adder/%add/{ADD_TWO_INTS}/{HASH}/::,10:,:,:,,": NodeEndpoint(
         Node(2, "3f2a", 0, "/adder"),
         4,
         "SS",
