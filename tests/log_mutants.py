@@ -24,6 +24,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from riot_bus.log import layout
+from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.writer import LogWriter
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
@@ -498,12 +499,12 @@ def odd_extras() -> Iterator[Mutant]:
     content = chunk(channel(1, "a/b", 0, "json", {layout.KEY: "a/b"}) + MESSAGES)
 
     def extras(pairs: Any, **options: Any) -> bytes:
-        return attachment(layout.EXTRAS, zstandard.compress(msgpack.packb(pairs)), **options)
+        return attachment(EXTRAS, zstandard.compress(msgpack.packb(pairs)), **options)
 
     for name, data in {
-        "extras of noise": attachment(layout.EXTRAS, b"noise" * 20),
+        "extras of noise": attachment(EXTRAS, b"noise" * 20),
         "extras of wrong checksum": extras([[0, {"a": b"x"}]], checksum=1),
-        "extras without data": attachment(layout.EXTRAS, b""),
+        "extras without data": attachment(EXTRAS, b""),
         "extras that are a number": extras(7),
         "extras that are a map": extras({"a": 1}),
         "extras of odd places": extras([[-1, {}], [1 << 62, {}], ["x", {}], [None, {}]]),
@@ -511,20 +512,18 @@ def odd_extras() -> Iterator[Mutant]:
         "extras of odd values": extras([[0, {"a": 1, "e": b"x", "s": [], "q": {}, "d": 3, "p": "x" * 100, "n": "y"}]]),
         "extras of odd keys": extras([[0, {1: 2, b"x": 3, "unknown": 4}]]),
         "extras for each message twice": extras([[n % COUNT, {"a": bytes(5)}] for n in range(2 * COUNT)]),
-        "extras of nested lists": attachment(layout.EXTRAS, zstandard.compress(b"\x91" * 5000)),
-        "extras that claim long lists": attachment(layout.EXTRAS, zstandard.compress(b"\xdd\x00\x40\x00\x00" * 1000)),
+        "extras of nested lists": attachment(EXTRAS, zstandard.compress(b"\x91" * 5000)),
+        "extras that claim long lists": attachment(EXTRAS, zstandard.compress(b"\xdd\x00\x40\x00\x00" * 1000)),
         "extras of many empty lists": attachment(
-            layout.EXTRAS, zstandard.compress(b"\xdd\x01\x00\x00\x00" + b"\x90" * (1 << 24))
+            EXTRAS, zstandard.compress(b"\xdd\x01\x00\x00\x00" + b"\x90" * (1 << 24))
         ),
-        "extras of 256 MiB of zeros": attachment(layout.EXTRAS, zstandard.compress(bytes(BOMB))),
+        "extras of 256 MiB of zeros": attachment(EXTRAS, zstandard.compress(bytes(BOMB))),
         "extras without a size": attachment(
-            layout.EXTRAS, zstandard.ZstdCompressor(write_content_size=False).compress(b"\x90")
+            EXTRAS, zstandard.ZstdCompressor(write_content_size=False).compress(b"\x90")
         ),
-        "extras that claim 2^60 bytes": attachment(layout.EXTRAS, b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 1 << 60)),
-        "extras cut off": record(ATTACHMENT, struct.pack("<QQ", 0, 0) + text(layout.EXTRAS)),
-        "extras of a name of 4 GiB": record(
-            ATTACHMENT, struct.pack("<QQ", 0, 0) + text(layout.EXTRAS, length=(1 << 32) - 1)
-        ),
+        "extras that claim 2^60 bytes": attachment(EXTRAS, b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 1 << 60)),
+        "extras cut off": record(ATTACHMENT, struct.pack("<QQ", 0, 0) + text(EXTRAS)),
+        "extras of a name of 4 GiB": record(ATTACHMENT, struct.pack("<QQ", 0, 0) + text(EXTRAS, length=(1 << 32) - 1)),
     }.items():
         yield Mutant(name, whole(data, content), COUNT)
     yield Mutant("extras of a delete", whole(extras([[0, {"d": True, "n": -5, "p": "-7"}]]), content), COUNT, False)

@@ -17,7 +17,7 @@ from riot_bus.zenoh.session_config import client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["FleetLink"]
 
@@ -64,7 +64,7 @@ class FleetLink:
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         self._closing.set()
         if self._thread.is_alive():
@@ -117,7 +117,7 @@ class FleetLink:
                 return
 
     def _open(self) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         with ExitStack() as stack:
             session = open_session(client_config(self._endpoint, extra=self._config), purpose="fleet")
@@ -138,7 +138,7 @@ class FleetLink:
             self._stack = stack.pop_all()
 
     def _event(self, event: zenoh.TransportEvent) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         if not self._closing.is_set():
             back = event.kind == zenoh.SampleKind.PUT

@@ -131,7 +131,7 @@ class Operation(ABC):
         return "stopping" if self._stopping.is_set() or state in FINAL else state  # the result is still to come
 
     def _run(self) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         try:
             self._last = self._work()

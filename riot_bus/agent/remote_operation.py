@@ -60,7 +60,7 @@ def find_robots(endpoint: str, *, config: Mapping[str, Any] | None = None) -> li
     Raises:
         EnvironmentFaultError: No router answers.
     """
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     with Remote(endpoint, config=config, kind="agent") as remote:
         session = remote.client.session
@@ -143,7 +143,7 @@ class RemoteOperation:
         return self
 
     def __exit__(self, *error: object) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         with suppress(zenoh.ZError):  # the link may hang
             release(self._token)

@@ -17,11 +17,10 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import zenoh
-
     from riot_bus.router.audience import Take
     from riot_bus.router.bus import Bus
     from riot_bus.router.local_ingress import IngressKey
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["InnerOutlet", "InnerPort"]
 
@@ -156,7 +155,7 @@ class InnerPort:
 
     def collect(self, expression: str, take: Take) -> _Listening:
         """Subscribe to what others put; as `subscribe`, but for several messages at once."""
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         only_stored, lock, speaking = StoreFilter(self._zid), threading.Lock(), self._speaking
 

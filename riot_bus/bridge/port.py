@@ -15,9 +15,8 @@ from riot_bus.zenoh.session_config import client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    import zenoh
-
     from riot_bus.router.audience import Take
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = [
     "Asked",
@@ -52,8 +51,8 @@ class Outlet:
         changed: Callable[[], None] | None = None,
         encoding: str = "",
     ) -> None:
-        import zenoh
-        from zenoh import ext
+        from riot_bus.zenoh import api as zenoh
+        from riot_bus.zenoh.api import ext
 
         settings: dict[str, Any] = {
             "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
@@ -110,7 +109,7 @@ class Collector:
     """A subscription whose messages come on one thread of its own; see `SegmentPort.collect`."""
 
     def __init__(self, session: zenoh.Session, expression: str, take: Take) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         self._expression, self._take, self._zenoh_error = expression, take, zenoh.ZError
         pin(session, expression)
@@ -175,7 +174,7 @@ class Asked:
     """A question that was asked; see `SegmentPort.ask`."""
 
     def __init__(self, done: Callable[[bytes | None], None]) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         self.token: Any = zenoh.CancellationToken()
         self._done: Callable[[bytes | None], None] | None = done
@@ -249,8 +248,8 @@ class SegmentPort:
             take: Called with payload and attachment on a thread of Zenoh's; while it waits, so does the link.
             latched: Fetch so many of the last messages of publishers that keep them.
         """
-        import zenoh
-        from zenoh import ext
+        from riot_bus.zenoh import api as zenoh
+        from riot_bus.zenoh.api import ext
 
         def receive(sample: zenoh.Sample) -> None:
             kind: Any = sample.kind
@@ -295,7 +294,7 @@ class SegmentPort:
             take: Called with a token and whether it is there, on a thread of Zenoh's; with those that are there already
                 before this returns, and perhaps once more.
         """
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         def receive(sample: zenoh.Sample) -> None:
             kind: Any = sample.kind
@@ -321,7 +320,7 @@ class SegmentPort:
             key: Which.
             take: Called on a thread of Zenoh's; may answer later.
         """
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         handler: Any = zenoh.handlers.Callback(lambda query: take(Question(key, query)), indirect=False)
         pin(self._session, key)
@@ -340,7 +339,7 @@ class SegmentPort:
         Returns:
             What `close` gives up.
         """
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         asked = Asked(done)
 

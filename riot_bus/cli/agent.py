@@ -75,8 +75,8 @@ def agent(
     from riot_bus.agent.names import default_robot
     from riot_bus.agent.options import PERMISSIONS, AgentOptions
     from riot_bus.agent.running import run_agent
+    from riot_bus.config.arguments import parse_size
     from riot_bus.control.component import client_cfg
-    from riot_bus.record.options import parse_size
 
     options = AgentOptions(
         robot=default_robot() if robot is None else robot,

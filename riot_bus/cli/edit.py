@@ -108,15 +108,14 @@ def edit(
     --interceptor, --inject, --shift, --remap; all of them name topics as the input does. Exit code 3: the input is
     damaged; what can be read is written all the same.
     """
-    from riot_bus.config.router_settings import RouterSettings
-    from riot_bus.control.router_options import RouterOptions, interceptors_of, parse_types, plan_of
+    from riot_bus.config.arguments import parse_seconds, parse_size, parse_types
+    from riot_bus.inject.injection_plan import InjectionPlan
+    from riot_bus.interceptors.parsing import build_all
     from riot_bus.log.editing.edit import edit as edit_logs
     from riot_bus.log.editing.options import EditOptions
-    from riot_bus.record.options import parse_seconds, parse_size
 
-    wanted = RouterOptions(interceptors=interceptor or (), inject=inject, seed=seed)
-    interceptors = interceptors_of(RouterSettings(), wanted) if interceptor else []
-    plan = plan_of(wanted)
+    interceptors = build_all(interceptor or (), seed=seed)
+    plan = None if inject is None else InjectionPlan.read(inject, seed=seed)
     options = EditOptions(
         inputs=inputs,
         output=output,

@@ -192,7 +192,7 @@ def record(
     Without this command the robot goes on recording, unless --on-lost-controller says otherwise. Exit code 3: messages
     were lost. 4: no answer, busy, or ended by somebody else.
     """
-    from riot_bus.record.options import parse_seconds, parse_size
+    from riot_bus.config.arguments import parse_seconds, parse_size
 
     arguments = {
         "keys": keys or ["**"],

@@ -94,8 +94,9 @@ def record(
     of each topic and why is said at the end and written into the log. 4: nobody answers at the endpoint.
     """
     from riot_bus.cli.terminal import Terminal
+    from riot_bus.config.arguments import parse_seconds, parse_size
     from riot_bus.control.component import client_cfg
-    from riot_bus.record.options import CaptureOptions, parse_seconds, parse_size
+    from riot_bus.record.options import CaptureOptions
     from riot_bus.record.running import run_capture
     from riot_bus.sut.context import invariants_of
     from riot_bus.vocabulary.errors import ConfigError

@@ -5,20 +5,18 @@ A table that is read from a file is given its types by pydantic, which a router 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from riot_bus.config.endpoints import Endpoint, parse_endpoint
 from riot_bus.config.setting_checks import check_apart, check_name, check_setting, check_text, checked_endpoints
-from riot_bus.config.toml_file import MistakeError, explained, read_toml
+from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.zenoh.config_files import with_files
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
-__all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "load_router", "router_keys"]
+__all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "router_keys"]
 
 _LONGEST_BUDGET_S = 86_400.0
 _STRICT = {"extra": "forbid", "allow_inf_nan": False}
@@ -148,26 +146,3 @@ def router_keys(place: Sequence[str]) -> list[str]:
     if len(place) == 3 and place[1] == "segments":
         return [each.name for each in fields(SegmentSettings)]
     return []
-
-
-def load_router(path: Path) -> RouterSettings:
-    """Read `[router]` of a riot.toml; other tables may be missing and are not looked at.
-
-    Paths come back absolute, Zenoh keys and values are checked. Without the table everything has its default.
-
-    Raises:
-        ConfigError: Missing file, unknown key or bad value; with place and suggestion.
-    """
-    from pydantic import TypeAdapter, ValidationError
-
-    document, text = read_toml(path)
-    root = path.resolve().parent
-    try:
-        settings = TypeAdapter(RouterSettings).validate_python(document.get("router", {}))
-    except ValidationError as error:
-        raise explained(error, path, text, router_keys, prefix=["router"]) from None
-    segments = {
-        name: with_files(segment, root, path=path, text=text, name=name) for name, segment in settings.segments.items()
-    }
-    record = None if settings.record is None else str(root / settings.record)
-    return replace(settings, segments=segments, record=record)

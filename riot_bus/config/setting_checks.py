@@ -10,16 +10,32 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.config.endpoints import overlap, parse_endpoint
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.config_keys import forbidden
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from riot_bus.config.router_settings import SegmentSettings
 
-__all__ = ["SEGMENT_NAME", "check_apart", "check_name", "check_setting", "check_text", "checked_endpoints"]
+__all__ = ["SEGMENT_NAME", "check_apart", "check_name", "check_setting", "check_text", "checked_endpoints", "forbidden"]
 
 SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
+
+_LISTEN = "write listen = [...] in the segment's table"
+_CONNECT = "write connect = [...] in the segment's table"
+_PASSWORD = (
+    "the segment would refuse everybody without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
+)
+_FORBIDDEN = {
+    "mode": "a segment is always a router",
+    "namespace": "a segment sees the keys as its components write them",
+    "listen": _LISTEN,
+    "listen/endpoints": _LISTEN,
+    "connect": _CONNECT,
+    "connect/endpoints": _CONNECT,
+    "transport/auth/usrpwd/user": _PASSWORD,
+    "transport/auth/usrpwd/password": _PASSWORD,
+}
+_NEEDED = ("adminspace/enabled", "adminspace/permissions/read")
 
 
 def check_text(text: str, *place: str) -> None:
@@ -48,6 +64,13 @@ def checked_endpoints(texts: Sequence[str], place: str) -> tuple[str, ...]:
         return tuple(str(parse_endpoint(text, connect=place == "connect")) for text in texts)
     except ConfigError as error:
         raise MistakeError(error.message, hint=error.hint, place=[place]) from None
+
+
+def forbidden(key: str, value: Any) -> str | None:
+    """Return why a segment cannot have this setting, or None if it can."""
+    if key in _NEEDED and value is False:
+        return "it cannot be false: riot asks there where a segment listens"
+    return _FORBIDDEN.get(key.strip("/"))
 
 
 def check_setting(key: str, value: Any) -> None:

@@ -18,8 +18,7 @@ from riot_bus.zenoh.scouting import THIS_HOST, scout
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    import zenoh
-
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.scouting import Answer, Scouting
 
 __all__ = ["Bypass", "BypassFinder", "BypassWatch", "Segmented", "find_bypasses"]

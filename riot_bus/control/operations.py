@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.status import plan_row
-from riot_bus.router.interception import InjectionPlan
+from riot_bus.inject.injection_plan import InjectionPlan
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    import zenoh
-
     from riot_bus.graph.model import Graph
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Client
 
 __all__ = ["Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
@@ -69,7 +68,7 @@ class Remote:
         return self
 
     def __exit__(self, *error: object) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         with suppress(zenoh.ZError):  # the link may hang
             self._client.close()
@@ -132,7 +131,7 @@ class Remote:
         return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
 
     def _get(self, selector: str, *, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         try:
             return list(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.config.router_settings import RouterSettings, load_router
-from riot_bus.config.toml_file import read_toml
+from riot_bus.config.arguments import parse_types
+from riot_bus.config.router_settings import RouterSettings, router_keys
+from riot_bus.config.toml_file import explained, read_toml
 from riot_bus.control.router_flags import RouterFlags, merged
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.zenoh.config_files import with_files
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.router.interception import InjectionPlan
+    from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = [
@@ -22,7 +24,7 @@ __all__ = [
     "interceptor_list",
     "interceptors_of",
     "intercepts",
-    "parse_types",
+    "load_router",
     "plan_of",
     "registry_of",
     "settings_of",
@@ -81,23 +83,6 @@ def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
     return any(wanted) or bool(options.carried)
 
 
-def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:
-    """Build the interceptors of riot.toml and of the command line; files that they name are executed."""
-    if not settings.interceptors and not options.interceptors:
-        return []
-    from riot_bus.interceptors.catalogue import build
-    from riot_bus.interceptors.parsing import from_tables, parse
-
-    seed = {"seed": options.seed} if options.seed else {}  # what has a seed of its own keeps it
-    path = options.system or DEFAULT_SYSTEM
-    tables = [{**seed, **table} for table in settings.interceptors]
-    found = from_tables(tables, where=str(path), root=path.resolve().parent)
-    for text in options.interceptors:
-        use, own = parse(text)
-        found.append(build(use, {**seed, **own}, where="--interceptor"))
-    return found
-
-
 def interceptor_list() -> list[dict[str, Any]]:
     """Return the interceptors that are known by name, and their options, as JSON values."""
     from riot_bus.interceptors.catalogue import describe
@@ -121,18 +106,23 @@ def interceptor_list() -> list[dict[str, Any]]:
     ]
 
 
+def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:
+    """Build the interceptors of riot.toml and of the command line; files that they name are executed."""
+    if not settings.interceptors and not options.interceptors:
+        return []
+    from riot_bus.interceptors.parsing import build_all
+
+    file = options.system or DEFAULT_SYSTEM
+    return build_all(options.interceptors, tables=settings.interceptors, file=file, seed=options.seed)
+
+
 def plan_of(options: RouterOptions) -> InjectionPlan | None:
     """Read the injection plan; None if there is none."""
     if options.inject is None:
         return None
-    from riot_bus.router.interception import InjectionPlan
+    from riot_bus.inject.injection_plan import InjectionPlan
 
-    try:
-        text = options.inject.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"cannot read the injection plan: {reason}", where=str(options.inject)) from error
-    return InjectionPlan.parse(text, str(options.inject), seed=options.seed)
+    return InjectionPlan.read(options.inject, seed=options.seed)
 
 
 def registry_of(options: RouterOptions) -> TypeRegistry:
@@ -169,17 +159,24 @@ def _is_texts(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(each, str) for each in value)
 
 
-def parse_types(texts: Sequence[str]) -> dict[str, str]:
-    """Parse `TOPIC=TYPE`.
+def load_router(path: Path) -> RouterSettings:
+    """Read `[router]` of a riot.toml; other tables may be missing and are not looked at.
+
+    Paths come back absolute, Zenoh keys and values are checked. Without the table everything has its default.
 
     Raises:
-        ConfigError: A text is not of this form.
+        ConfigError: Missing file, unknown key or bad value; with place and suggestion.
     """
-    types = {}
-    for text in texts:
-        topic, equals, type_name = text.rpartition("=")
-        if not topic or not equals or not type_name:
-            hint = "write TOPIC=TYPE, such as /odom=nav_msgs/msg/Odometry"
-            raise ConfigError(f"{text!r} is not a topic and its type", where="--type", hint=hint)
-        types[topic] = type_name
-    return types
+    from pydantic import TypeAdapter, ValidationError
+
+    document, text = read_toml(path)
+    root = path.resolve().parent
+    try:
+        settings = TypeAdapter(RouterSettings).validate_python(document.get("router", {}))
+    except ValidationError as error:
+        raise explained(error, path, text, router_keys, prefix=["router"]) from None
+    segments = {
+        name: with_files(segment, root, path=path, text=text, name=name) for name, segment in settings.segments.items()
+    }
+    record = None if settings.record is None else str(root / settings.record)
+    return replace(settings, segments=segments, record=record)

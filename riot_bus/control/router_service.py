@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from riot_bus.config.router_settings import RouterSettings
     from riot_bus.control.bypass import Bypass
     from riot_bus.graph.model import Graph
+    from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.router.bus import TopicCounts
     from riot_bus.router.counts import Losses
-    from riot_bus.router.interception import InjectionPlan
     from riot_bus.zenoh.network import Network
     from riot_bus.zenoh.scouting import Scouting
 

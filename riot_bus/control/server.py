@@ -17,7 +17,7 @@ from riot_bus.zenoh.session_config import OWN_CHUNK
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Control"]
 

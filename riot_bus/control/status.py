@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
     from riot_bus.control.bypass import Bypass
     from riot_bus.graph.model import Graph
+    from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.bus import Bus
     from riot_bus.router.counts import Losses
-    from riot_bus.router.interception import InjectionPlan
 
 __all__ = ["bypass_rows", "count_rows", "count_table", "interceptor_rows", "loss_rows", "plan_row", "segment_rows"]
 

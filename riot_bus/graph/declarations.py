@@ -13,7 +13,7 @@ from riot_bus.zenoh.keyexpr_pins import no_more_numbers
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
 
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Declared", "Kind", "declarations"]
 

@@ -15,12 +15,11 @@ from riot_bus.zenoh.session_config import is_control
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    import zenoh
-
     from riot_bus.graph.declarations import Declared
     from riot_bus.graph.processes import SocketOwner
     from riot_bus.types.announcement import BridgedLink
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Observer", "WatchedBus"]
 

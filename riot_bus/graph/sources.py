@@ -23,10 +23,9 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    import zenoh
-
     from riot_bus.types.announcement import Announcement
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["AdminView", "SegmentSource", "admin_views"]
 

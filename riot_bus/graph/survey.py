@@ -16,10 +16,9 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import zenoh
-
     from riot_bus.types.announcement import Announcement
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Started", "Survey", "survey"]
 
@@ -77,7 +76,7 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
     skipped: set[str] = set()
 
     def take(sample: zenoh.Sample) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         key = str(sample.key_expr)
         with lock:
@@ -109,7 +108,7 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
 
 def _links(session: zenoh.Session) -> dict[Link, str]:
     """Return who is at the far end of the links of all routers; `graph.sources` says why this question is safe."""
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     found: dict[Link, str] = {}
     replies = session.get(

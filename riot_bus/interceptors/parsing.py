@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-__all__ = ["from_tables", "from_text", "parse"]
+__all__ = ["build_all", "from_tables", "from_text", "parse"]
 
 _KEY = re.compile(r"[A-Za-z_]\w*")
 
@@ -78,6 +78,29 @@ def from_tables(
             raise ConfigError("which interceptor?", where=place, hint=hint)
         made.append(build(use, options, where=place, root=root))
     return made
+
+
+def build_all(
+    texts: Iterable[str], *, tables: Iterable[Mapping[str, Any]] = (), file: Path | None = None, seed: int = 0
+) -> list[object]:
+    """Build the interceptors of a riot.toml, then those of a command line; files that they name are executed.
+
+    Args:
+        texts: As written after `--interceptor`.
+        tables: `[[router.interceptors]]`, as written.
+        file: The riot.toml, for errors and relative paths.
+        seed: Seed of those that have none of their own; 0 for none.
+
+    Raises:
+        ConfigError: One cannot be built.
+    """
+    common = {"seed": seed} if seed else {}
+    where, root = ("riot.toml", None) if file is None else (str(file), file.resolve().parent)
+    found = from_tables([{**common, **table} for table in tables], where=where, root=root)
+    for text in texts:
+        use, own = parse(text)
+        found.append(build(use, {**common, **own}, where="--interceptor"))
+    return found
 
 
 def _value(text: str) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
 from riot_bus.log.account import LOST, Account, account_of
+from riot_bus.log.engine.blocks import MAX_BLOCK
 from riot_bus.log.engine.scan import read_metadata
 from riot_bus.log.engine.summary import Summary, read_summary
 from riot_bus.log.reader import LogReader, Loss, channel_source, open_log
@@ -173,7 +174,7 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
         _topic(topics, source)
     numbers = _Numbers()
     read = 0
-    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=2, largest=layout.MAX_BLOCK):
+    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=2, largest=MAX_BLOCK):
         _count(block, sources, topics)
         numbers.take(block, sources, topics, reader.extras_of(block.block, len(block.data)))
         read += block.block.body.length

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgpack  # type: ignore[import-untyped]
 import zstandard
 
+from riot_bus.log.engine.blocks import MAX_BLOCK
+from riot_bus.log.engine.scan import read_attachment
 from riot_bus.pipeline.event import Change
 from riot_bus.types.serve import Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
@@ -24,6 +26,7 @@ from riot_bus.vocabulary.message import Message, Qos
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from riot_bus.log.engine.blocks import Block
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Constants", "Provenance", "Role"]
@@ -34,12 +37,10 @@ KEY, TOPIC, ROLE, SEGMENT = "riot.key", "riot.topic", "riot.role", "riot.segment
 ENCODING, QOS = "riot.encoding", "riot.qos"
 ORIGINAL_PREFIX = "riot/original/"
 _CALL_PREFIX = "riot/"
-RUN, PROVENANCE, EXTRAS = "riot_bus.run", "riot_bus.provenance", "riot_bus.extras"
+RUN, PROVENANCE = "riot_bus.run", "riot_bus.provenance"
 GRAPH = "riot_bus.graph"
 EXTRAS_TYPE = "application/msgpack+zstd"
 LIBRARY = "riot_bus"
-MAX_BLOCK = 1 << 30
-"""Largest chunk or attachment in bytes, uncompressed, that is read: a damaged size must not take the memory."""
 _MODEST_COUNT, _MODEST_BYTES = 1 << 15, 1 << 22
 
 
@@ -142,6 +143,20 @@ def apply_extras(fields: dict[str, Any], extras: Mapping[str, Any]) -> None:
 def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
     """Encode the extras of one chunk: pairs of a message's place in the chunk (0, 1, ...) and its extras."""
     return zstandard.compress(msgpack.packb([list(pair) for pair in extras]), 1)
+
+
+def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]:
+    """Load the extras of a block's messages by place in the block.
+
+    Args:
+        file: Descriptor of the log.
+        block: Block of the log.
+        most: Largest number of messages that the block can have.
+
+    Raises:
+        ValueError: They are damaged.
+    """
+    return {} if block.extras is None else unpack_extras(read_attachment(file, block.extras), most)
 
 
 def unpack_extras(data: bytes, most: int) -> dict[int, dict[str, Any]]:

@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
+from riot_bus.log.engine.blocks import HEAD, MAX_BLOCK, SHORTEST_MESSAGE, Block, read_block
 from riot_bus.log.engine.salvage import Salvage, salvage
 from riot_bus.log.engine.scan import (
     MessageEntry,
@@ -18,7 +18,6 @@ from riot_bus.log.engine.scan import (
     define,
     learn_block,
     load_block,
-    load_extras,
     read_metadata,
     scan_file,
 )
@@ -328,7 +327,7 @@ class LogReader:
             size: Its bytes, uncompressed.
         """
         try:
-            return load_extras(self._file, block, size // _LEAST_BYTES)
+            return layout.load_extras(self._file, block, size // _LEAST_BYTES)
         except (ValueError, OSError):
             self._details.add(block.number)
             return {}
@@ -347,7 +346,7 @@ class LogReader:
         if count:
             self._late[block.number] = count
 
-    def rest_of(self, block: Block, *, limit: int = layout.MAX_BLOCK) -> Salvage | None:
+    def rest_of(self, block: Block, *, limit: int = MAX_BLOCK) -> Salvage | None:
         """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
 
         Args:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 from mcap.records import Channel, Schema
 
 from riot_bus.log import layout
+from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.engine.chunk import ChunkBuilder
 from riot_bus.log.engine.mcap_file import McapFile, record_bytes
 from riot_bus.log.layout import Constants, Provenance, Role
@@ -527,7 +528,7 @@ class LogWriter:
             chunk, extras = batch.draft.chunk(), batch.draft.extras
             with self._file.together():
                 if extras:
-                    self._file.attachment(layout.EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
+                    self._file.attachment(EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
                 if batch.provenance is not None:
                     self._file.metadata(layout.PROVENANCE, {"changes": batch.provenance})
                 self._file.chunk(chunk)

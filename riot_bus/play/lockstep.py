@@ -19,7 +19,7 @@ from riot_bus.zenoh.session import canonical, release
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Acknowledged", "Quiet", "Settling"]
 
@@ -52,7 +52,7 @@ class _Watch:
     """Notices messages on some keys."""
 
     def __init__(self, session: zenoh.Session, keys: Sequence[str], timeout: float) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         self.unsettled = 0
         self._timeout = timeout

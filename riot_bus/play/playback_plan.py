@@ -5,8 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from riot_bus.config.router_settings import RouterSettings
-from riot_bus.control.router_options import RouterOptions, interceptors_of, parse_types, plan_of
+from riot_bus.config.arguments import parse_types
 from riot_bus.log.channels import recorded_topics, span_of
 from riot_bus.log.playback.ahead import AheadSource
 from riot_bus.log.playback.recall import RecallingSource
@@ -145,13 +144,14 @@ class PlaybackPlan:
         return RecallingSource(merged, before, latched, origin=self.origin)
 
     def _pipeline(self, options: PlayOptions) -> Pipeline | None:
-        wanted = RouterOptions(interceptors=options.interceptors, inject=options.inject, seed=options.seed)
-        found = interceptors_of(RouterSettings(), wanted)
-        plan = plan_of(wanted)
-        if plan is not None:
-            found.append(plan.injector)
-        if not found:
+        if not options.interceptors and options.inject is None:
             return None
+        from riot_bus.inject.injection_plan import InjectionPlan
+        from riot_bus.interceptors.parsing import build_all
+
+        found = build_all(options.interceptors, seed=options.seed)
+        if options.inject is not None:
+            found.append(InjectionPlan.read(options.inject, seed=options.seed).injector)
         for each in found:
             for topic in topics_of(each) or ():
                 if not any(self.registry.matches(topic, key) for key in self.cast.offers):

@@ -11,9 +11,8 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    import zenoh
-
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["PublisherConflicts"]
 
@@ -48,7 +47,7 @@ class PublisherConflicts:
 
     def look(self) -> None:
         """Ask for tokens and begin to listen."""
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         for expression in expressions(self._registry):
             for reply in self._session.liveliness().get(expression, timeout=_ASK_S):

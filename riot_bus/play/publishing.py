@@ -14,9 +14,8 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    import zenoh
-
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Publishing"]
 
@@ -83,7 +82,7 @@ class Publishing:
 
     def flush(self, timeout: float) -> bool:
         """Wait until the router has all that was published; return False if it does not say so in time."""
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         # A question goes the same way, behind everything that was published before.
         question = self._session.get(
@@ -121,7 +120,7 @@ class _Outlet:
     """The publisher of one key."""
 
     def __init__(self, session: zenoh.Session, offer: Offer, identity: Identity, *, block: bool) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         self._session, self._offer, self._block = session, offer, block or offer.block
         self._attachment = identity.attachment
@@ -164,7 +163,7 @@ class _Outlet:
         return publisher
 
     def _declare_latched(self) -> Any:
-        from zenoh import ext
+        from riot_bus.zenoh.api import ext
 
         beats = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
         return ext.declare_advanced_publisher(
@@ -179,12 +178,12 @@ class _Outlet:
     def _settings(self, qos: Qos) -> dict[str, Any]:
         if self._block and qos.congestion == "drop":
             qos = Qos(qos.priority, "block", qos.express)
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         return publisher_settings(qos, zenoh)
 
     def _encoding(self, text: str) -> Any:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         if len(self._encodings) >= _MOST_KEYS:
             self._encodings.clear()
@@ -208,7 +207,7 @@ class _Links:
         release(self._listener)
 
     def _event(self, event: zenoh.TransportEvent) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         if event.kind == zenoh.SampleKind.PUT:
             self._open.add(str(event.transport.zid))

@@ -28,11 +28,10 @@ from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    import zenoh
-
     from riot_bus.play.lockstep import Settling
     from riot_bus.play.options import PlayOptions
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["PlayResult", "PlayService"]
 

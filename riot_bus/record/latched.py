@@ -13,7 +13,7 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["LatchedCaches"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,12 +17,9 @@ from riot_bus.zenoh.session_config import OWN_CHUNK
 if TYPE_CHECKING:
     from riot_bus.monitors.invariants import Invariant
 
-__all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_seconds", "parse_size", "parse_throttles"]
+__all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_throttles"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*(|[kmgt])(i?)b?", re.IGNORECASE)
-_TIME = re.compile(r"(\d+(?:\.\d+)?)\s*(|ms|s|min|h|d)")
-_UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _LEAST_CHUNK, _LARGEST_CHUNK = 1 << 10, 1 << 28
 _MOST_KEYS = 200
 
@@ -143,24 +139,6 @@ class CaptureOptions:
                 hint = "write it like '/scan where range_max > 10'"
                 raise ConfigError(f"{text!r} is no condition of messages", where="--dump-on", hint=hint)
             parse_predicate(selector.where)
-
-
-def parse_size(text: str, where: str) -> int:
-    """Return bytes: `500MB`, `1GiB`, `65536`; raises ConfigError."""
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise ConfigError(f"{text!r} is no size", where=where, hint="write it like 500MB, 1GiB or 65536")
-    number, letter, binary = match.groups()
-    base = 1024 if binary else 1000
-    return int(float(number) * base ** " kmgt".index(letter.lower() or " "))
-
-
-def parse_seconds(text: str, where: str) -> float:
-    """Return seconds: `90`, `90s`, `15min`, `1h`; raises ConfigError."""
-    match = _TIME.fullmatch(text.strip())
-    if match is None:
-        raise ConfigError(f"{text!r} is no time", where=where, hint="write it like 90, 90s, 15min or 1h")
-    return float(match[1]) * _UNITS[match[2]]
 
 
 def parse_throttles(texts: Sequence[str]) -> dict[str, float]:

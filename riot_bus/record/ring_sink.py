@@ -136,6 +136,7 @@ class RingSink:
             try:
                 size = content.write(
                     path,
+                    library=layout.LIBRARY,
                     profile=self._profile,
                     schemas=schemas,
                     channels=channels,

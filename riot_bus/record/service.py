@@ -40,10 +40,9 @@ from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import zenoh
-
     from riot_bus.graph.model import Graph
     from riot_bus.record.options import CaptureOptions
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["CaptureResult", "CaptureService"]
 

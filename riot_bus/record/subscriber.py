@@ -22,8 +22,6 @@ from riot_bus.zenoh.convert import Converter, is_delete
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    import zenoh
-
     from riot_bus.log.engine.chunk import Row
     from riot_bus.log.layout import Constants
     from riot_bus.log.writer import ChannelWriter
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
     from riot_bus.record.ring_sink import RingSink
     from riot_bus.record.rotating_sink import RotatingSink
     from riot_bus.types.stamp import Stamp
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["KeyRules", "RecordingSubscriber"]
 

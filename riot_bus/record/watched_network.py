@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    import zenoh
-
     from riot_bus.record.subscriber import RecordingSubscriber
     from riot_bus.types.announcement import BridgedLink
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["WatchedNetwork"]
 

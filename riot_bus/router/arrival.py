@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import zenoh
-
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["SampleArrival"]
 

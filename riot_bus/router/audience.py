@@ -12,9 +12,8 @@ from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 
 if TYPE_CHECKING:
-    import zenoh
-
     from riot_bus.vocabulary.message import Qos
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Audience", "Inner", "Take"]
 

@@ -35,13 +35,12 @@ from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    import zenoh
-
     from riot_bus.config.router_settings import SegmentSettings
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.audience import Inner
     from riot_bus.router.recorder import Recorder
     from riot_bus.types.announcement import BridgedLink
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Subscription
     from riot_bus.zenoh.junction import Junction
     from riot_bus.zenoh.segments import Segment

@@ -16,8 +16,6 @@ from riot_bus.router.counts import BoundedCounts
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    import zenoh
-
     from riot_bus.pipeline.event import Arrival
     from riot_bus.router.advanced.publisher_proxies import PublisherProxies
     from riot_bus.router.advanced.publisher_state import PublisherState
@@ -25,6 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.router.pipeline_executor import PipelineExecutor, Worker
     from riot_bus.router.recorder import Recorder
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
 __all__ = ["DeliveryQueue"]

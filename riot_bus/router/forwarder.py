@@ -26,10 +26,9 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import zenoh
-
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Qos
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
 __all__ = ["Forwarder"]

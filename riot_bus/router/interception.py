@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.router.services.selection import service_keys, split
@@ -15,49 +14,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from riot_bus.config.router_settings import RouterSettings
-    from riot_bus.inject.interceptor import Injector
+    from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["InjectionPlan", "Interception", "expressions_of", "topics_of", "wanted_keys"]
+__all__ = ["Interception", "expressions_of", "topics_of", "wanted_keys"]
 
 _MOST_KEYS = 1024
 _LONGEST_KEY = 1024
-
-
-@dataclass(frozen=True, slots=True)
-class InjectionPlan:
-    """An injection plan that is carried out.
-
-    Attributes:
-        name: What people call it, such as its file.
-        text: As it was written.
-        injector: Carries it out.
-    """
-
-    name: str
-    text: str
-    injector: Injector
-
-    @classmethod
-    def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
-        """Read a plan.
-
-        Args:
-            text: TOML.
-            name: What people call it.
-            seed: Seed of the run, added to the plan's own.
-
-        Raises:
-            ConfigError: It is not a plan, or an empty one.
-        """
-        from riot_bus.inject.interceptor import Injector
-        from riot_bus.inject.plan import parse_plan
-
-        injections = parse_plan(text, name=name)
-        if not injections:
-            raise ConfigError("this plan injects nothing", where=name, hint="add [[inject]] tables (README.md)")
-        return cls(name, text, Injector(injections, seed=seed))
 
 
 def topics_of(interceptor: object) -> list[str] | None:
@@ -192,7 +156,7 @@ class Interception:
 
         What is included already need not be cut, so that routes stay as they are.
         """
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         wanted = canonical([self._registry.key_expression(name) for name in names])
         for text in wanted:

@@ -22,11 +22,10 @@ from riot_bus.vocabulary.message import Message
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    import zenoh
-
     from riot_bus.router.audience import Take
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Qos
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["IngressKey", "LocalIngress"]
 

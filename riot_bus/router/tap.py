@@ -11,9 +11,8 @@ from riot_bus.zenoh.batches import Batches
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import zenoh
-
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Converter
 
 __all__ = ["Tap"]

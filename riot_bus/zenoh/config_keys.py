@@ -7,39 +7,16 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.config.setting_checks import forbidden
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["check_config", "forbidden", "leaves", "value_of"]
-
-_LISTEN = "write listen = [...] in the segment's table"
-_CONNECT = "write connect = [...] in the segment's table"
-_PASSWORD = (
-    "the segment would refuse everybody without a password, riot's own sessions too; dictionary_file names users"  # noqa: S105
-)
-_FORBIDDEN = {
-    "mode": "a segment is always a router",
-    "namespace": "a segment sees the keys as its components write them",
-    "listen": _LISTEN,
-    "listen/endpoints": _LISTEN,
-    "connect": _CONNECT,
-    "connect/endpoints": _CONNECT,
-    "transport/auth/usrpwd/user": _PASSWORD,
-    "transport/auth/usrpwd/password": _PASSWORD,
-}
-_NEEDED = ("adminspace/enabled", "adminspace/permissions/read")
+__all__ = ["check_config", "leaves", "value_of"]
 
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+.*", re.DOTALL)
 _REASON = re.compile(r'msg: "(.*?)", location', re.DOTALL)
-
-
-def forbidden(key: str, value: Any) -> str | None:
-    """Return why a segment cannot have this setting, or None if it can."""
-    if key in _NEEDED and value is False:
-        return "it cannot be false: riot asks there where a segment listens"
-    return _FORBIDDEN.get(key.strip("/"))
 
 
 def leaves(config: Mapping[str, Any]) -> dict[str, Any]:

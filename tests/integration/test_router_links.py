@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from riot_bus.config.router_settings import SegmentSettings, load_router
+from riot_bus.config.router_settings import SegmentSettings
 from riot_bus.control.environment import (
     client_settings,
     environment,
@@ -24,6 +24,7 @@ from riot_bus.control.environment import (
     session_file,
 )
 from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_options import load_router
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus.zenoh.session_config import router_config

@@ -26,7 +26,7 @@ def everything(end: ScenarioEnd) -> Observation:
 
 def put(end: ScenarioEnd, rest: str, payload: bytes | str, **options: Any) -> None:
     """Publish what must not be dropped."""
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     end.session.put(end.key(rest), payload, congestion_control=zenoh.CongestionControl.BLOCK, **options)
 
@@ -55,8 +55,8 @@ def answer(
 
 def advanced_publisher(end: ScenarioEnd, rest: str, *, session: Any = None, cache: int | None = 10) -> Any:
     """Declare an advanced publisher with heartbeats."""
-    import zenoh
-    from zenoh import ext
+    from riot_bus.zenoh import api as zenoh
+    from riot_bus.zenoh.api import ext
 
     return ext.declare_advanced_publisher(
         session or end.session,
@@ -70,7 +70,7 @@ def advanced_publisher(end: ScenarioEnd, rest: str, *, session: Any = None, cach
 
 def advanced_subscriber(end: ScenarioEnd, rest: str, *, history: int | None = None, recovery: bool = False) -> Inbox:
     """Declare an advanced subscriber."""
-    from zenoh import ext
+    from riot_bus.zenoh.api import ext
 
     inbox = Inbox()
     inbox.handle = ext.declare_advanced_subscriber(

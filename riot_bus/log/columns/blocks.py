@@ -11,8 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import CHUNK, HEAD, SHORTEST_MESSAGE, Records, packed_size, read_block, records_of
-from riot_bus.log.layout import MAX_BLOCK
+from riot_bus.log.engine.blocks import (
+    CHUNK,
+    HEAD,
+    MAX_BLOCK,
+    SHORTEST_MESSAGE,
+    Records,
+    packed_size,
+    read_block,
+    records_of,
+)
 from riot_bus.types.bulk import Payloads
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from mcap.records import Attachment, Channel, Schema
 
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, heads_of, shifted
-from riot_bus.log.engine.blocks import HEAD, Records, read_block, records_of
+from riot_bus.log.engine.blocks import HEAD, MAX_BLOCK, Records, read_block, records_of
 from riot_bus.log.engine.salvage import Salvage, salvage
-from riot_bus.log.engine.scan import define, learn_block, load_extras, parse, read_metadata, scan_file
+from riot_bus.log.engine.scan import define, learn_block, parse, read_metadata, scan_file
 from riot_bus.log.reader import Loss
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -249,7 +249,7 @@ class InputLog:
         """Yield the attachments of others."""
         for span in self._scan.attachments:
             found = None
-            if span.length <= layout.MAX_BLOCK:
+            if span.length <= MAX_BLOCK:
                 found = parse(Attachment, os.pread(self._file, span.length, span.offset))
             if found is None:
                 self._details.add(-span.offset)
@@ -304,7 +304,7 @@ class InputLog:
 
     def _extras(self, block: Block, count: int, size: int) -> NDArray[Any] | None:
         try:
-            extras = load_extras(self._file, block, size // MESSAGE_HEAD)
+            extras = layout.load_extras(self._file, block, size // MESSAGE_HEAD)
         except (ValueError, OSError):
             self._details.add(block.number)
             return None

@@ -11,6 +11,7 @@ import numpy as np
 
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import heads_of, runs_of
+from riot_bus.log.engine.blocks import EXTRAS
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.log.engine.chunk import LARGE, MESSAGE_BYTES, Chunk
 from riot_bus.log.engine.mcap_file import McapFile
@@ -253,7 +254,7 @@ class OutputFile:
 
     def _describe(self, extras: list[tuple[int, dict[str, Any]]], notes: list[Provenance]) -> None:
         if extras:
-            self._file.attachment(layout.EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
+            self._file.attachment(EXTRAS, layout.EXTRAS_TYPE, layout.pack_extras(extras))
         if notes:
             self._file.metadata(layout.PROVENANCE, {"changes": layout.pack_provenance(notes)})
 

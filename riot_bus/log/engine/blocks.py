@@ -12,14 +12,18 @@ import zstandard
 from mcap.opcode import Opcode
 
 from riot_bus.log.engine.checksum import crc32
-from riot_bus.log.layout import MAX_BLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-__all__ = ["Block", "Records", "Span", "packed_size", "read_block", "records_of", "unzstd"]
+__all__ = ["EXTRAS", "MAX_BLOCK", "Block", "Records", "Span", "packed_size", "read_block", "records_of", "unzstd"]
+
+EXTRAS = "riot_bus.extras"
+"""Name of an attachment that belongs to the chunk behind it; others are left alone."""
+MAX_BLOCK = 1 << 30
+"""Largest chunk or attachment in bytes, uncompressed, that is read: a damaged size must not take the memory."""
 
 HEAD = struct.Struct("<BQ")
 CHUNK = struct.Struct("<QQQII")

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import CHUNK, HEAD, SHORTEST_MESSAGE
-from riot_bus.log.layout import MAX_BLOCK
+from riot_bus.log.engine.blocks import CHUNK, HEAD, MAX_BLOCK, SHORTEST_MESSAGE
 
 if TYPE_CHECKING:
     from collections.abc import Container

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from mcap.records import Statistics
 
-from riot_bus.log import layout
 from riot_bus.log.engine.mcap_file import McapFile, record_bytes
 from riot_bus.log.engine.packing import PackedChunk, check_compression
 
@@ -60,6 +59,7 @@ class RingContent:
         path: Path | str,
         *,
         profile: str,
+        library: str,
         schemas: Sequence[Schema],
         channels: Sequence[Channel],
         notes: Sequence[tuple[str, Mapping[str, str]]] = (),
@@ -70,6 +70,7 @@ class RingContent:
         Args:
             path: File to create.
             profile: MCAP profile.
+            library: Name of the writing library.
             schemas: As of `LogWriter.definitions`.
             channels: Likewise.
             notes: Metadata records for the beginning.
@@ -82,7 +83,7 @@ class RingContent:
         channels = [each for each in channels if each.id in self.messages]
         wanted = {each.schema_id for each in channels}
         schemas = [each for each in schemas if each.id in wanted]
-        file = McapFile(path, profile=profile, library=layout.LIBRARY, compression="none")
+        file = McapFile(path, profile=profile, library=library, compression="none")
         try:
             for name, mapping in notes:
                 file.metadata(name, mapping)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import lz4.frame  # type: ignore[import-untyped]
 from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
-from riot_bus.log.layout import MAX_BLOCK
+from riot_bus.log.engine.blocks import CHUNK, HEAD, MAX_BLOCK, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -19,10 +19,11 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Header, Metadata, Schema, Statistics
 
-from riot_bus.log import layout
 from riot_bus.log.engine.blocks import (
     CHUNK,
+    EXTRAS,
     HEAD,
+    MAX_BLOCK,
     MOST_MESSAGES,
     MOST_OTHERS,
     SHORTEST_MESSAGE,
@@ -34,7 +35,17 @@ from riot_bus.log.engine.blocks import (
 from riot_bus.log.engine.checksum import crc32
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["Block", "MessageEntry", "Scan", "Span", "load_block", "load_extras", "parse", "read_metadata", "scan_file"]
+__all__ = [
+    "Block",
+    "MessageEntry",
+    "Scan",
+    "Span",
+    "load_block",
+    "parse",
+    "read_attachment",
+    "read_metadata",
+    "scan_file",
+]
 
 MAGIC = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
@@ -238,27 +249,24 @@ def read_metadata(file: int, span: Span) -> dict[str, str] | None:
     return None if record is None else record.metadata
 
 
-def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]:
-    """Load a block's extras by place in the block.
+def read_attachment(file: int, span: Span) -> bytes:
+    """Return the data of an attachment.
 
     Args:
         file: Descriptor of the log.
-        block: Which.
-        most: So many messages it has at most.
+        span: Body of its record.
 
     Raises:
-        ValueError: They are damaged.
+        ValueError: It is too large or damaged.
     """
-    if block.extras is None:
-        return {}
-    if block.extras.length > layout.MAX_BLOCK:
-        raise ValueError(f"extras of {block.extras.length} bytes")
-    body = os.pread(file, block.extras.length, block.extras.offset)
+    if span.length > MAX_BLOCK:
+        raise ValueError(f"an attachment of {span.length} bytes")
+    body = os.pread(file, span.length, span.offset)
     if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
-        raise ValueError("checksum of extras")
+        raise ValueError("checksum of an attachment")
     _, position = _text(body, 16)
     _, position = _text(body, position)
-    return layout.unpack_extras(body[position + 8 : -4], most)
+    return body[position + 8 : -4]
 
 
 def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str, Any]]) -> list[MessageEntry]:
@@ -323,7 +331,7 @@ def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
 
 
 def _extras_span(body: Span, inside: bytes) -> Span | None:
-    return body if _text(inside, 16)[0] == layout.EXTRAS else None
+    return body if _text(inside, 16)[0] == EXTRAS else None
 
 
 def _text(data: bytes, position: int) -> tuple[str, int]:

@@ -22,11 +22,10 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
-
     from riot_bus.router.advanced.publisher_state import PublisherState
     from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.router.advanced.worker import Worker
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Answers"]
 

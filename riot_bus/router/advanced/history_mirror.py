@@ -21,12 +21,11 @@ from riot_bus.router.advanced.publisher_state import Task
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
-
     from riot_bus.router.advanced.publisher_state import PublisherState, Stored
     from riot_bus.router.advanced.upstream import CacheAnswer, Upstream
     from riot_bus.router.advanced.worker import Worker
     from riot_bus.router.delivery_queue import DeliveryQueue
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Converter, Outlets
 
 __all__ = ["HistoryMirror"]

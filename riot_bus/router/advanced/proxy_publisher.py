@@ -10,9 +10,8 @@ from riot_bus.zenoh.libraries import library_of, moved
 from riot_bus.zenoh.session import release
 
 if TYPE_CHECKING:
-    import zenoh
-
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Outlets
 
 __all__ = ["ProxyPublisher", "StoreFilter"]
@@ -109,7 +108,7 @@ class ProxyPublisher:
 
     def beat(self) -> None:
         """Tell the last number, if it has changed."""
-        from zenoh import ext
+        from riot_bus.zenoh.api import ext
 
         if self._next != self._beaten and not self._quiet:
             self._beaten = self._next

@@ -22,11 +22,10 @@ from riot_bus.zenoh.session import release, wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
-
     from riot_bus.router.advanced.publisher_state import Stored
     from riot_bus.router.delivery_queue import DeliveryQueue
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.convert import Converter, Outlets
 
 __all__ = ["PublisherProxies"]
@@ -125,7 +124,7 @@ class PublisherProxies:
 
     def unwatch(self, expression: str) -> None:
         """End all that stands in on an expression; call when its lanes are closed and the junction still cuts it."""
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         release(*self._watched.pop(expression, ()))
         rest = [zenoh.KeyExpr(each) for each in self._watched]
@@ -342,8 +341,8 @@ class PublisherProxies:
             self._meet(source, again=again, token=False)
 
     def _beat(self, segment: str, sample: Any) -> None:
-        import zenoh
-        from zenoh import ext
+        from riot_bus.zenoh import api as zenoh
+        from riot_bus.zenoh.api import ext
 
         source = announced(segment, str(sample.key_expr))
         relay = self.keys.get(source.key, {}).get(source) if source is not None else None

@@ -12,10 +12,9 @@ from riot_bus.zenoh.libraries import library_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
-
     from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.router.advanced.worker import Worker
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["CacheAnswer", "Upstream"]
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import zenoh
-
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Call", "encoding_text", "payload_of"]
 

@@ -22,10 +22,9 @@ from riot_bus.zenoh.session import includes
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    import zenoh
-
     from riot_bus.pipeline.runner import Emission
     from riot_bus.router.delivery_queue import DeliveryQueue
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["CallLane", "Limits"]
 

@@ -13,9 +13,8 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    import zenoh
-
     from riot_bus.router.advanced.worker import Worker
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Presence"]
 

@@ -15,9 +15,8 @@ from riot_bus.zenoh.convert import Claims
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    import zenoh
-
     from riot_bus.router.delivery_queue import DeliveryQueue
+    from riot_bus.zenoh import api as zenoh
 
 __all__ = ["Services"]
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from riot_bus.config.endpoints import parse_endpoint
-from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings, load_router
+from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, SegmentSettings
 from riot_bus.control.exposure import exposure_warnings
 from riot_bus.control.router_flags import RouterFlags, merged, parse_cfg
+from riot_bus.control.router_options import load_router
 from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.config_keys import leaves, value_of

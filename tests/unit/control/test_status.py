@@ -6,10 +6,10 @@ from riot_bus.control.reach import Bypass
 from riot_bus.control.status import bypass_rows, count_rows, count_table, interceptor_rows, loss_rows, plan_row
 from riot_bus.control.status_text import answer_lines, counts_lines, escape_control_chars, status_lines
 from riot_bus.graph.model import ConnectedComponent
+from riot_bus.inject.injection_plan import InjectionPlan
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import OTHER_TOPICS, Pipeline
 from riot_bus.router.counts import Losses, TopicCounts
-from riot_bus.router.interception import InjectionPlan
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message

@@ -130,7 +130,10 @@ def test_what_a_definition_tells_comes_after_bindings_and_before_types():
     dictionary = Dictionary()
     dictionary.add('[[entry]]\nvalue = 7\nreason = "general"\ntype = "uint8"', where="a")
     told = [ExceptionalValue(3, "undefined"), ExceptionalValue(300, "too large"), ExceptionalValue(7, "told")]
-    assert dictionary.values_for("uint8", "t:mode", told=told) == (ExceptionalValue(3, "undefined"), ExceptionalValue(7, "told"))
+    assert dictionary.values_for("uint8", "t:mode", told=told) == (
+        ExceptionalValue(3, "undefined"),
+        ExceptionalValue(7, "told"),
+    )
     dictionary.add('[[field]]\npath = "mode"\nentries = [{ value = 9, reason = "mine" }]', where="b")
     assert [entry.value for entry in dictionary.values_for("uint8", "t:mode", told=told)] == [9, 3, 7]
     dictionary.add('[[field]]\npath = "mode"\nonly = true\nentries = [{ value = 1, reason = "mine" }]', where="c")

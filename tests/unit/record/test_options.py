@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.record.options import CaptureOptions, parse_seconds, parse_size, parse_throttles
+from riot_bus.config.arguments import parse_seconds, parse_size
+from riot_bus.record.options import CaptureOptions, parse_throttles
 from riot_bus.vocabulary.errors import ConfigError
 
 

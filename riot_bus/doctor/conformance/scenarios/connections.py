@@ -16,7 +16,7 @@ _PEER = {"mode": "peer", "listen/endpoints": ["tcp/127.0.0.1:0"]}
 
 
 def _publish_and_ask(end: ScenarioEnd) -> Observation:
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     block = zenoh.CongestionControl.BLOCK
     publisher = end.session.declare_publisher(end.key("x"), congestion_control=block)
@@ -78,8 +78,8 @@ class _SharedMemory:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
-        from zenoh import shm
+        from riot_bus.zenoh import api as zenoh
+        from riot_bus.zenoh.api import shm
 
         end.meet()
         provider = shm.ShmProvider.default_backend(1 << 20)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _put_all(end: ScenarioEnd, keys: list[str], closing: list[str]) -> None:
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     block = zenoh.CongestionControl.BLOCK
     for number, key in enumerate(keys):

@@ -25,7 +25,7 @@ class _ThousandTopics:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         block = zenoh.CongestionControl.BLOCK
         keys = [end.key(f"t/{number}") for number in range(_TOPICS)]
@@ -73,7 +73,7 @@ class _TwoPublishers:
 
 
 def _publish(end: ScenarioEnd, session: Any, name: int) -> None:
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     block = zenoh.CongestionControl.BLOCK
     publisher = session.declare_publisher(end.key("topic"), congestion_control=block)
@@ -89,7 +89,7 @@ class _BothWays:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         block = zenoh.CongestionControl.BLOCK
         inbox = end.subscribe("**")
@@ -113,7 +113,7 @@ class _Burst:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         block = zenoh.CongestionControl.BLOCK
         publisher = end.session.declare_publisher(end.key("x"), congestion_control=block)

@@ -23,7 +23,7 @@ class _PayloadSizes:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         publisher = end.session.declare_publisher(
             end.key("size"), congestion_control=zenoh.CongestionControl.BLOCK, priority=zenoh.Priority.DATA
@@ -47,7 +47,7 @@ class _PutDelete:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         block = zenoh.CongestionControl.BLOCK
         publisher = end.session.declare_publisher(end.key("declared"), congestion_control=block)
@@ -72,7 +72,7 @@ class _Encodings:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         end.meet()
         for encoding in (

@@ -22,7 +22,7 @@ class _QualityOfService:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         levels: Any = zenoh
         end.meet()
@@ -44,7 +44,7 @@ class _QualityOfService:
 
 
 def _each_control(end: ScenarioEnd, priority: Any, number: int) -> int:
-    import zenoh
+    from riot_bus.zenoh import api as zenoh
 
     controls: Any = zenoh.CongestionControl
     options = [(control, express) for control in ("DROP", "BLOCK", "BLOCK_FIRST") for express in (False, True)]
@@ -62,7 +62,7 @@ class _PublisherOptions:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         publishers = [
             end.session.declare_publisher(
@@ -103,7 +103,7 @@ class _Stamps:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         publisher = end.session.declare_publisher(end.key("x"))
         end.meet()

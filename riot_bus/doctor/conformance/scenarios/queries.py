@@ -24,7 +24,7 @@ class _ManyReplies:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         end.meet()
         seen = show_replies(
@@ -96,7 +96,7 @@ class _QueryContents:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         end.meet()
         key = end.key("q/x")
@@ -144,7 +144,7 @@ class _QueryQuality:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         priorities: Any = zenoh.Priority
         end.meet()

@@ -20,7 +20,7 @@ class _Consolidation:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         end.meet()
         seen = {}
@@ -53,7 +53,7 @@ class _Targets:
 
     @staticmethod
     def left(end: ScenarioEnd) -> Observation:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         targets: Any = zenoh.QueryTarget
         own = answer(end, "three/x", lambda query: query.reply(end.key("three/x"), "left"))

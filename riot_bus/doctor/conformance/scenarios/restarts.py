@@ -24,7 +24,7 @@ class _Traffic:
     """Publishes numbers without a pause, from a thread of its own."""
 
     def __init__(self, end: ScenarioEnd) -> None:
-        import zenoh
+        from riot_bus.zenoh import api as zenoh
 
         block = zenoh.CongestionControl.BLOCK
         self._publisher = end.session.declare_publisher(end.key("x"), congestion_control=block)

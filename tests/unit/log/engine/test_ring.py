@@ -36,7 +36,9 @@ def test_the_last_seconds_become_a_log_that_every_tool_reads(tmp_path: Path, com
     writer = filled(ring, 200)
     schemas, channels = writer.definitions()
     content = ring.content()
-    size = content.write(path, profile="", schemas=schemas, channels=channels, notes=[("n", {"a": "b"})])
+    size = content.write(
+        path, profile="", library="test", schemas=schemas, channels=channels, notes=[("n", {"a": "b"})]
+    )
     assert size == path.stat().st_size
     found = numbers(path)
     assert found == list(range(found[0], 200))
@@ -58,10 +60,10 @@ def test_the_last_seconds_become_a_log_that_every_tool_reads(tmp_path: Path, com
 def test_it_goes_on_after_it_was_written(tmp_path: Path) -> None:
     ring = Ring(1000, most_bytes=1 << 20)
     writer = filled(ring, 10)
-    ring.content().write(tmp_path / "a.mcap", profile="", schemas=[], channels=writer.definitions()[1])
+    ring.content().write(tmp_path / "a.mcap", profile="", library="test", schemas=[], channels=writer.definitions()[1])
     writer.write(Message(10 * SECOND, "k1", b"10", sequence=10))
     writer.flush()
-    ring.content().write(tmp_path / "b.mcap", profile="", schemas=[], channels=writer.definitions()[1])
+    ring.content().write(tmp_path / "b.mcap", profile="", library="test", schemas=[], channels=writer.definitions()[1])
     assert (numbers(tmp_path / "a.mcap"), numbers(tmp_path / "b.mcap")) == (list(range(10)), list(range(11)))
     writer.close()
     assert sum(ring.content().messages.values()) == 11

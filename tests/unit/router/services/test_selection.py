@@ -4,9 +4,10 @@ from typing import Any
 
 import pytest
 
+from riot_bus.inject.injection_plan import InjectionPlan
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.router.bus import Bus
-from riot_bus.router.interception import InjectionPlan, Interception
+from riot_bus.router.interception import Interception
 from riot_bus.router.services.selection import is_served, service_keys, split, with_spaces
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError

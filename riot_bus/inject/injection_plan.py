@@ -1,0 +1,61 @@
+"""An injection plan with the interceptor that carries it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.inject.interceptor import Injector
+from riot_bus.inject.plan import parse_plan
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["InjectionPlan"]
+
+
+@dataclass(frozen=True, slots=True)
+class InjectionPlan:
+    """An injection plan that is carried out.
+
+    Attributes:
+        name: What people call it, such as its file.
+        text: As it was written.
+        injector: Carries it out.
+    """
+
+    name: str
+    text: str
+    injector: Injector
+
+    @classmethod
+    def parse(cls, text: str, name: str, *, seed: int = 0) -> InjectionPlan:
+        """Read a plan.
+
+        Args:
+            text: TOML.
+            name: What people call it.
+            seed: Seed of the run, added to the plan's own.
+
+        Raises:
+            ConfigError: It is not a plan, or an empty one.
+        """
+        injections = parse_plan(text, name=name)
+        if not injections:
+            raise ConfigError("this plan injects nothing", where=name, hint="add [[inject]] tables (README.md)")
+        return cls(name, text, Injector(injections, seed=seed))
+
+    @classmethod
+    def read(cls, path: Path, *, seed: int = 0) -> InjectionPlan:
+        """Read a plan's file; see `parse`.
+
+        Raises:
+            ConfigError: The file cannot be read, or it is not a plan.
+        """
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise ConfigError(f"cannot read the injection plan: {reason}", where=str(path)) from error
+        return cls.parse(text, str(path), seed=seed)
