@@ -7,7 +7,6 @@ import threading
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.agent.commands import AGENT_COMMANDS
 from riot_bus.agent.names import UNDER, agent_token, controller_token, progress_key
 from riot_bus.control.server import Control
 from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
@@ -17,6 +16,7 @@ from riot_bus.zenoh.session_config import client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from riot_bus.control.commands import Command
     from riot_bus.zenoh import api as zenoh
 
 __all__ = ["FleetLink"]
@@ -32,6 +32,7 @@ class FleetLink:
 
     Args:
         service: Carries out the commands.
+        commands: Commands by name.
         robot: The robot's name.
         endpoint: The router.
         config: Further Zenoh configuration.
@@ -42,6 +43,7 @@ class FleetLink:
     def __init__(
         self,
         service: Any,
+        commands: Mapping[str, Command],
         robot: str,
         endpoint: str,
         config: Mapping[str, Any],
@@ -49,7 +51,8 @@ class FleetLink:
         say: Callable[[str], None],
         failed: Callable[[RiotError], None],
     ) -> None:
-        self._service, self._robot, self._endpoint, self._config = service, robot, endpoint, config
+        self._service, self._commands = service, commands
+        self._robot, self._endpoint, self._config = robot, endpoint, config
         self._say, self._failed = say, failed
         self._closing = threading.Event()
         self._stack = ExitStack()
@@ -126,7 +129,7 @@ class FleetLink:
             publisher: Any = session.declare_publisher(
                 progress_key(self._robot), congestion_control=zenoh.CongestionControl.DROP
             )
-            commands = Control(self._service, self._robot, {"": session}, commands=AGENT_COMMANDS, under=UNDER)
+            commands = Control(self._service, self._robot, {"": session}, commands=self._commands, under=UNDER)
             stack.enter_context(commands)
             events: Any = session.info.declare_transport_events_listener(self._event)
             stack.callback(release, events)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.chain.logs import learn_types
-from riot_bus.fleet.stores import copied
+from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader

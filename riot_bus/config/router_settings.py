@@ -6,15 +6,16 @@ A table that is read from a file is given its types by pydantic, which a router 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from riot_bus.config.endpoints import Endpoint, parse_endpoint
-from riot_bus.config.setting_checks import check_apart, check_name, check_setting, check_text, checked_endpoints
+from riot_bus.config.endpoints import Endpoint, overlap, parse_endpoint
+from riot_bus.config.setting_checks import check_name, check_setting, check_text, checked_endpoints
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["DEFAULT_SEGMENTS", "RouterSettings", "SegmentSettings", "router_keys"]
 
@@ -114,7 +115,7 @@ class RouterSettings:
                 raise MistakeError(f"no segment {name!r}", hint=known, place=["control", str(number)])
         for name in self.segments:
             check_name(name, "segments", name)
-        check_apart(self.segments)
+        _check_apart(self.segments)
 
     @property
     def controlled_from(self) -> tuple[str, ...]:
@@ -146,3 +147,30 @@ def router_keys(place: Sequence[str]) -> list[str]:
     if len(place) == 3 and place[1] == "segments":
         return [each.name for each in fields(SegmentSettings)]
     return []
+
+
+def _check_apart(segments: Mapping[str, SegmentSettings]) -> None:
+    """Raise MistakeError if two segments listen at one place, or meet elsewhere."""
+    for (a, first), (b, second) in combinations(segments.items(), 2):
+        for mine in first.listeners:
+            for other in second.listeners:
+                if overlap(mine, other):
+                    text = f"segments {a!r} and {b!r} both listen on {other}"
+                    hint = "each segment needs a port of its own"
+                    raise MistakeError(text, hint=hint, place=["segments", b, "listen"])
+        for text in set(first.connect) & set(second.connect):
+            raise MistakeError(
+                f"segments {a!r} and {b!r} both connect to {text}",
+                hint="what they have in common would pass there, around the interceptors",
+                place=["segments", b, "connect"],
+            )
+    for name, segment in segments.items():
+        for text in segment.connect:
+            outside = parse_endpoint(text)
+            for other_name, own in segments.items():
+                if any(overlap(outside, listener) and outside.is_local for listener in own.listeners):
+                    raise MistakeError(
+                        f"segment {name!r} connects to {text}, which is segment {other_name!r} of this router",
+                        hint="riot joins its segments itself",
+                        place=["segments", name, "connect"],
+                    )

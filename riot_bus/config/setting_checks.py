@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.config.endpoints import overlap, parse_endpoint
+from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from riot_bus.config.router_settings import SegmentSettings
 
-__all__ = ["SEGMENT_NAME", "check_apart", "check_name", "check_setting", "check_text", "checked_endpoints", "forbidden"]
+__all__ = ["SEGMENT_NAME", "check_name", "check_setting", "check_text", "checked_endpoints", "forbidden"]
 
 SEGMENT_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]*"
 
@@ -83,30 +81,3 @@ def check_setting(key: str, value: Any) -> None:
     except (TypeError, ValueError):
         hint = "write text, a finite number, true, false, a list or a table"
         raise MistakeError(f"Zenoh has no such value: {value!r}", hint=hint, place=["config", key]) from None
-
-
-def check_apart(segments: Mapping[str, SegmentSettings]) -> None:
-    """Raise MistakeError if two segments listen at one place, or meet elsewhere."""
-    for (a, first), (b, second) in combinations(segments.items(), 2):
-        for mine in first.listeners:
-            for other in second.listeners:
-                if overlap(mine, other):
-                    text = f"segments {a!r} and {b!r} both listen on {other}"
-                    hint = "each segment needs a port of its own"
-                    raise MistakeError(text, hint=hint, place=["segments", b, "listen"])
-        for text in set(first.connect) & set(second.connect):
-            raise MistakeError(
-                f"segments {a!r} and {b!r} both connect to {text}",
-                hint="what they have in common would pass there, around the interceptors",
-                place=["segments", b, "connect"],
-            )
-    for name, segment in segments.items():
-        for text in segment.connect:
-            outside = parse_endpoint(text)
-            for other_name, own in segments.items():
-                if any(overlap(outside, listener) and outside.is_local for listener in own.listeners):
-                    raise MistakeError(
-                        f"segment {name!r} connects to {text}, which is segment {other_name!r} of this router",
-                        hint="riot joins its segments itself",
-                        place=["segments", name, "connect"],
-                    )

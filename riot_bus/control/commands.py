@@ -1,4 +1,4 @@
-"""The commands that a running router takes: their names, what they want and what they answer; pure but for the service.
+"""Commands that a running router, recorder, player or agent takes: what they were sent with, and how they are answered.
 
 All of them come from the network: whatever is wrong with one is said in an answer.
 """
@@ -6,18 +6,15 @@ All of them come from the network: whatever is wrong with one is said in an answ
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status import count_rows, loss_rows
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from riot_bus.control.router_service import RouterService
-
-__all__ = ["COMMANDS", "LARGEST_PAYLOAD", "VERSION", "Command", "CommandRequest", "answer", "find_command", "refusal"]
+__all__ = ["LARGEST_PAYLOAD", "VERSION", "Command", "CommandRequest", "answer", "find_command", "refusal"]
 
 VERSION = 1
 """Version of the answers' format."""
@@ -88,32 +85,7 @@ class Command:
     reads: bool = False
 
 
-def _counts(service: RouterService, request: CommandRequest) -> dict[str, Any]:
-    return {"counts": count_rows(service.counts()), "losses": loss_rows(service.losses)}
-
-
-def _graph(service: RouterService, request: CommandRequest) -> dict[str, Any]:
-    from riot_bus.graph.render import VERSION as GRAPH_VERSION
-
-    return {"version": GRAPH_VERSION, **asdict(service.graph())}
-
-
-COMMANDS: dict[str, Command] = {
-    "status": Command(lambda service, _: service.status(), reads=True),
-    "counts": Command(_counts, reads=True),
-    "graph": Command(_graph, reads=True),
-    "intercept/add": Command(lambda service, request: {"intercepted": service.intercept_add(request.keys())}),
-    "intercept/remove": Command(lambda service, request: {"intercepted": service.intercept_remove(request.keys())}),
-    "plan/load": Command(lambda service, request: service.plan_load(request.text(), request.name())),
-    "plan/clear": Command(lambda service, _: service.plan_clear()),
-    "record/start": Command(lambda service, request: service.record_start(request.path())),
-    "record/stop": Command(lambda service, _: service.record_stop()),
-    "record/split": Command(lambda service, request: service.record_split(request.path())),
-}
-"""All commands by name."""
-
-
-def find_command(name: str, commands: Mapping[str, Command] = COMMANDS) -> Command:
+def find_command(name: str, commands: Mapping[str, Command]) -> Command:
     """Return a command; raises ConfigError if there is none of this name."""
     try:
         return commands[name]
@@ -128,7 +100,7 @@ def answer(
     payload: bytes,
     parameters: Mapping[str, str],
     *,
-    commands: Mapping[str, Command] = COMMANDS,
+    commands: Mapping[str, Command],
 ) -> bytes:
     """Carry out a command and return the answer as JSON.
 

@@ -6,11 +6,13 @@ import os
 import threading
 import time
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
 from riot_bus.control import status
+from riot_bus.control.commands import Command
 from riot_bus.control.exposure import exposure_warnings
 from riot_bus.control.operations import Operations
 from riot_bus.control.recordings import Recordings
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
     from riot_bus.config.router_settings import RouterSettings
     from riot_bus.control.bypass import Bypass
+    from riot_bus.control.commands import CommandRequest
     from riot_bus.graph.model import Graph
     from riot_bus.inject.injection_plan import InjectionPlan
     from riot_bus.pipeline.runner import Pipeline
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from riot_bus.zenoh.network import Network
     from riot_bus.zenoh.scouting import Scouting
 
-__all__ = ["RouterService"]
+__all__ = ["ROUTER_COMMANDS", "RouterService"]
 
 
 def _silent(bypasses: list[Bypass]) -> None:
@@ -128,7 +131,7 @@ class RouterService(Operations):
             )
             stack.enter_context(self._bus)
             sessions = {name: self._bus.sessions[name] for name in self.settings.controlled_from}
-            stack.enter_context(Control(self, self.settings.name, sessions))
+            stack.enter_context(Control(self, self.settings.name, sessions, commands=ROUTER_COMMANDS))
             self._stack = stack.pop_all()
         return self
 
@@ -211,3 +214,28 @@ class RouterService(Operations):
         metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
         plan = self._interception.plan
         return metadata | ({"plan": plan.text} if plan is not None else {})
+
+
+def _counts(service: RouterService, request: CommandRequest) -> dict[str, Any]:
+    return {"counts": status.count_rows(service.counts()), "losses": status.loss_rows(service.losses)}
+
+
+def _graph(service: RouterService, request: CommandRequest) -> dict[str, Any]:
+    from riot_bus.graph.render import VERSION as GRAPH_VERSION
+
+    return {"version": GRAPH_VERSION, **asdict(service.graph())}
+
+
+ROUTER_COMMANDS: dict[str, Command] = {
+    "status": Command(lambda service, _: service.status(), reads=True),
+    "counts": Command(_counts, reads=True),
+    "graph": Command(_graph, reads=True),
+    "intercept/add": Command(lambda service, request: {"intercepted": service.intercept_add(request.keys())}),
+    "intercept/remove": Command(lambda service, request: {"intercepted": service.intercept_remove(request.keys())}),
+    "plan/load": Command(lambda service, request: service.plan_load(request.text(), request.name())),
+    "plan/clear": Command(lambda service, _: service.plan_clear()),
+    "record/start": Command(lambda service, request: service.record_start(request.path())),
+    "record/stop": Command(lambda service, _: service.record_stop()),
+    "record/split": Command(lambda service, request: service.record_split(request.path())),
+}
+"""All commands by name."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from queue import Full, Queue
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.control.commands import COMMANDS, LARGEST_PAYLOAD, Command, answer, refusal
+from riot_bus.control.commands import LARGEST_PAYLOAD, Command, answer, refusal
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
@@ -46,7 +46,7 @@ class Control:
         name: str,
         sessions: Mapping[str, zenoh.Session],
         *,
-        commands: Mapping[str, Command] = COMMANDS,
+        commands: Mapping[str, Command],
         under: str = "**",
     ) -> None:
         self._service = service

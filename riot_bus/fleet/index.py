@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from riot_bus.fleet.entry import LogEntry, TopicEntry
-from riot_bus.fleet.stores import open_store
+from riot_bus.fleet.places import open_store
 from riot_bus.log.info import log_info
 from riot_bus.vocabulary.errors import RiotError
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
-__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "copied", "is_remote", "open_store"]
+__all__ = ["ENDING", "FolderStore", "Store", "StoredLog", "is_remote"]
 
 ENDING = ".mcap"
 """How the names of logs end."""
@@ -120,32 +120,3 @@ class FolderStore:
 def is_remote(place: str) -> bool:
     """Return whether a place is a URL that fsspec has to open."""
     return "://" in place and not place.startswith("file://")
-
-
-def open_store(root: str) -> Store:
-    """Open a folder, a log, or the URL of an object store.
-
-    Raises:
-        ConfigError: There is no such thing, or a package is missing to open it.
-    """
-    if is_remote(root):
-        from riot_bus.fleet.objects import ObjectStore
-
-        return ObjectStore(root)
-    return FolderStore(Path(root.removeprefix("file://")).expanduser())
-
-
-@contextmanager
-def copied(place: str) -> Iterator[Path]:
-    """Give a local file with all of a log, wherever that is; a copy on disk is deleted afterwards.
-
-    Raises:
-        ConfigError: It cannot be read.
-    """
-    store = open_store(place)
-    problems: list[str] = []
-    log = next(store.logs(problems.append), None)
-    if log is None:
-        raise ConfigError(problems[0] if problems else "there is no such log", where=place)
-    with store.whole(log) as path:
-        yield path

@@ -12,28 +12,29 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.control.commands import Command
 from riot_bus.control.server import Control
 from riot_bus.log.playback.pace import SteadyPace
 from riot_bus.log.playback.player import Player
-from riot_bus.play.commands import PLAY_COMMANDS, UNDER
 from riot_bus.play.lockstep import Acknowledged, Quiet
 from riot_bus.play.playback_plan import PlaybackPlan
 from riot_bus.play.publisher_conflicts import PublisherConflicts
 from riot_bus.play.publishing import Publishing
 from riot_bus.play.simclock import Ticker
-from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from riot_bus.control.commands import CommandRequest
     from riot_bus.play.lockstep import Settling
     from riot_bus.play.options import PlayOptions
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["PlayResult", "PlayService"]
+__all__ = ["PLAY_COMMANDS", "PlayResult", "PlayService"]
 
 _LOG = logging.getLogger(__name__)
 _FLUSH_S = 10.0
@@ -46,6 +47,11 @@ _CONFIG = {
     "timestamping/enabled": True,
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,  # microseconds; 5 s are the usual
 }
+UNDER = "play/**"
+"""The keys of these commands, below the player's own."""
+
+_MOST_STEPS = 1_000_000
+_LARGEST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,3 +344,39 @@ def _free_name(session: zenoh.Session, name: str) -> str:
             taken.add(str(reply.ok.key_expr).split("/")[1])
     names = (name, *(f"{name}-{number}" for number in range(2, _MOST_NAMES)))
     return next((each for each in names if each not in taken), name)
+
+
+def _number(request: CommandRequest, name: str, default: float | None = None) -> float:
+    found = request.argument(name)
+    if found is None and default is not None:
+        return default
+    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
+        raise ConfigError(f"the argument {name!r} is no number", hint=f'such as {{"{name}": 2.5}}')
+    return float(found)
+
+
+def _told(do: Callable[[PlayService, CommandRequest], object]) -> Command:
+    def run(service: PlayService, request: CommandRequest) -> dict[str, Any]:
+        do(service, request)
+        return service.status()
+
+    return Command(run)
+
+
+def _step(service: PlayService, request: CommandRequest) -> None:
+    count = _number(request, "count", 1.0)
+    if not 1 <= count <= _MOST_STEPS or count != int(count):
+        raise ConfigError(f"{count:g} is no number of steps", hint=f"1 to {_MOST_STEPS}")
+    service.step(int(count))
+
+
+PLAY_COMMANDS: dict[str, Command] = {
+    "play/status": Command(lambda service, _: service.status(), reads=True),
+    "play/pause": _told(lambda service, _: service.pause()),
+    "play/resume": _told(lambda service, _: service.resume()),
+    "play/step": _told(_step),
+    "play/seek": _told(lambda service, request: service.seek(_number(request, "time"))),
+    "play/rate": _told(lambda service, request: service.set_rate(_number(request, "rate"))),
+    "play/stop": _told(lambda service, _: service.stop()),
+}
+"""All commands by name; each answers with the status."""

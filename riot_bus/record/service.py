@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus import __version__
+from riot_bus.control.commands import Command
 from riot_bus.control.router_options import RouterOptions, registry_of
 from riot_bus.control.server import Control
 from riot_bus.log.account import Account
 from riot_bus.log.run import run_facts
-from riot_bus.record.commands import CAPTURE_COMMANDS, UNDER
 from riot_bus.record.gaps import Gaps
 from riot_bus.record.latched import LatchedCaches
 from riot_bus.record.naming import Naming
@@ -40,11 +40,12 @@ from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from riot_bus.control.commands import CommandRequest
     from riot_bus.graph.model import Graph
     from riot_bus.record.options import CaptureOptions
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["CaptureResult", "CaptureService"]
+__all__ = ["CAPTURE_COMMANDS", "CaptureResult", "CaptureService"]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.1
@@ -52,6 +53,8 @@ _LINK_S = 1.0
 _ASK_S = 1.0
 _MOST_NAMES = 100
 _GRAPH = "riot_bus.graph"
+UNDER = "record/**"
+"""The keys of these commands, below the recorder's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -466,3 +469,35 @@ def _free_name(session: zenoh.Session, name: str) -> str:
 
 def _plain(value: object) -> object:
     return dict(value) if isinstance(value, Mapping) else str(value) if isinstance(value, Path) else list(value)  # type: ignore[call-overload]
+
+
+def _told(do: Callable[[CaptureService], object]) -> Command:
+    def run(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
+        do(service)
+        return service.status()
+
+    return Command(run)
+
+
+def _start(service: CaptureService) -> None:
+    if not service.paused:
+        hint = "split it (riot ctl record split), or stop it (riot ctl record stop)"
+        raise ConfigError("this recorder records already", where="record/start", hint=hint)
+    service.resume()
+
+
+def _split(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
+    former, present = service.split(request.path())
+    return {"former": str(former), "file": str(present)}
+
+
+CAPTURE_COMMANDS: dict[str, Command] = {
+    "record/status": Command(lambda service, _: service.status(), reads=True),
+    "record/start": _told(_start),
+    "record/pause": _told(lambda service: service.pause()),
+    "record/resume": _told(lambda service: service.resume()),
+    "record/split": Command(_split),
+    "record/dump": Command(lambda service, request: {"dumped": str(service.dump(request.path()))}),
+    "record/stop": _told(lambda service: service.stop()),
+}
+"""All commands by name."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.trial import Scalar
+    from riot_bus.vocabulary.message import Scalar
 
 __all__ = ["Formula", "Injection", "Signal"]
 

@@ -6,7 +6,10 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-__all__ = ["Message", "Qos"]
+__all__ = ["Message", "Qos", "Scalar"]
+
+Scalar = bool | int | float | str | bytes
+"""What one field can hold."""
 
 
 @dataclass(frozen=True, slots=True)

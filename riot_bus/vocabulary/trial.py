@@ -13,14 +13,14 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from riot_bus.vocabulary.message import Scalar
+
 if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["Ask", "Outcome", "Progress", "Runner", "Scalar", "Series", "TestCase", "Verdict", "Violation"]
 
-Scalar = bool | int | float | str | bytes
-"""What one field can hold."""
 
 QuestionT = TypeVar("QuestionT")
 

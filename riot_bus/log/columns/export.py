@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from riot_bus.log.columns.plan import log_registry, plan_columns
+from riot_bus.log.columns.rows import Kind, Rows
 from riot_bus.log.columns.table import Columns, column_parts
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.types.bulk import BulkType, Gathered, Payloads, gather, join
@@ -24,32 +25,10 @@ if TYPE_CHECKING:
 
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["Exported", "Kind", "Rows", "TableWriter", "export_table"]
-
-Kind = str
-"""What a column holds: the name of a numpy type, `text` or `bytes`."""
+__all__ = ["Exported", "TableWriter", "export_table"]
 
 _BATCH = 1 << 16
 _MEMORY = 1 << 28
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Some rows of the table.
-
-    Attributes:
-        times: Reception, nanoseconds since the Unix epoch, shape (n,).
-        publish_times: Time at the source, likewise.
-        topics: Topic of each message, shape (n,).
-        values: Of each field, shape (n,).
-        valid: Where there are any, shape (n,) each.
-    """
-
-    times: NDArray[np.int64]
-    publish_times: NDArray[np.int64]
-    topics: NDArray[Any]
-    values: list[NDArray[Any]]
-    valid: list[NDArray[np.bool_]]
 
 
 class TableWriter(Protocol):

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.router.advanced.answers import Answers
 from riot_bus.router.advanced.history_mirror import HistoryMirror
-from riot_bus.router.advanced.publisher_state import PublisherState
-from riot_bus.router.advanced.source import AdvancedSource, Relayed, announced, relayed, source_of
+from riot_bus.router.advanced.publisher_state import PublisherState, Relayed, relayed
+from riot_bus.router.advanced.source import AdvancedSource, announced, source_of
 from riot_bus.router.advanced.upstream import Upstream
 from riot_bus.router.advanced.worker import Worker
 from riot_bus.zenoh.keyexpr_pins import pin

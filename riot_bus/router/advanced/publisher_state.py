@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from riot_bus.router.advanced.source import AdvancedSource
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["PublisherState", "SampleVerdict", "Stored", "Task"]
+__all__ = ["PublisherState", "Relayed", "SampleVerdict", "Stored", "Task", "relayed"]
 
 
 class Task(NamedTuple):
@@ -193,3 +193,35 @@ class PublisherState:
                 standin.close()
             self.outlets.clear()
             self.early.clear()
+
+
+@dataclass(frozen=True, slots=True)
+class Relayed(Message):
+    """A message of an advanced publisher; what interceptors make of it belongs to the same publisher.
+
+    Attributes:
+        relay: What is known of the publisher.
+    """
+
+    relay: PublisherState | None = field(default=None, compare=False, repr=False)
+
+    def with_payload(self, payload: bytes) -> Message:
+        """Return a copy with another payload, of the same publisher."""
+        return self.with_(payload=payload)
+
+
+def relayed(message: Message, relay: PublisherState) -> Relayed:
+    """Return a message that knows its publisher."""
+    return Relayed(
+        message.time,
+        message.key,
+        message.payload,
+        message.kind,
+        message.encoding,
+        message.attachment,
+        message.qos,
+        message.segment,
+        message.sequence,
+        message.publish_time,
+        relay,
+    )

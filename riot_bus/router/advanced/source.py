@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from riot_bus.vocabulary.message import Message
-
-if TYPE_CHECKING:
-    from riot_bus.router.advanced.publisher_state import PublisherState
-
-__all__ = ["UNNUMBERED", "AdvancedSource", "Relayed", "announced", "relayed", "source_of"]
+__all__ = ["UNNUMBERED", "AdvancedSource", "announced", "source_of"]
 
 UNNUMBERED = "uhlc"
 """Entity of a publisher that stamps its samples instead of numbering them, as zenoh-ext names it."""
@@ -30,38 +24,6 @@ class AdvancedSource(NamedTuple):
     def numbered(self) -> bool:
         """Whether its samples have numbers without gaps."""
         return self.entity != UNNUMBERED
-
-
-@dataclass(frozen=True, slots=True)
-class Relayed(Message):
-    """A message of an advanced publisher; what interceptors make of it belongs to the same publisher.
-
-    Attributes:
-        relay: What is known of the publisher.
-    """
-
-    relay: PublisherState | None = field(default=None, compare=False, repr=False)
-
-    def with_payload(self, payload: bytes) -> Message:
-        """Return a copy with another payload, of the same publisher."""
-        return self.with_(payload=payload)
-
-
-def relayed(message: Message, relay: PublisherState) -> Relayed:
-    """Return a message that knows its publisher."""
-    return Relayed(
-        message.time,
-        message.key,
-        message.payload,
-        message.kind,
-        message.encoding,
-        message.attachment,
-        message.qos,
-        message.segment,
-        message.sequence,
-        message.publish_time,
-        relay,
-    )
 
 
 def source_of(segment: str, sample: Any) -> tuple[AdvancedSource, int] | None:

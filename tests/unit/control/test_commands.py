@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from riot_bus.config.router_settings import RouterSettings, SegmentSettings
-from riot_bus.control.commands import COMMANDS, answer, refusal
+from riot_bus.control.commands import answer, refusal
 from riot_bus.control.remote import Remote, find_routers
 from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_service import ROUTER_COMMANDS as COMMANDS
 from riot_bus.control.router_service import RouterService
 from riot_bus.graph.history import replay
 from riot_bus.graph.model import ConnectedComponent

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from riot_bus.control.commands import answer
-from riot_bus.play.commands import PLAY_COMMANDS
+from riot_bus.play.service import PLAY_COMMANDS
 from riot_bus.vocabulary.errors import ConfigError
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from riot_bus.router.advanced.publisher_state import PublisherState
-from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource, Relayed, announced, relayed, source_of
+from riot_bus.router.advanced.publisher_state import PublisherState, Relayed, relayed
+from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource, announced, source_of
 from riot_bus.vocabulary.message import Message, Qos
 
 
