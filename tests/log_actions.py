@@ -86,8 +86,8 @@ def info(path: Path) -> dict[str, Any]:
 
 def fields(path: Path) -> None:
     """List the fields and their ranges."""
-    from riot_bus.log.columns.ranges import field_ranges
     from riot_bus.log.reader import LogReader
+    from riot_bus.log.tables.ranges import field_ranges
 
     with LogReader(path) as reader:
         field_ranges(reader)
@@ -95,8 +95,8 @@ def fields(path: Path) -> None:
 
 def types(path: Path) -> None:
     """List the types of its topics."""
-    from riot_bus.log.columns.plan import log_registry, topic_types
     from riot_bus.log.reader import LogReader
+    from riot_bus.log.tables.plan import log_registry, topic_types
 
     with LogReader(path) as reader:
         topic_types(reader, log_registry(reader))
@@ -118,7 +118,7 @@ def columns(path: Path) -> dict[str, Any]:
 
 def export(path: Path) -> None:
     """Write a table."""
-    from riot_bus.log.columns.export import export_table
+    from riot_bus.log.tables.export import export_table
 
     export_table(path, ["/twist:x", "/twist:y"], path.with_suffix(".csv"), force=True)
 

@@ -14,9 +14,9 @@ from riot_bus.cli.options import Format, OutputFormat, Salvage
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from riot_bus.log.columns.ranges import TopicFields
     from riot_bus.log.info import LogInfo
     from riot_bus.log.reader import LogReader, Loss
+    from riot_bus.log.tables.ranges import TopicFields
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["register"]
@@ -70,7 +70,7 @@ def info(
     loss, ranges = found.loss, None
     if fields:
         with LogReader(log) as reader, _progress("fields") as progress:
-            from riot_bus.log.columns.ranges import field_ranges
+            from riot_bus.log.tables.ranges import field_ranges
 
             registry = _registry(reader, type_, msg)
             ranges = field_ranges(reader, topics=topics, registry=registry, progress=progress)
@@ -144,9 +144,9 @@ def export(
     import json
 
     from riot_bus.log.channels import span_of
-    from riot_bus.log.columns.export import export_table
     from riot_bus.log.naming import parse_time
     from riot_bus.log.reader import LogReader
+    from riot_bus.log.tables.export import export_table
 
     log = _file_of(log)
     with LogReader(log, salvage=salvage) as reader:
@@ -171,7 +171,7 @@ def export(
 
 
 def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:
-    from riot_bus.log.columns.plan import log_registry
+    from riot_bus.log.tables.plan import log_registry
     from riot_bus.vocabulary.errors import ConfigError
 
     pairs = {}
@@ -319,8 +319,8 @@ def _log_types(
     import json
     from dataclasses import asdict
 
-    from riot_bus.log.columns.plan import topic_types
     from riot_bus.log.reader import LogReader
+    from riot_bus.log.tables.plan import topic_types
 
     with LogReader(log) as reader:
         found = topic_types(reader, _registry(reader, declared, definitions), topics)

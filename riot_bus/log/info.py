@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from riot_bus.log.columns.blocks import LoadedBlock
     from riot_bus.log.reader import ChannelSource
+    from riot_bus.log.tables.blocks import LoadedBlock
     from riot_bus.types.stamp import Stamp, Stamping
 
 __all__ = ["LogInfo", "TopicInfo", "log_info"]
@@ -166,7 +166,7 @@ def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
 
 
 def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> LogInfo:
-    from riot_bus.log.columns.blocks import load_ahead
+    from riot_bus.log.tables.blocks import load_ahead
 
     sources = reader.sources()
     topics: dict[str, TopicInfo] = {}

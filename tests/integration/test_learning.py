@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from riot_bus.config.router_settings import RouterSettings
 from riot_bus.control.router_flags import RouterFlags, merged
 from riot_bus.control.router_service import RouterService
-from riot_bus.log.columns.table import columns
+from riot_bus.log.tables.table import columns
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.service import CaptureService
 from riot_bus.types.registry import TypeRegistry, load_adapters

@@ -7,13 +7,14 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from riot_bus.vocabulary.message import Message
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from riot_bus.pipeline.runner import Result
     from riot_bus.router.advanced.proxy_publisher import ProxyPublisher
     from riot_bus.router.advanced.source import AdvancedSource
-    from riot_bus.vocabulary.message import Message
 
 __all__ = ["PublisherState", "Relayed", "SampleVerdict", "Stored", "Task", "relayed"]
 

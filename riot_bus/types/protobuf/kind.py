@@ -7,7 +7,10 @@ are no fields of a payload that does not set them. Unknown fields, extensions, a
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from riot_bus.types.model import (
     REBUILD,
@@ -20,7 +23,7 @@ from riot_bus.types.model import (
     why_opaque,
 )
 from riot_bus.types.protobuf.edits import Edit, apply
-from riot_bus.types.protobuf.static import array_values, static_fields
+from riot_bus.types.protobuf.static import static_fields
 from riot_bus.types.protobuf.walk import (
     EntrySpan,
     FieldEntry,
@@ -117,7 +120,15 @@ class ProtobufType:
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
         """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""
-        return array_values(self, payloads, path)
+        field = next((each for each in self.fields() if each.path == f"{path}[*]"), None)
+        if field is None or field.type in ("string", "bytes"):
+            raise PayloadError("there is no such array of numbers", where=f"{self.name}: {path}")
+        return self._arrays(payloads, path, np.dtype(field.type))
+
+    def _arrays(self, payloads: Payloads, path: str, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+        for payload in payloads:
+            with suppress(PayloadError):
+                yield np.array(self.array(payload, path), dtype)
 
     def read(self, payload: bytes, path: str) -> Scalar:
         """Return one field's value (`len(path)` for the length of an array)."""

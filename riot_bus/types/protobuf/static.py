@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.model import member_path
-from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from riot_bus.types.bulk import Payloads
-    from riot_bus.types.protobuf.kind import ProtobufType
     from riot_bus.types.protobuf.layout import Definitions, Layout, ProtobufField
 
-__all__ = ["array_values", "static_fields"]
+__all__ = ["static_fields"]
 
 _MOST_MESSAGES = 100_000
 _MAX_DEPTH = 64
@@ -62,19 +55,3 @@ class _Listing:
             self.add(self._definitions.inside(field), path, outer)
         else:
             self.found.append(FieldType(path, field.kind.leaf, 0, field.low, field.high, field.unit))
-
-
-def array_values(kind: ProtobufType, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-    """Yield the elements of an array of numbers, payload by payload; what does not decode has none."""
-    field = next((each for each in kind.fields() if each.path == f"{path}[*]"), None)
-    if field is None or field.type in ("string", "bytes"):
-        raise PayloadError("there is no such array of numbers", where=f"{kind.name}: {path}")
-    return _arrays(kind, payloads, path, np.dtype(field.type))
-
-
-def _arrays(kind: ProtobufType, payloads: Payloads, path: str, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    for payload in payloads:
-        try:
-            yield np.array(kind.array(payload, path), dtype)
-        except PayloadError:
-            continue

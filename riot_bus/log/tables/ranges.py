@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.columns.blocks import load_ahead
-from riot_bus.log.columns.plan import Feed, delivered_sources, log_registry
 from riot_bus.log.engine.blocks import MAX_BLOCK
+from riot_bus.log.tables.blocks import load_ahead
+from riot_bus.log.tables.plan import Feed, delivered_sources, log_registry
 from riot_bus.types.bulk import as_array, gather
 from riot_bus.types.fields import MOST_FIELDS, Described, FieldType, of_numbers
 from riot_bus.vocabulary.errors import PayloadError

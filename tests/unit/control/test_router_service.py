@@ -239,7 +239,7 @@ def test_shutdown_wakes_whoever_runs_it(tmp_path: Path) -> None:
 
 
 def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
-    document = json.loads(answer(router, "lab", "counts", b"", {}))
+    document = json.loads(answer(router, "lab", "counts", b"", {}, commands=COMMANDS))
     assert (document["version"], document["router"], document["command"]) == (1, "lab", "counts")
     refused = json.loads(refusal("lab", ConfigError("no", where="here", hint="do")))
     assert {key: refused[key] for key in ("message", "where", "hint", "exit_code")} == {
@@ -271,7 +271,7 @@ def test_answers_and_refusals_are_versioned(router: RouterService) -> None:
 )
 def test_malformed_requests_are_refused(router: RouterService, command: str, payload: bytes, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
-        answer(router, "lab", command, payload, {})
+        answer(router, "lab", command, payload, {}, commands=COMMANDS)
 
 
 def test_questions_to_all_are_those_that_only_read() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from riot_bus.log.columns.export import export_table
+from riot_bus.log.tables.export import export_table
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
 from riot_bus.vocabulary.message import Message
@@ -209,7 +209,7 @@ def test_folder_that_is_not_there(log, tmp_path):
 
 
 def test_the_disk_is_full(log, tmp_path, monkeypatch):
-    from riot_bus.log.columns import export_csv
+    from riot_bus.log.tables import export_csv
 
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -221,7 +221,7 @@ def test_the_disk_is_full(log, tmp_path, monkeypatch):
 
 
 def test_without_pyarrow(log, tmp_path, monkeypatch):
-    from riot_bus.log.columns import export_parquet
+    from riot_bus.log.tables import export_parquet
 
     monkeypatch.setattr(export_parquet, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="pyarrow") as caught:

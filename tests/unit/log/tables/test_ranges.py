@@ -7,9 +7,9 @@ import struct
 import pytest
 from mcap.writer import Writer
 
-from riot_bus.log.columns.plan import log_registry, topic_types
-from riot_bus.log.columns.ranges import field_ranges
 from riot_bus.log.reader import LogReader
+from riot_bus.log.tables.plan import log_registry, topic_types
+from riot_bus.log.tables.ranges import field_ranges
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message

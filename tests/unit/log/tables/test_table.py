@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from riot_bus.log import columns, iter_columns
-from riot_bus.log.columns.table import column_parts
 from riot_bus.log.reader import LogReader
+from riot_bus.log.tables.table import column_parts
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.registry import TypeRegistry
@@ -186,7 +186,7 @@ def test_a_chunk_beyond_memory_is_counted(path):
 LIMITED = """
 import resource, sys
 from riot_bus.log import columns, iter_columns
-from riot_bus.log.columns.export import export_table
+from riot_bus.log.tables.export import export_table
 from riot_bus.log.info import log_info
 log, out, limit = sys.argv[1], sys.argv[2], 64 << 20
 columns(sys.argv[3], ["a:x"])  # for the imports
@@ -248,7 +248,7 @@ def test_times_beyond_2262_are_counted(path):
 
 
 def test_type_given_by_the_user(path):
-    from riot_bus.log.columns.plan import log_registry
+    from riot_bus.log.tables.plan import log_registry
 
     buffer = io.BytesIO()
     writer = Writer(buffer)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from riot_bus.log.columns.plan import log_registry, plan_columns
-from riot_bus.log.columns.rows import Kind, Rows
-from riot_bus.log.columns.table import Columns, column_parts
 from riot_bus.log.reader import LogReader, Loss
+from riot_bus.log.tables.plan import log_registry, plan_columns
+from riot_bus.log.tables.rows import Kind, Rows
+from riot_bus.log.tables.table import Columns, column_parts
 from riot_bus.types.bulk import BulkType, Gathered, Payloads, gather, join
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
@@ -144,11 +144,11 @@ def _write_all(
 
 def _writer_for(out: Path) -> Callable[[str, dict[str, Kind]], TableWriter]:
     if out.suffix == ".csv":
-        from riot_bus.log.columns.export_csv import CsvWriter
+        from riot_bus.log.tables.export_csv import CsvWriter
 
         return CsvWriter
     if out.suffix == ".parquet":
-        from riot_bus.log.columns.export_parquet import ParquetTableWriter, require_pyarrow
+        from riot_bus.log.tables.export_parquet import ParquetTableWriter, require_pyarrow
 
         require_pyarrow()
         return ParquetTableWriter

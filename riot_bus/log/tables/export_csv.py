@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.log.columns.rows import Kind, Rows
+    from riot_bus.log.tables.rows import Kind, Rows
 
 __all__ = ["CsvWriter"]
 
