@@ -11,7 +11,7 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.message import Message
@@ -44,7 +44,6 @@ def run_campaign(
     seed: int,
     trials: int,
     seconds: float | None = None,
-    modified: Callable[[Sequence[Message], TestCase], int],
     progress: Progress | None = None,
 ) -> CampaignResult:
     """Run trials until the budget ends.
@@ -56,7 +55,6 @@ def run_campaign(
         seed: Seed of the campaign.
         trials: At most so many injected trials.
         seconds: At most so much time; None for no limit.
-        modified: Counts the messages that a case modifies.
         progress: Told after each batch.
 
     Raises:
@@ -80,22 +78,16 @@ def run_campaign(
         batch = range(done, min(trials, done + 2 * runner.parallelism))
         cases = [TestCase(log, schedule.injections(trial), seed=seed) for trial in batch]
         for trial, case, outcome in zip(batch, cases, runner.run(cases), strict=True):
-            failing += _judge(failures, trial, case, outcome, modified)
+            failing += _judge(failures, trial, case, outcome)
         done = batch.stop
         if progress:
             progress(done, trials, f"{failing} failing, {len(failures)} distinct")
     return CampaignResult(done + len(check), failing, failures, exhausted=done >= trials)
 
 
-def _judge(
-    failures: dict[str, Failure],
-    trial: int,
-    case: TestCase,
-    outcome: Outcome,
-    modified: Callable[[Sequence[Message], TestCase], int],
-) -> int:
+def _judge(failures: dict[str, Failure], trial: int, case: TestCase, outcome: Outcome) -> int:
     if outcome.verdict is not Verdict.FAIL:
         return 0
-    played = int(outcome.statistics.get("played", len(case.messages)))
-    group(failures, outcome, trial=trial, injections=case.injections, modified=modified(case.messages[:played], case))
+    modified = int(outcome.statistics.get("modified", len(case.injections)))
+    group(failures, outcome, trial=trial, injections=case.injections, modified=modified)
     return 1

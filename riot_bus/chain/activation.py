@@ -14,7 +14,7 @@ from riot_bus.backchain.axes import choose_axes
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.backchain.region import Region, map_region
 from riot_bus.chain.external import ExternalField, external_fields
-from riot_bus.chain.permeability import internal_name
+from riot_bus.chain.logs import internal_name
 from riot_bus.findings.records import (
     ActivationRecord,
     FieldsRecord,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from riot_bus.campaign.store import StoredRunner
-    from riot_bus.chain.workspace import Step, Workspace
+    from riot_bus.chain.workspace import StepRun
 
 __all__ = ["activation", "least_distance"]
 
@@ -70,8 +70,9 @@ def least_distance(rule: Rule, observed: Mapping[str, Series], scale: Mapping[st
 class _System:
     """Runs of the whole system with external fields held at given values."""
 
-    def __init__(self, workspace: Workspace, folder: Path, step: Step) -> None:
-        self.workspace = workspace
+    def __init__(self, step: StepRun, folder: Path) -> None:
+        workspace = step.workspace
+        self.step = step
         self.folder = folder
         self.finding = FindingRecord.load(folder)
         self.record = RuleRecord.load(folder)
@@ -91,7 +92,7 @@ class _System:
                 Injection(self.fields[name].topic, self.fields[name].path, self._value(name, value))
                 for name, value in sorted(point.items())
             )
-            cases.append(TestCase(injections=injections, seed=self.workspace.seed + len(self.points) + len(cases)))
+            cases.append(TestCase(injections=injections, seed=self.step.workspace.seed + len(self.points) + len(cases)))
         evaluations = []
         for point, outcome in zip(points, self.runner.run(cases), strict=True):
             evaluation = self._judge(outcome)
@@ -111,11 +112,11 @@ class _System:
         return Evaluation(least_distance(self.rule, outcome.observed, self.record.scale), failed)
 
 
-def activation(workspace: Workspace, folder: Path, *, budget: int = 200) -> ActivationRecord:
-    """Search the permeable external fields until the whole system fails; write `activation.json` and `.mcap`.
+def activation(step: StepRun, folder: Path, *, budget: int = 200) -> ActivationRecord:
+    """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
     Args:
-        workspace: Where to work.
+        step: The running step.
         folder: The finding.
         budget: Runs of the whole system for the search.
 
@@ -131,42 +132,36 @@ def activation(workspace: Workspace, folder: Path, *, budget: int = 200) -> Acti
             where=str(folder),
             hint="this finding stays at unit level; more runs (--runs) may show weaker effects",
         )
-    with workspace.step("activate") as step:
-        system = _System(workspace, folder, step)
-        fields = [_search_field(system.fields[name]) for name in permeable.permeable]
+    system = _System(step, folder)
+    fields = [_search_field(system.fields[name]) for name in permeable.permeable]
 
-        def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-            return system.run(points, "search")
+    def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        return system.run(points, "search")
 
-        result = search(
-            fields,
-            evaluate,
-            seed=workspace.seed,
-            budget=budget,
-            parallelism=system.runner.parallelism,
-            progress=step.progress,
-        )
-        replays, messages = 0, 0
-        region = None
-        if result.found is not None and system.log is not None:
-            messages, replays = _replay(workspace, folder, Path(system.log), system)
-            region = _region(system, _axes(permeable), result.found, step)
-        record = ActivationRecord(
-            found=None if result.found is None else dict(result.found),
-            runs=result.runs,
-            best_distance=result.best_distance,
-            replays=_REPLAYS if messages else 0,
-            replays_failed=replays,
-            region=region,
-            points=tuple(system.points),
-            messages=messages,
-            seed=workspace.seed,
-            trials=step.trials,
-            seconds=step.seconds,
-        )
-        record.save(folder)
-        workspace.narrator.end("activate", _summary(result.text, record))
-    return record
+    result = search(
+        fields,
+        evaluate,
+        seed=step.workspace.seed,
+        budget=budget,
+        parallelism=system.runner.parallelism,
+        progress=step.progress,
+    )
+    replays, messages = 0, 0
+    region = None
+    if result.found is not None and system.log is not None:
+        messages, replays = _replay(system, Path(system.log))
+        region = _region(system, _axes(permeable), result.found)
+    return ActivationRecord(
+        found=None if result.found is None else dict(result.found),
+        runs=result.runs,
+        best_distance=result.best_distance,
+        replays=_REPLAYS if messages else 0,
+        replays_failed=replays,
+        region=region,
+        points=tuple(system.points),
+        messages=messages,
+        text=result.text,
+    )
 
 
 def _search_field(field: ExternalField) -> SearchField:
@@ -174,13 +169,13 @@ def _search_field(field: ExternalField) -> SearchField:
     return SearchField(field.name, field.nominal, field.spread, low, high, integer=field.integer)
 
 
-def _replay(workspace: Workspace, folder: Path, log: Path, system: _System) -> tuple[int, int]:
+def _replay(system: _System, log: Path) -> tuple[int, int]:
     """Play the external messages alone to fresh runs; return how many they are and how often the failure came."""
-    target = folder / "activation.mcap"
+    target = system.folder / "activation.mcap"
     if log.is_file():
         shutil.copyfile(log, target)
     external = read_log(target)
-    cases = [TestCase(external, seed=workspace.seed + number) for number in range(_REPLAYS)]
+    cases = [TestCase(external, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
     outcomes = system.runner.run(cases)
     return len(external), sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
 
@@ -196,7 +191,7 @@ def _axes(permeable: PermeabilityRecord) -> list[str]:
     return chosen + [name for name in permeable.permeable if name not in chosen]
 
 
-def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float], step: Step) -> RegionRecord | None:
+def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float]) -> RegionRecord | None:
     """Map the failing region over two fields; the others stay nominal if the failure does not need them."""
     if len(preferred) < 2:
         return None
@@ -216,11 +211,11 @@ def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float
         start,
         (x, y),
         ask,
-        seed=step.workspace.seed,
+        seed=system.step.workspace.seed,
         budget=_REGION_BUDGET,
         tolerance=(_EDGE * x.spread, _EDGE * y.spread),
         parallelism=system.runner.parallelism,
-        progress=step.progress,
+        progress=system.step.progress,
     )
     return _region_record(region, axes)
 
@@ -247,13 +242,3 @@ def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
 
 def _within(region: Region, x: float, y: float) -> bool:
     return region.x_min <= x <= region.x_max and region.y_min <= y <= region.y_max
-
-
-def _summary(text: str, record: ActivationRecord) -> str:
-    parts = [text]
-    if record.replays:
-        parts.append(f"{record.replays_failed} of {record.replays} replays of {record.messages} external messages fail")
-    if record.region is not None:
-        one = record.region
-        parts.append(f"region {one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}")
-    return "; ".join(parts)

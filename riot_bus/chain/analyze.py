@@ -3,89 +3,64 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from riot_bus.chain.activation import activation
-from riot_bus.chain.minimize import minimize
-from riot_bus.chain.permeability import permeability
-from riot_bus.chain.relevance import relevance
-from riot_bus.chain.rules import rules
-from riot_bus.findings.records import (
-    ActivationRecord,
-    Artefact,
-    FieldsRecord,
-    FindingRecord,
-    MinimalRecord,
-    PermeabilityRecord,
-    RuleRecord,
-)
+from riot_bus.events import AnalysisFinished, StepStopped
+from riot_bus.findings.records import FindingRecord
+from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.page import write_report
 from riot_bus.vocabulary.errors import InconclusiveError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import Workspace
 
-__all__ = ["Analysis", "Budget", "analyze"]
-
-RecordT = TypeVar("RecordT", bound=Artefact)
-
-
-@dataclass(frozen=True, slots=True)
-class Budget:
-    """Trials that the steps may spend."""
-
-    rules: int = 160
-    validation: int = 60
-    runs: int = 8
-    activation: int = 200
+__all__ = ["Analysis", "analyze"]
 
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """What is known of a finding; None for steps that could not be done, and why."""
+    """A finding that has gone through the chain.
+
+    Attributes:
+        folder: The finding; `riot_bus.report.finding_view.load` reads all that is known of it.
+        report: The page about it.
+        stopped: Why the chain ended early; empty if it did not.
+    """
 
     folder: Path
-    finding: FindingRecord
-    minimal: MinimalRecord | None = None
-    fields: FieldsRecord | None = None
-    rule: RuleRecord | None = None
-    permeability: PermeabilityRecord | None = None
-    activation: ActivationRecord | None = None
-    report: Path | None = None
+    report: Path
     stopped: str = ""
 
 
-def analyze(workspace: Workspace, folder: Path, *, budget: Budget | None = None) -> Analysis:
+def analyze(workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] = ()) -> Analysis:
     """Take a finding through all steps; a step that cannot say anything ends the chain, the report is written anyway.
 
     Args:
         workspace: Where to work.
         folder: The finding.
-        budget: What the steps may spend.
+        further: Steps of other packages, which come after ours.
+
+    Raises:
+        ConfigError: `finding.json` or the file of a finished step cannot be used.
     """
-    budget = budget or Budget()
-    finding = FindingRecord.load(folder)
-    done: dict[str, Artefact] = {}
-    steps: list[tuple[str, type[Artefact], Callable[[], Artefact]]] = [
-        ("minimal", MinimalRecord, lambda: minimize(workspace, folder)),
-        ("fields", FieldsRecord, lambda: relevance(workspace, folder)),
-        ("rule", RuleRecord, lambda: rules(workspace, folder, budget=budget.rules, validation=budget.validation)),
-    ]
-    if workspace.context.file.external.topics:
-        steps += [
-            ("permeability", PermeabilityRecord, lambda: permeability(workspace, folder, runs=budget.runs)),
-            ("activation", ActivationRecord, lambda: activation(workspace, folder, budget=budget.activation)),
-        ]
+    FindingRecord.load(folder)
+    outside = bool(workspace.context.file.external.topics)
     stopped = ""
-    for name, kind, step in steps:
+    for step in (*STEPS[1:], *further):
+        if step.kind.exists(folder):
+            step.kind.load(folder)
+            continue
+        if step.whole_system and not outside:
+            continue
         try:
-            done[name] = kind.load(folder) if kind.exists(folder) else step()
+            workspace.carry_out(step, folder)
         except InconclusiveError as error:
             stopped = str(error)
-            workspace.narrator.end(name, stopped)
+            workspace.tell(StepStopped(step.name, stopped, str(folder)))
             break
     report = write_report(folder)
-    return Analysis(folder, finding, **done, report=report, stopped=stopped)  # type: ignore[arg-type]
+    workspace.tell(AnalysisFinished(str(folder), str(report), stopped))
+    return Analysis(folder, report, stopped)

@@ -7,9 +7,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.chain.analyze import Analysis, Budget, analyze
+from riot_bus.chain.analyze import Analysis, analyze
 from riot_bus.chain.robustness import test_unit, tested
 from riot_bus.log.info import log_info
+from riot_bus.report import finding_view as story
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -49,36 +50,29 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
     """
     started = time.monotonic()
     unit, _ = workspace.unit(None)
-    with workspace.step("record"):
+    with workspace.step("record") as step:
         log = workspace.nominal_log()
         count = log_info(log).count
-        workspace.narrator.end("record", f"nominal run of {workspace.context.file.system.name}: {count} messages")
+        step.end(f"nominal run of {workspace.context.file.system.name}: {count} messages")
     folders = tested(workspace, unit)
     if folders is None:
         folders = test_unit(workspace, unit, trials=trials, seconds=seconds)
     figures = {"seed": workspace.seed, "nominal_messages": count}
-    analyses = [analyze(workspace, folder, budget=Budget()) for folder in folders]
+    analyses = [analyze(workspace, folder) for folder in folders]
     if analyses:
         figures.update(_figures(max(analyses, key=_progress)))
     return {**figures, "findings": [str(folder) for folder in folders], "seconds": round(time.monotonic() - started, 1)}
 
 
 def _progress(analysis: Analysis) -> tuple[int, int]:
-    steps = (analysis.minimal, analysis.fields, analysis.rule, analysis.permeability, analysis.activation)
-    activated = analysis.activation is not None and analysis.activation.found is not None
-    return sum(step is not None for step in steps) + activated, analysis.finding.occurrences
+    told = story.load(analysis.folder)
+    activated = told.activation is not None and told.activation.found is not None
+    return sum(record is not None for _, record in told.steps) + activated, told.finding.occurrences
 
 
-def _figures(one: Analysis) -> dict[str, Any]:
+def _figures(analysis: Analysis) -> dict[str, Any]:
+    one = story.load(analysis.folder)
     region = one.activation.region if one.activation else None
-    steps = {
-        "test": one.finding,
-        "minimize": one.minimal,
-        "relevance": one.fields,
-        "rules": one.rule,
-        "permeability": one.permeability,
-        "activate": one.activation,
-    }
     return {
         "seed": one.finding.seed,
         "minimal_messages": len(one.minimal.kept) if one.minimal else None,
@@ -87,18 +81,10 @@ def _figures(one: Analysis) -> dict[str, Any]:
         "rule_balanced_accuracy": one.rule.balanced_accuracy if one.rule else None,
         "permeable_fields": list(one.permeability.permeable) if one.permeability else [],
         "activation_runs": one.activation.runs if one.activation else None,
-        "activation_replay_rate": (
-            one.activation.replays_failed / one.activation.replays
-            if one.activation and one.activation.replays
-            else None
-        ),
-        "region": (
-            {"x_min": region.x_min, "x_max": region.x_max, "y_min": region.y_min, "y_max": region.y_max}
-            if region
-            else None
-        ),
-        "trials": {name: step.trials for name, step in steps.items() if step is not None},
-        "stopped": one.stopped or None,
-        "report": str(one.report),
-        "finding": str(one.folder),
+        "activation_replay_rate": one.activation.replay_rate if one.activation else None,
+        "region": region.model_dump(include={"x_min", "x_max", "y_min", "y_max"}) if region else None,
+        "trials": {step.name: record.trials for step, record in one.steps if record is not None},
+        "stopped": analysis.stopped or None,
+        "report": str(analysis.report),
+        "finding": str(analysis.folder),
     }

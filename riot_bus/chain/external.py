@@ -9,8 +9,8 @@ from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
-from riot_bus.campaign.schedule import targets_of
-from riot_bus.chain.logs import nominal_values, read_messages
+from riot_bus.campaign.targets import targets_of
+from riot_bus.chain.logs import nominal_values
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
         raise ConfigError(
             "no external topics", where=f"{file.path}: [external]", hint="list what the outside controls in `topics`"
         )
-    log = read_messages(workspace.nominal_log(), registry=registry)
+    log = workspace.nominal_messages()
     messages = [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
     targets = targets_of(messages, registry, leave=file.external.exclude)
     targets = {

@@ -28,7 +28,15 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["FailingLog", "NamedField", "NamedFields", "learn_types", "nominal_values", "read_messages"]
+__all__ = [
+    "FailingLog",
+    "NamedField",
+    "NamedFields",
+    "internal_name",
+    "learn_types",
+    "nominal_values",
+    "read_messages",
+]
 
 _ELEMENTS = 4
 _CHANGED = 64
@@ -191,6 +199,12 @@ class NamedFields:
             assert kind is not None
             messages[position] = message.with_(payload=_changed(kind, message.payload, patch))
         return tuple(messages)
+
+
+def internal_name(name: str) -> str:
+    """Return the bus-wide name of a field of a minimal log (`topic[2]:path` is `topic:path`)."""
+    topic, _, path = name.rpartition(":")
+    return re.sub(r"\[\d+\]$", "", topic) + ":" + path
 
 
 def _changed(kind: MessageType, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.workspace import StepRun
 
 __all__ = ["minimize"]
 
@@ -21,48 +21,44 @@ _INJECTED = 20.0
 _RECENT = 1.0
 
 
-def minimize(workspace: Workspace, folder: Path) -> MinimalRecord:
+def minimize(step: StepRun, folder: Path) -> MinimalRecord:
     """Shrink `failure.mcap` to `minimal.mcap`: fails with the same signature, and no message can be taken away.
+
+    Args:
+        step: The running step.
+        folder: The finding.
 
     Raises:
         InconclusiveError: The failing log does not fail again.
     """
     finding = FindingRecord.load(folder)
-    registry = workspace.context.registry
-    log = FailingLog.load(folder / "failure.mcap", registry=registry)
+    context, seed = step.workspace.context, step.workspace.seed
+    log = FailingLog.load(folder / "failure.mcap", registry=context.registry)
     n = len(log.messages)
     weights = [
         (_INJECTED if message.sequence in log.originals else 0.1) + _RECENT * (index + 1) / n
         for index, message in enumerate(log.messages)
     ]
-    with workspace.step("minimize") as step:
-        runner = step.unit_runner(finding.unit)
+    runner = step.unit_runner(finding.unit)
 
-        def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
-            cases = [TestCase(log.keep(kept).messages, seed=workspace.seed) for kept in questions]
-            return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
+    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        cases = [TestCase(log.keep(kept).messages, seed=seed) for kept in questions]
+        return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
 
-        minimal = search(
-            n,
-            ask,
-            weights=weights,
-            groups=[registry.topic(message.key) for message in log.messages],
-            parallelism=runner.parallelism,
-            progress=step.progress,
-        )
-        kept = log.keep(minimal.kept)
-        metadata = {"finding": finding.id, "signature": finding.signature, "seed": str(workspace.seed)}
-        kept.save(folder / "minimal.mcap", context=workspace.context, metadata=metadata)
-        record = MinimalRecord(
-            before=n,
-            kept=minimal.kept,
-            topics=tuple(registry.topic(message.key) for message in kept.messages),
-            one_minimal=minimal.one_minimal,
-            seed=workspace.seed,
-            trials=step.trials,
-            seconds=step.seconds,
-        )
-        record.save(folder)
-        needed = ", ".join(record.topics) or "none (it fails without any input)"
-        workspace.narrator.end("minimize", f"{n} messages -> {len(kept.messages)}: {needed} ({step.trials} trials)")
-    return record
+    minimal = search(
+        n,
+        ask,
+        weights=weights,
+        groups=[context.registry.topic(message.key) for message in log.messages],
+        parallelism=runner.parallelism,
+        progress=step.progress,
+    )
+    kept = log.keep(minimal.kept)
+    metadata = {"finding": finding.id, "signature": finding.signature, "seed": str(seed)}
+    kept.save(folder / "minimal.mcap", context=context, metadata=metadata)
+    return MinimalRecord(
+        before=n,
+        kept=minimal.kept,
+        topics=tuple(context.registry.topic(message.key) for message in kept.messages),
+        one_minimal=minimal.one_minimal,
+    )

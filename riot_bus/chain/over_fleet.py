@@ -18,7 +18,6 @@ from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
-from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
     from riot_bus.fleet.entry import LogEntry
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Outcome
+    from riot_bus.vocabulary.trial import Outcome, Runner
 
 __all__ = ["FleetOptions", "LogAnswer", "exit_code", "run_over"]
 
@@ -103,26 +102,25 @@ def run_over(
     known = {} if options.again else {each.place: found for each in logs if (found := store.get(keys[each.place]))}
     fresh = [each for each in logs if each.place not in known]
     work = _Work(workspace, challenge, unit, options)
-    workspace.narrator.begin("fleet run")
-    if fresh:
-        work.prepare()
-    began = time.monotonic()
-    with ThreadPoolExecutor(workspace.jobs, thread_name_prefix="riot-fleet") as pool:
-        waiting = {pool.submit(work.answer, each): each for each in fresh}
-        try:
-            for done, future in enumerate(as_completed(waiting), 1):
-                found = future.result()
-                known[found.place] = found
-                if found.answer != "error":
-                    store.put(keys[found.place], found)
-                workspace.narrator.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
-        except BaseException:
-            work.stop()
-            for each in waiting:
-                each.cancel()
-            raise
-    told = f"{len(logs)} logs, {len(fresh)} of them now, in {time.monotonic() - began:.1f} s"
-    workspace.narrator.end("fleet run", told)
+    with workspace.step("fleet run") as step:
+        if fresh:
+            work.prepare()
+        began = time.monotonic()
+        with ThreadPoolExecutor(workspace.jobs, thread_name_prefix="riot-fleet") as pool:
+            waiting = {pool.submit(work.answer, each): each for each in fresh}
+            try:
+                for done, future in enumerate(as_completed(waiting), 1):
+                    found = future.result()
+                    known[found.place] = found
+                    if found.answer != "error":
+                        store.put(keys[found.place], found)
+                    step.progress(done, len(fresh), f"{found.answer} {found.place[-50:]}")
+            except BaseException:
+                work.stop()
+                for each in waiting:
+                    each.cancel()
+                raise
+        step.end(f"{len(logs)} logs, {len(fresh)} of them now, in {time.monotonic() - began:.1f} s")
     return [known[each.place] for each in logs]
 
 
@@ -142,12 +140,10 @@ class _Work:
         self._inputs = component.inputs
         self._learning = threading.Lock()
         self._stopping = threading.Event()
-        self._trial: UnitTrial
+        self._runner: Runner
 
     def prepare(self) -> None:
-        workspace = self._workspace
-        self._trial = UnitTrial(workspace.context, self._unit, idle=workspace.idle(self._unit))
-        _ = workspace.pool
+        self._runner = self._workspace.runners.unit(self._unit)
 
     def stop(self) -> None:
         self._stopping.set()
@@ -218,7 +214,7 @@ class _Work:
         for _ in range(_ATTEMPTS):
             if self._stopping.is_set():
                 raise KeyboardInterrupt
-            outcome = self._workspace.pool.execute(self._trial, case)
+            (outcome,) = self._runner.run([case])
             if outcome.verdict is not Verdict.ERROR:
                 break
         return outcome

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import zlib
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
-from riot_bus.chain.logs import read_messages
+from riot_bus.chain.logs import internal_name
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection, Signal
@@ -18,26 +17,20 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.chain.workspace import Workspace
+    from riot_bus.chain.workspace import StepRun, Workspace
 
-__all__ = ["internal_name", "permeability"]
+__all__ = ["permeability"]
 
 _HOLD = 5
 _ALPHA = 0.01
 _DRAWS = 399
 
 
-def internal_name(name: str) -> str:
-    """Return the bus-wide name of a field of a minimal log (`topic[2]:path` is `topic:path`)."""
-    topic, _, path = name.rpartition(":")
-    return re.sub(r"\[\d+\]$", "", topic) + ":" + path
-
-
-def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
-    """Perturb the external fields of the whole system and write `permeability.json`.
+def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
+    """Perturb the external fields of the whole system.
 
     Args:
-        workspace: Where to work.
+        step: The running step.
         folder: The finding.
         runs: Long runs of the whole system.
         prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
@@ -47,6 +40,7 @@ def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bo
         InconclusiveError: Nothing external can reach the relevant fields.
     """
     finding, relevant = FindingRecord.load(folder), FieldsRecord.load(folder)
+    workspace = step.workspace
     file = workspace.context.file
     internals = sorted({internal_name(record.name) for record in relevant.fields})
     graph = topic_graph(file)
@@ -62,51 +56,42 @@ def permeability(workspace: Workspace, folder: Path, *, runs: int = 8, prune: bo
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
     rate = _slowest_internal(workspace, topics)
-    with workspace.step("permeability") as step:
-        runner = step.system_runner(
-            observe=(*internals, *sorted({field.topic for field in driven})), pace=file.system.perturbed_run
-        )
-        plans = [{field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven} for run in range(runs)]
-        outcomes: list[Outcome] = []
-        for start in range(0, runs, runner.parallelism):
-            cases = [
-                TestCase(
-                    injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
-                    seed=workspace.seed + start + number,
-                )
-                for number, plan in enumerate(plans[start : start + runner.parallelism])
-            ]
-            outcomes += runner.run(cases)
-            step.progress(len(outcomes), runs, f"{len(driven)} external fields perturbed at once")
-        result = analyse(
-            [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
-            alpha=_ALPHA,
-            draws=_DRAWS,
-            seed=workspace.seed,
-        )
-        record = PermeabilityRecord(
-            edges=_edges(result),
-            runs=runs,
-            pruned=pruned,
-            nominal={field.name: (field.nominal, field.spread) for field in driven},
-            tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
-            seed=workspace.seed,
-            trials=step.trials,
-            seconds=step.seconds,
-        )
-        record.save(folder)
-        names = ", ".join(record.permeable) or "none"
-        workspace.narrator.end(
-            "permeability", f"{len(driven)} external fields in {runs} runs of {finding.system} -> {names}"
-        )
-    return record
+    runner = step.system_runner(
+        observe=(*internals, *sorted({field.topic for field in driven})), pace=file.system.perturbed_run
+    )
+    plans = [{field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven} for run in range(runs)]
+    outcomes: list[Outcome] = []
+    for start in range(0, runs, runner.parallelism):
+        cases = [
+            TestCase(
+                injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
+                seed=workspace.seed + start + number,
+            )
+            for number, plan in enumerate(plans[start : start + runner.parallelism])
+        ]
+        outcomes += runner.run(cases)
+        step.progress(len(outcomes), runs, f"{len(driven)} external fields perturbed at once")
+    result = analyse(
+        [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
+        alpha=_ALPHA,
+        draws=_DRAWS,
+        seed=workspace.seed,
+    )
+    return PermeabilityRecord(
+        edges=_edges(result),
+        runs=runs,
+        pruned=pruned,
+        nominal={field.name: (field.nominal, field.spread) for field in driven},
+        tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
+        system=finding.system,
+    )
 
 
 def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
     """Return the lowest message rate of the relevant topics in the nominal log."""
     registry = workspace.context.registry
     times: dict[str, list[int]] = {topic: [] for topic in topics}
-    for message in read_messages(workspace.nominal_log(), registry=registry):
+    for message in workspace.nominal_messages():
         topic = registry.topic(message.key)
         if topic in times:
             times[topic].append(message.time)

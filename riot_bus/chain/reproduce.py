@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
-from riot_bus.sut.local import LocalRunner
-from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
@@ -50,20 +48,19 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     """
     finding = FindingRecord.load(folder)
     registry = workspace.context.registry
-    trial: SystemTrial | UnitTrial
     if whole_system:
         if not ActivationRecord.exists(folder) or not (folder / "activation.mcap").is_file():
             raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
         path = folder / "activation.mcap"
         messages = read_log(path)
-        trial = SystemTrial(workspace.context, workspace.context.file.system.trial_run)
+        runner = workspace.runners.system(workspace.context.file.system.trial_run)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages
-        trial = UnitTrial(workspace.context, finding.unit, idle=workspace.idle(finding.unit))
-    runner = LocalRunner(trial, workspace.pool)
+        runner = workspace.runners.unit(finding.unit)
     outcomes = runner.run([TestCase(messages, seed=workspace.seed + number) for number in range(times)])
     for outcome in outcomes:
+        StepRun(workspace, "reproduce").told(outcome)
         if outcome.verdict is Verdict.ERROR:
             raise EnvironmentFaultError(outcome.detail)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)

@@ -9,31 +9,26 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.groups import groups_of
-from riot_bus.campaign.schedule import Schedule, targets_of
+from riot_bus.campaign.schedule import Schedule
+from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id
 from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.questions import dictionary_of
+from riot_bus.events import CampaignFinished, FindingWritten
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.inject.apply import inject_log
-from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.report.reproduce import write_reproduce
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.workspace import Step, Workspace
+    from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["dictionary_of", "test_unit", "tested"]
+__all__ = ["test_unit", "tested"]
 
 _LOG = logging.getLogger(__name__)
-
-
-def dictionary_of(workspace: Workspace, unit: str) -> Dictionary:
-    """Return the dictionaries that apply to a unit: the installed ones and those that riot.toml names."""
-    file = workspace.context.file
-    return load_dictionary([file.root / name for name in file.unit[unit].dictionaries])
 
 
 def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None) -> list[Path]:
@@ -62,9 +57,6 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
         groups=groups_of(log, registry, dictionary, leave=settings.leave, include=settings.include),
     )
 
-    def modified(messages: Sequence[Message], case: TestCase) -> int:
-        return len(inject_log(messages, case.injections, registry=registry, seed=case.seed)[1])
-
     with workspace.step("test") as step:
         result = run_campaign(
             log,
@@ -73,11 +65,10 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seed=workspace.seed,
             trials=trials,
             seconds=seconds,
-            modified=modified,
             progress=step.progress,
         )
         folders = [
-            _save(workspace, unit, failure, log, step)
+            _save(step, unit, failure, log)
             for failure in sorted(result.failures.values(), key=lambda one: (-one.occurrences, one.trial))
         ]
         CampaignRecord(
@@ -89,7 +80,11 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             trials=step.trials,
             seconds=step.seconds,
         ).save(workspace.out)
-        workspace.narrator.end("test", _summary(unit, log, result))
+        step.end(_summary(unit, log, result))
+        names = tuple(map(str, folders))
+        workspace.tell(
+            CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
+        )
     return folders
 
 
@@ -110,7 +105,8 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
     )
 
 
-def _save(workspace: Workspace, unit: str, failure: Failure, log: Sequence[Message], step: Step) -> Path:
+def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) -> Path:
+    workspace = step.workspace
     context = workspace.context
     numbered = [message.with_(sequence=number) for number, message in enumerate(log)]
     delivered, touched = inject_log(numbered, failure.injections, registry=context.registry, seed=workspace.seed)
@@ -142,4 +138,7 @@ def _save(workspace: Workspace, unit: str, failure: Failure, log: Sequence[Messa
         seconds=step.seconds,
     ).save(folder)
     write_reproduce(folder)
+    workspace.tell(
+        FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
+    )
     return folder

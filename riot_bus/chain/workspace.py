@@ -1,4 +1,4 @@
-"""Where a chain of steps works: the system, the output folder, the pool, the store, and who is told."""
+"""Where a chain of steps works: the system, the output folder, the runners, the store, and who is told."""
 
 from __future__ import annotations
 
@@ -7,63 +7,34 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.chain.logs import read_messages
+from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
-from riot_bus.sut.local import LocalRunner, Pool
-from riot_bus.sut.system_trial import SystemTrial
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.sut.runners import LocalRunners, RunnerFactory
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
-from riot_bus.vocabulary.trial import Runner, TestCase, Verdict
+from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from riot_bus.sut.activity import Idle
+    from riot_bus.findings.records import Artefact
+    from riot_bus.findings.steps import ChainStep
     from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Narrator", "Step", "Workspace", "open_finding"]
+__all__ = ["StepRun", "Workspace", "open_finding"]
 
 _ATTEMPTS = 3
 
 
-class Narrator(Protocol):
-    """Is told how the work goes; console, JSON lines, or nobody."""
-
-    def begin(self, step: str) -> None:
-        """A step starts."""
-        ...
-
-    def progress(self, done: int, total: int | None, note: str) -> None:
-        """Trials of the current step so far."""
-        ...
-
-    def end(self, step: str, text: str) -> None:
-        """A step has ended, with its result in a line."""
-        ...
-
-
-class Silent:
-    """A narrator that says nothing."""
-
-    def begin(self, step: str) -> None:
-        """Say nothing."""
-
-    def progress(self, done: int, total: int | None, note: str) -> None:
-        """Say nothing."""
-
-    def end(self, step: str, text: str) -> None:
-        """Say nothing."""
-
-
 @dataclass(slots=True)
-class Step:
-    """One running step: its runners and its figures."""
+class StepRun:
+    """One running step: its workspace, its runners and its figures."""
 
     workspace: Workspace
     name: str
@@ -81,22 +52,33 @@ class Step:
         return round(time.monotonic() - self.started, 2)
 
     def progress(self, done: int, total: int | None, note: str) -> None:
-        """Pass progress on to the narrator."""
-        self.workspace.narrator.progress(done, total, note)
+        """Tell how far the step has got: trials so far, trials in all (None if not known), and what goes on."""
+        self.workspace.tell(StepProgress(self.name, done, total, note))
+
+    def told(self, outcome: Outcome) -> None:
+        """Tell of a trial's outcome."""
+        first = outcome.violations[0] if outcome.violations else None
+        signature, detail = (first.signature, first.detail) if first else (None, outcome.detail)
+        self.workspace.tell(TrialFinished(self.name, outcome.verdict.value, signature, detail, outcome.seconds))
+
+    def end(self, text: str, *, folder: Path | None = None, record: Artefact | None = None) -> None:
+        """Tell what the step has come to, and what it has written."""
+        dump = None if record is None else record.model_dump(mode="json")
+        where = None if folder is None else str(folder)
+        self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
 
     def unit_runner(self, unit: str) -> StoredRunner:
         """Return a runner for trials of a unit alone."""
-        trial = UnitTrial(self.workspace.context, unit, idle=self.workspace.idle(unit))
-        return self._stored(LocalRunner(trial, self.workspace.pool), {"unit": unit})
+        return self._stored(self.workspace.runners.unit(unit), {"unit": unit})
 
     def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
         """Return a runner for runs of the whole system."""
-        trial = SystemTrial(self.workspace.context, pace, tuple(observe))
-        return self._stored(LocalRunner(trial, self.workspace.pool), {"observe": list(observe), **pace.model_dump()})
+        runner = self.workspace.runners.system(pace, observe=observe)
+        return self._stored(runner, {"observe": list(observe), **pace.model_dump()})
 
     def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
         scope = {"system": self.workspace.fingerprint, **scope}
-        stored = StoredRunner(runner, self.workspace.store, scope=scope)
+        stored = StoredRunner(runner, self.workspace.store, scope=scope, told=self.told)
         self.runners.append(stored)
         return stored
 
@@ -109,54 +91,66 @@ class Workspace:
         out: Folder for everything that is written.
         jobs: Trials at once; 0 for one per processor.
         seed: Seed of everything random.
-        narrator: Is told how it goes.
+        listeners: Are told of everything that happens.
+        runners: Gives the runners that the steps ask; processes of this machine by default.
     """
 
     def __init__(
-        self, system: Path, out: Path, *, jobs: int = 0, seed: int = 0, narrator: Narrator | None = None
+        self,
+        system: Path,
+        out: Path,
+        *,
+        jobs: int = 0,
+        seed: int = 0,
+        listeners: Iterable[Listener] = (),
+        runners: RunnerFactory | None = None,
     ) -> None:
         self.context: Context = open_system(system)
         self.out = out
         self.seed = seed
         self.jobs = jobs or os.cpu_count() or 1
-        self.narrator: Narrator = narrator or Silent()
+        self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / "trials.jsonl")
-        self._pool: Pool | None = None
-        self._idle: dict[str, Idle] = {}
+        self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=self.jobs, keep=out / "trials")
+        self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.close()
-
-    @property
-    def pool(self) -> Pool:
-        """The processes that run trials, started when first needed."""
-        if self._pool is None:
-            self._pool = Pool(self.jobs, keep=self.out / "trials")
-        return self._pool
+        self.runners.close()
 
     @contextmanager
-    def step(self, name: str) -> Iterator[Step]:
-        """Begin a step; what it says at its end goes through `narrator.end`."""
-        self.narrator.begin(name)
-        yield Step(self, name)
+    def step(self, name: str) -> Iterator[StepRun]:
+        """Begin a step; `StepRun.end` ends it."""
+        self.tell(StepStarted(name))
+        yield StepRun(self, name)
+
+    def carry_out(self, step: ChainStep, folder: Path, **options: Any) -> Artefact:
+        """Carry out a step of the chain on a finding and write its record.
+
+        Args:
+            step: The step.
+            folder: The finding.
+            options: Options of the step's function.
+
+        Raises:
+            ConfigError: The step before has not been done.
+            InconclusiveError: The step cannot say anything about this finding.
+        """
+        with self.step(step.name) as run:
+            found = step.function(run, folder, **options)
+            figures = {"seed": self.seed, "trials": run.trials, "seconds": run.seconds}
+            record = found.model_copy(update=figures)
+            record.save(folder)
+            run.end(record.summary, folder=folder, record=record)
+        return record
 
     def unit(self, name: str | None) -> tuple[str, Unit]:
         """Return the unit to test."""
         chosen = self.context.file.choose_unit(name)
         return chosen, self.context.file.unit[chosen]
-
-    def idle(self, unit: str) -> Idle:
-        """Return what a unit does without input (measured once)."""
-        if unit not in self._idle:
-            from riot_bus.sut.calibration import measure_idle
-
-            self._idle[unit] = measure_idle(self.context, unit, self.pool)
-        return self._idle[unit]
 
     def nominal_log(self) -> Path:
         """Return the nominal log: the one that riot.toml names, or a recording of a nominal run made now.
@@ -183,10 +177,10 @@ class Workspace:
     def _record(self, path: Path, pace: RunPace) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial.mcap")
-        trial = SystemTrial(self.context, pace, record=partial)
+        runner = self.runners.system(pace, record=partial)
         for _ in range(_ATTEMPTS):
             partial.unlink(missing_ok=True)
-            outcome = self.pool.execute(trial, TestCase(seed=self.seed))
+            (outcome,) = runner.run([TestCase(seed=self.seed)])
             if outcome.verdict is not Verdict.ERROR:
                 break
         if outcome.verdict is Verdict.ERROR:
@@ -199,6 +193,16 @@ class Workspace:
             )
         partial.rename(path)
 
+    def nominal_messages(self) -> tuple[Message, ...]:
+        """Return the messages of the nominal log; raises as `nominal_log`."""
+        return self._messages(self.nominal_log())
+
+    def _messages(self, path: Path) -> tuple[Message, ...]:
+        """Return the messages of a log; several steps need those of the nominal one, so it is read once."""
+        if path not in self._logs:
+            self._logs[path] = read_messages(path, registry=self.context.registry)
+        return self._logs[path]
+
     def unit_log(self, name: str) -> tuple[Message, ...]:
         """Return the messages of the nominal log that are inputs of a unit.
 
@@ -209,7 +213,7 @@ class Workspace:
         unit = file.unit[name]
         path = file.root / unit.log if unit.log else self.nominal_log()
         component = file.components[unit.component or name]
-        log = read_messages(path, registry=registry)
+        log = self._messages(path)
         messages = tuple(
             message for message in log if any(registry.matches(topic, message.key) for topic in component.inputs)
         )

@@ -1,21 +1,23 @@
-"""`riot demo`, `test`, `minimize`, `relevance`, `rules`, `permeability`, `activate`, `analyze`, `reproduce`."""
+"""`riot test`, `demo`, a command for each step of the chain, `analyze`, `reproduce`, and `step` for plug-ins."""
 
 from __future__ import annotations
 
+import inspect
 import json
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from riot_bus.cli.options import Finding, Format, Jobs, Out, OutputFormat, Seed, System, UnitName
+from riot_bus.cli.options import EventFormat, Finding, Jobs, Out, Seed, StreamFormat, System, UnitName
+from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.findings.records import Artefact
 
 __all__ = ["register"]
 
@@ -27,39 +29,101 @@ Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: inje
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
 
 
+class _StepGroup(TyperGroup):
+    """The steps of other packages; one is imported when it is named."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return further_steps()
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in further_steps():
+            return None
+        app = typer.Typer()
+        app.command(cmd_name)(_command(find_step(cmd_name)))
+        return typer.main.get_command(app)
+
+
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
     app.command("test")(run_tests)
-    for command in (demo, minimize, relevance, rules, permeability, activate, analyze, reproduce):
+    app.command()(demo)
+    for step in STEPS[1:]:
+        app.command(step.name)(_command(step))
+    for command in (analyze, reproduce):
         app.command()(command)
+    others = typer.Typer(cls=_StepGroup, no_args_is_help=True)
+    others.callback()(lambda: None)
+    app.add_typer(others, name="step", help="Run a step that another package brings on a finding.")
 
 
 @contextmanager
-def _workspace(system: Path, out: Path, jobs: int, seed: int) -> Iterator[Workspace]:
+def _workspace(system: Path, out: Path, jobs: int, seed: int, form: StreamFormat) -> Iterator[Workspace]:
     from rich.console import Console
 
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.cli.narrate import ConsoleNarrator, write_line
 
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
-        Workspace(system, out, jobs=jobs, seed=seed, narrator=narrator) as workspace,
+        Workspace(
+            system,
+            out,
+            jobs=jobs,
+            seed=seed,
+            listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
+        ) as workspace,
     ):
         yield workspace
 
 
 @contextmanager
-def _of_finding(finding: Path, jobs: int, system: Path | None = None) -> Iterator[tuple[Workspace, Path]]:
+def _of_finding(
+    finding: Path, jobs: int, form: StreamFormat, system: Path | None = None
+) -> Iterator[tuple[Workspace, Path]]:
     from riot_bus.chain.workspace import open_finding
 
     folder, record = open_finding(finding)
     out = folder.parent.parent
-    with _workspace(system or Path(record.system_file), out, jobs, record.seed) as workspace:
+    with _workspace(system or Path(record.system_file), out, jobs, record.seed, form) as workspace:
         yield workspace, folder
 
 
-def _show(result: dict[str, Any], form: OutputFormat, lines: list[str]) -> None:
-    typer.echo(json.dumps(result, indent=1) if form is OutputFormat.JSON else "\n".join(lines))
+def _show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
+    if form is StreamFormat.TEXT:
+        typer.echo("\n".join(lines))
+    elif form is StreamFormat.JSON:
+        typer.echo(json.dumps(result, indent=1))
+    else:
+        typer.echo(json.dumps({"event": "Result", **result}))
+
+
+def _command(step: ChainStep) -> Callable[..., None]:
+    """Return the command of a step: `riot NAME [FINDING]` with the step's options."""
+
+    def command(finding: Path, *, jobs: int, form: StreamFormat, **options: Any) -> None:
+        with _of_finding(finding, jobs, form) as (workspace, folder):
+            record = workspace.carry_out(step, folder, **options)
+        _show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
+
+    named = inspect.Parameter.KEYWORD_ONLY
+    parameters = [
+        inspect.Parameter("finding", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=DEFAULT_OUT, annotation=Finding),
+        *(
+            inspect.Parameter(
+                one.name,
+                named,
+                default=one.default,
+                annotation=Annotated[type(one.default), typer.Option(help=one.help, min=one.min)],
+            )
+            for one in step.options
+        ),
+        inspect.Parameter("jobs", named, default=0, annotation=Jobs),
+        inspect.Parameter("form", named, default=StreamFormat.TEXT, annotation=EventFormat),
+    ]
+    command.__doc__ = step.help
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return command
 
 
 def demo(
@@ -68,7 +132,7 @@ def demo(
     seed: Seed = 0,
     jobs: Jobs = 0,
     budget: Annotated[int, typer.Option("--budget", min=1, help="Budget: injected trials of the unit.")] = 60,
-    form: Format = OutputFormat.TEXT,
+    form: EventFormat = StreamFormat.TEXT,
     system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system than the rover.")] = None,
 ) -> None:
     """Run the whole chain on the rover, from a nominal recording to the inputs that make the system fail."""
@@ -76,7 +140,7 @@ def demo(
     from riot_bus.chain.demo import find_example
     from riot_bus.report.text import summary
 
-    with _workspace(system or find_example("rover"), out, jobs, seed) as workspace:
+    with _workspace(system or find_example("rover"), out, jobs, seed, form) as workspace:
         figures = run_demo(workspace, trials=budget)
     finding = figures.get("finding")
     lines = [summary(Path(finding)), f"report: {figures['report']}"] if finding else ["no finding"]
@@ -92,77 +156,17 @@ def run_tests(
     seconds: Seconds = None,
     seed: Seed = 0,
     jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
+    form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Test one unit with exceptional values and group its failures into findings."""
     from riot_bus.chain.robustness import test_unit
 
-    with _workspace(system, out, jobs, seed) as workspace:
+    with _workspace(system, out, jobs, seed, form) as workspace:
         name, _ = workspace.unit(unit)
         folders = [str(folder) for folder in test_unit(workspace, name, trials=trials, seconds=seconds)]
     _show({"unit": name, "findings": folders}, form, folders or ["no finding"])
     if folders:
         raise typer.Exit(FAULTS)
-
-
-def _run_step(finding: Path, jobs: int, form: OutputFormat, step: Callable[[Workspace, Path], Artefact]) -> None:
-    with _of_finding(finding, jobs) as (workspace, folder):
-        record = step(workspace, folder)
-    _show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
-
-
-def minimize(finding: Finding = DEFAULT_OUT, *, jobs: Jobs = 0, form: Format = OutputFormat.TEXT) -> None:
-    """Shrink a finding's failing log to the few messages that are needed."""
-    from riot_bus.chain.minimize import minimize as step
-
-    _run_step(finding, jobs, form, step)
-
-
-def relevance(finding: Finding = DEFAULT_OUT, *, jobs: Jobs = 0, form: Format = OutputFormat.TEXT) -> None:
-    """Find the fields that matter, each with two trials that differ in it alone."""
-    from riot_bus.chain.relevance import relevance as step
-
-    _run_step(finding, jobs, form, step)
-
-
-def rules(
-    finding: Finding = DEFAULT_OUT,
-    *,
-    budget: Annotated[int, typer.Option("--budget", min=10, help="Trials for learning.")] = 160,
-    jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
-) -> None:
-    """Learn when exactly the unit fails, as a rule in one line."""
-    from riot_bus.chain.rules import rules as step
-
-    _run_step(finding, jobs, form, lambda workspace, folder: step(workspace, folder, budget=budget))
-
-
-def permeability(
-    finding: Finding = DEFAULT_OUT,
-    *,
-    runs: Annotated[int, typer.Option("--runs", min=2, help="Long runs of the whole system.")] = 8,
-    prune: Annotated[bool, typer.Option(help="Leave out what cannot reach by the declared graph.")] = True,
-    jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
-) -> None:
-    """Find the external fields that reach the relevant ones, by perturbing the whole system."""
-    from riot_bus.chain.permeability import permeability as step
-
-    _run_step(finding, jobs, form, lambda workspace, folder: step(workspace, folder, runs=runs, prune=prune))
-
-
-def activate(
-    finding: Finding = DEFAULT_OUT,
-    *,
-    budget: Annotated[int, typer.Option("--budget", min=1, help="Runs of the whole system for the search.")] = 200,
-    jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
-) -> None:
-    """Drive the external inputs until the whole system fails."""
-    from riot_bus.chain.activation import activation as step
-
-    _run_step(finding, jobs, form, lambda workspace, folder: step(workspace, folder, budget=budget))
 
 
 def analyze(
@@ -172,24 +176,30 @@ def analyze(
     out: Out = DEFAULT_OUT,
     trials: Trials = 100,
     seconds: Seconds = None,
+    further: Annotated[
+        list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")
+    ] = None,
     seed: Seed = 0,
     jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
+    form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Run the whole chain on a system; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze as run_chain
     from riot_bus.chain.robustness import test_unit, tested
+    from riot_bus.report.finding_view import load
     from riot_bus.report.text import summary
 
-    with _workspace(system, out, jobs, seed) as workspace:
+    others = [find_step(name) for name in further or ()]
+    with _workspace(system, out, jobs, seed, form) as workspace:
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:
             folders = test_unit(workspace, name, trials=trials, seconds=seconds)
-        done = [run_chain(workspace, folder) for folder in folders]
+        done = [run_chain(workspace, folder, further=others) for folder in folders]
+    rules = [load(one.folder).rule for one in done]
     result = [
-        {"finding": str(one.folder), "rule": one.rule.text if one.rule else None, "report": str(one.report)}
-        for one in done
+        {"finding": str(one.folder), "rule": rule.text if rule else None, "report": str(one.report)}
+        for one, rule in zip(done, rules, strict=True)
     ]
     _show({"findings": result}, form, [summary(one.folder) for one in done] or ["no finding"])
     if folders:
@@ -205,14 +215,14 @@ def reproduce(
     ] = False,
     system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system file than recorded.")] = None,
     jobs: Jobs = 0,
-    form: Format = OutputFormat.TEXT,
+    form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Does a finding still fail? Exit 0 fixed, 1 still failing, 4 cannot be run, 5 flaky."""
     from dataclasses import asdict
 
     from riot_bus.chain.reproduce import reproduce as run_again
 
-    with _of_finding(finding, jobs, system) as (workspace, folder):
+    with _of_finding(finding, jobs, form, system) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
     line = f"{result.answer}: {result.failed} of {result.trials} trials of {result.log} fail"
     _show(asdict(result), form, [line + (f" ({result.detail})" if result.detail else "")])

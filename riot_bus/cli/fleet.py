@@ -72,12 +72,13 @@ def index(
     from rich.console import Console
 
     from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.events import StepProgress, StepStarted
     from riot_bus.fleet.index import index as bring_up_to_date
     from riot_bus.fleet.text import index_line
     from riot_bus.vocabulary.errors import EnvironmentFaultError
 
     with ConsoleNarrator(Console(stderr=True)) as narrator, _open(catalogue, create=True) as known:
-        narrator.begin("index")
+        narrator(StepStarted("index"))
         report = bring_up_to_date(
             known,
             places,
@@ -85,7 +86,7 @@ def index(
             jobs=jobs,
             prune=prune,
             scan=scan,
-            progress=lambda done, place: narrator.progress(done, None, place[-60:]),
+            progress=lambda done, place: narrator(StepProgress("index", done, None, place[-60:])),
         )
     typer.echo(json.dumps(asdict(report)) if form is OutputFormat.JSON else index_line(report))
     if report.failures:
@@ -176,7 +177,7 @@ def run(
     file = system or Path(challenge.system or "riot.toml")
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
-        Workspace(file, out, jobs=jobs, seed=seed, narrator=narrator) as workspace,
+        Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator]) as workspace,
     ):
         name, _ = workspace.unit(unit or challenge.unit)
         options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from riot_bus.cli.fastpath import quick_start, warn
+from riot_bus.findings.steps import STEPS
 from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
@@ -17,17 +18,7 @@ __all__ = ["COMMANDS", "make_app", "run"]
 INTERRUPTED = 130
 
 COMMANDS = {
-    "chain": (
-        "test",
-        "demo",
-        "minimize",
-        "relevance",
-        "rules",
-        "permeability",
-        "activate",
-        "analyze",
-        "reproduce",
-    ),
+    "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "reports": ("report", "findings"),
     "logs": ("info", "types", "export"),
     "archives": ("import",),

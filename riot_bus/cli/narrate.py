@@ -1,25 +1,35 @@
-"""Telling people how the work goes: a line per finished step, and a progress bar on terminals only."""
+"""Telling how the work goes: to people by a line per finished step and a progress bar, to programs by lines of JSON."""
 
 from __future__ import annotations
 
-import time
+import json
 from typing import TYPE_CHECKING, Self
+
+import typer
+
+from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
-__all__ = ["ConsoleNarrator"]
+    from riot_bus.events import RunEvent
+
+__all__ = ["ConsoleNarrator", "write_line"]
+
+
+def write_line(event: RunEvent) -> None:
+    """Write an event to stdout, as JSON in a line of its own."""
+    typer.echo(json.dumps(event.as_json()))
 
 
 class ConsoleNarrator:
-    """A `Narrator` on stderr (or wherever diagnostics go); a context manager."""
+    """Listens for a person at stderr (or wherever diagnostics go); a context manager."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._bar: Progress | None = None
         self._task: TaskID | None = None
-        self._begun: dict[str, float] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -27,10 +37,20 @@ class ConsoleNarrator:
     def __exit__(self, *_: object) -> None:
         self._stop()
 
-    def begin(self, step: str) -> None:
-        """Show that a step starts."""
-        self._stop()
-        self._begun[step] = time.monotonic()
+    def __call__(self, event: RunEvent) -> None:
+        """Show a bar while a step runs (on terminals only), and a line in its end."""
+        match event:
+            case StepStarted():
+                self._stop()
+                self._start(event.step)
+            case StepProgress() if self._bar is not None and self._task is not None:
+                self._bar.update(self._task, completed=event.done, total=event.total, note=event.note)
+            case StepFinished():
+                self._say(event.step, f"{event.text} [{event.seconds:.1f} s]")
+            case StepStopped():
+                self._say(event.step, event.text)
+
+    def _start(self, step: str) -> None:
         if self._console.is_terminal:
             from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -45,17 +65,9 @@ class ConsoleNarrator:
             self._task = self._bar.add_task(step, total=None, note="")
             self._bar.start()
 
-    def progress(self, done: int, total: int | None, note: str) -> None:
-        """Move the bar."""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, completed=done, total=total, note=note)
-
-    def end(self, step: str, text: str) -> None:
-        """Say in a line what a step has come to."""
+    def _say(self, step: str, text: str) -> None:
         self._stop()
-        begun = self._begun.get(step)
-        took = f" [{time.monotonic() - begun:.1f} s]" if begun is not None else ""
-        self._console.print(f"{step:>12}  {text}{took}", markup=False, highlight=False, soft_wrap=True)
+        self._console.print(f"{step:>12}  {text}", markup=False, highlight=False, soft_wrap=True)
 
     def _stop(self) -> None:
         if self._bar is not None:

@@ -8,7 +8,19 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Finding", "Format", "Jobs", "Out", "OutputFormat", "Salvage", "Seed", "System", "UnitName"]
+__all__ = [
+    "EventFormat",
+    "Finding",
+    "Format",
+    "Jobs",
+    "Out",
+    "OutputFormat",
+    "Salvage",
+    "Seed",
+    "StreamFormat",
+    "System",
+    "UnitName",
+]
 
 
 class OutputFormat(StrEnum):
@@ -16,6 +28,14 @@ class OutputFormat(StrEnum):
 
     TEXT = "text"
     JSON = "json"
+
+
+class StreamFormat(StrEnum):
+    """How results are written to stdout by commands that can also write what happens until then."""
+
+    TEXT = "text"
+    JSON = "json"
+    NDJSON = "ndjson"
 
 
 System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
@@ -26,6 +46,10 @@ Jobs = Annotated[
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]
 Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")]
+EventFormat = Annotated[
+    StreamFormat,
+    typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout; ndjson: events as they happen."),
+]
 Salvage = Annotated[
     bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")
 ]

@@ -50,13 +50,24 @@ class _Model(BaseModel):
 
 
 class Artefact(_Model):
-    """One JSON file of a finding."""
+    """One JSON file of a finding.
+
+    Attributes:
+        FILE: Its name.
+        STEP: The command that writes it.
+    """
 
     FILE: ClassVar[str]
+    STEP: ClassVar[str] = "analyze"
     version: Literal[1] = 1
     seed: int = 0
     trials: int = 0
     seconds: float = 0.0
+
+    @property
+    def summary(self) -> str:
+        """What the step has come to, in a line for people."""
+        return ""
 
     def save(self, directory: Path) -> Path:
         """Write the file in one step, so that a reader never sees half of it."""
@@ -78,13 +89,13 @@ class Artefact(_Model):
             return cls.model_validate(json.loads(path.read_text(encoding="utf-8")))
         except FileNotFoundError:
             raise ConfigError(
-                f"{cls.FILE} is not there yet", where=str(directory), hint=f"run `riot {STEP_OF[cls.FILE]}` first"
+                f"{cls.FILE} is not there yet", where=str(directory), hint=f"run `riot {cls.STEP}` first"
             ) from None
         except (ValueError, ValidationError) as error:
             raise ConfigError(
                 f"this file cannot be used: {str(error).splitlines()[0]}",
                 where=str(path),
-                hint=f"delete it and run `riot {STEP_OF[cls.FILE]}` again",
+                hint=f"delete it and run `riot {cls.STEP}` again",
             ) from None
 
     @classmethod
@@ -97,6 +108,7 @@ class CampaignRecord(Artefact):
     """A finished campaign, in the output folder: what it found, most frequent first."""
 
     FILE = "campaign.json"
+    STEP = "test"
     unit: str
     fingerprint: str
     failing: int = 0
@@ -107,6 +119,7 @@ class FindingRecord(Artefact):
     """One distinct failure of a unit."""
 
     FILE = "finding.json"
+    STEP = "test"
     id: str
     system: str
     system_file: str
@@ -125,10 +138,17 @@ class MinimalRecord(Artefact):
     """The few messages that are needed (RIOT II-B a)."""
 
     FILE = "minimal.json"
+    STEP = "minimize"
     before: int
     kept: tuple[int, ...]
     topics: tuple[str, ...]
     one_minimal: bool
+
+    @property
+    def summary(self) -> str:
+        """How many messages are needed, and of which topics."""
+        needed = ", ".join(self.topics) or "none (it fails without any input)"
+        return f"{self.before} messages -> {len(self.kept)}: {needed} ({self.trials} trials)"
 
 
 class CertificateRecord(_Model):
@@ -161,10 +181,17 @@ class FieldsRecord(Artefact):
     """Relevant fields (RIOT II-B b). `bound`: with 95 % confidence the rest changes the outcome at most so often."""
 
     FILE = "fields.json"
+    STEP = "relevance"
     fields: tuple[FieldRecord, ...]
     considered: tuple[str, ...]
     bound: float
     straight: int
+
+    @property
+    def summary(self) -> str:
+        """Which fields matter."""
+        names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
+        return f"{len(self.considered)} fields -> {names} ({self.trials} trials)"
 
 
 class ProportionRecord(_Model):
@@ -189,6 +216,7 @@ class RuleRecord(Artefact):
     """The unit-level rule (RIOT II-B c)."""
 
     FILE = "rule.json"
+    STEP = "rules"
     text: str
     rule: dict[str, Any]
     python: str
@@ -197,6 +225,13 @@ class RuleRecord(Artefact):
     balanced_accuracy: float
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """The rule, and how well it predicts."""
+        checks = self.precision.total + self.recall.total
+        accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {checks} fresh checks"
+        return f"fails when {self.text} ({accuracy}, {self.trials} trials)"
 
 
 class EdgeRecord(_Model):
@@ -216,11 +251,19 @@ class PermeabilityRecord(Artefact):
     """Which external fields reach the relevant ones, and how strongly."""
 
     FILE = "permeability.json"
+    STEP = "permeability"
     edges: tuple[EdgeRecord, ...]
     runs: int
     pruned: tuple[str, ...] = ()
     nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
     tree: list[dict[str, Any]] = []
+    system: str = "the system"
+
+    @property
+    def summary(self) -> str:
+        """Which external fields reach a relevant one."""
+        names = ", ".join(self.permeable) or "none"
+        return f"{len(self.nominal)} external fields in {self.runs} runs of {self.system} -> {names}"
 
     @property
     def permeable(self) -> tuple[str, ...]:
@@ -258,6 +301,7 @@ class ActivationRecord(Artefact):
     """External inputs that make the failure happen in the whole system (RIOT II-D)."""
 
     FILE = "activation.json"
+    STEP = "activate"
     found: dict[str, float] | None
     runs: int
     best_distance: float | None
@@ -266,19 +310,21 @@ class ActivationRecord(Artefact):
     region: RegionRecord | None = None
     points: tuple[PointRecord, ...] = ()
     messages: int = 0
+    text: str = Field(default="", description="how the search ended")
+
+    @property
+    def summary(self) -> str:
+        """How the search ended, how often the failure came again, and in which region it comes."""
+        parts = [self.text]
+        if self.replays:
+            parts.append(f"{self.replays_failed} of {self.replays} replays of {self.messages} external messages fail")
+        if self.region is not None:
+            one = self.region
+            bounds = f"{one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}"
+            parts.append(f"region {bounds}")
+        return "; ".join(parts)
 
     @property
     def replay_rate(self) -> float | None:
         """Share of replays of the external messages alone that failed; None if there were none."""
         return self.replays_failed / self.replays if self.replays else None
-
-
-STEP_OF = {
-    "campaign.json": "test",
-    "finding.json": "test",
-    "minimal.json": "minimize",
-    "fields.json": "relevance",
-    "rule.json": "rules",
-    "permeability.json": "permeability",
-    "activation.json": "activate",
-}

@@ -57,19 +57,17 @@ def links(story: FindingView) -> list[DiagramBox]:
         again = f"{story.activation.replays_failed} of {plural(story.activation.replays, 'replay')}"
         runs = plural(story.activation.runs, "system run")
         done["activate"] = (again if story.activation.found else "not reached", runs)
-    titles = {
-        "test": "failing log",
-        "minimize": "minimal log",
-        "relevance": "relevant fields",
-        "rules": "rule",
-        "permeability": "external fields",
-        "activate": "activation",
-    }
+    done |= {step.name: (_short(clean(record.summary)), "") for step, record in story.further}
     start = DiagramBox(
         "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"
     )
     return [start] + [
-        DiagramBox(titles[step], done.get(step, (f"riot {step}", "")), _effort(record), _state(story, step, record))
+        DiagramBox(
+            clean(step.title),
+            done.get(step.name, (f"riot {step.name}", "")),
+            _effort(record),
+            _state(story, step.name, record),
+        )
         for step, record in story.steps
     ]
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 from riot_bus.findings.records import (
-    STEP_OF,
     ActivationRecord,
     Artefact,
     FieldsRecord,
@@ -18,8 +17,9 @@ from riot_bus.findings.records import (
     RecordT,
     RuleRecord,
 )
+from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 from riot_bus.report.format import clean, plural
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 
 __all__ = ["FindingView", "Severity", "TextPart", "load"]
 
@@ -27,6 +27,7 @@ Severity = Literal["unit only", "permeable", "activated"]
 
 _VERBS = {"crash": "crashes", "hang": "hangs"}
 _NAMED = 3
+_TOLD = (FindingRecord, MinimalRecord, FieldsRecord, RuleRecord, PermeabilityRecord, ActivationRecord)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,35 +44,53 @@ class FindingView:
 
     Attributes:
         directory: The finding's directory, as the user gave it.
+        finding: What failed.
+        steps: Every step of the chain with its record, and those of other packages that have finished.
         broken: Files that exist but cannot be used, with the reason; they count as missing.
     """
 
     directory: Path
     finding: FindingRecord
-    minimal: MinimalRecord | None = None
-    fields: FieldsRecord | None = None
-    rule: RuleRecord | None = None
-    permeability: PermeabilityRecord | None = None
-    activation: ActivationRecord | None = None
+    steps: tuple[tuple[ChainStep, Artefact | None], ...]
     broken: dict[str, str] = field(default_factory=dict)
 
     @property
-    def steps(self) -> tuple[tuple[str, Artefact | None], ...]:
-        """Every step of the chain by name, with its record."""
-        records: dict[type[Artefact], Artefact | None] = {
-            FindingRecord: self.finding,
-            MinimalRecord: self.minimal,
-            FieldsRecord: self.fields,
-            RuleRecord: self.rule,
-            PermeabilityRecord: self.permeability,
-            ActivationRecord: self.activation,
-        }
-        return tuple((STEP_OF[kind.FILE], record) for kind, record in records.items())
+    def minimal(self) -> MinimalRecord | None:
+        """The few messages that are needed."""
+        return self._record(MinimalRecord)
+
+    @property
+    def fields(self) -> FieldsRecord | None:
+        """The relevant fields."""
+        return self._record(FieldsRecord)
+
+    @property
+    def rule(self) -> RuleRecord | None:
+        """The rule over them."""
+        return self._record(RuleRecord)
+
+    @property
+    def permeability(self) -> PermeabilityRecord | None:
+        """Which external fields reach them."""
+        return self._record(PermeabilityRecord)
+
+    @property
+    def activation(self) -> ActivationRecord | None:
+        """The external inputs that make the whole system fail."""
+        return self._record(ActivationRecord)
+
+    @property
+    def further(self) -> tuple[tuple[ChainStep, Artefact], ...]:
+        """The finished steps that have no section of their own in a report."""
+        return tuple((step, record) for step, record in self.steps if record and not isinstance(record, _TOLD))
+
+    def _record(self, kind: type[RecordT]) -> RecordT | None:
+        return next((record for _, record in self.steps if isinstance(record, kind)), None)
 
     @property
     def next_step(self) -> str | None:
         """The first step that has not finished."""
-        return next((step for step, record in self.steps if record is None), None)
+        return next((step.name for step, record in self.steps if record is None), None)
 
     @property
     def severity(self) -> Severity:
@@ -159,22 +178,25 @@ def load(directory: Path) -> FindingView:
     """
     broken: dict[str, str] = {}
 
-    def optional(kind: type[RecordT]) -> RecordT | None:
-        if not kind.exists(directory):
+    def read(step: ChainStep) -> Artefact | None:
+        if not step.kind.exists(directory):
             return None
         try:
-            return kind.load(directory)
+            return step.kind.load(directory)
         except ConfigError as error:
-            broken[kind.FILE] = error.message
+            broken[step.kind.FILE] = error.message
             return None
 
-    return FindingView(
-        directory,
-        FindingRecord.load(directory),
-        optional(MinimalRecord),
-        optional(FieldsRecord),
-        optional(RuleRecord),
-        optional(PermeabilityRecord),
-        optional(ActivationRecord),
-        broken,
-    )
+    finding = FindingRecord.load(directory)
+    steps: list[tuple[ChainStep, Artefact | None]] = [(STEPS[0], finding)]
+    steps += [(step, read(step)) for step in STEPS[1:]]
+    for name in further_steps():
+        try:
+            step = find_step(name)
+        except RiotError as error:
+            broken[f"step {name}"] = error.message
+            continue
+        record = read(step)
+        if record is not None:
+            steps.append((step, record))
+    return FindingView(directory, finding, tuple(steps), broken)

@@ -135,7 +135,7 @@ def not_tried(story: FindingView, *, open_questions: Sequence[str] = ()) -> list
         open_questions: What the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
-    gaps += [f"The step `{step}` has not been run." for step, record in story.steps if record is None]
+    gaps += [f"The step `{step.name}` has not been run." for step, record in story.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in story.broken.items()]
     if story.fields:
         gaps.append("The relevant fields and the rule are about values, not about the order or timing of messages.")

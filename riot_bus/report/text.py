@@ -48,6 +48,7 @@ def _facts(story: FindingView) -> list[tuple[str, str]]:
         x_name, y_name = clean(region.x, limit=80), clean(region.y, limit=80)
         facts.append(("region", f"{number(region.x_min)} <= {x_name} <= {number(region.x_max)}"))
         facts.append(("", f"{number(region.y_min)} <= {y_name} <= {number(region.y_max)}"))
+    facts += [(clean(step.name, limit=9), clean(record.summary, limit=160)) for step, record in story.further]
     done = [record for _, record in story.steps if record]
     trials = sum(record.trials for record in done)
     spent = seconds(sum(record.seconds for record in done))

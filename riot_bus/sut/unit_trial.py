@@ -53,7 +53,7 @@ class UnitTrial:
         name = unit.component or self.unit
         component = file.components[name]
         segment = file.segment_of(component)
-        messages, _ = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
+        messages, touched = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
         try:
             with TrialSetup(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
                 process = stage.start(name, seed=case.seed)
@@ -95,5 +95,9 @@ class UnitTrial:
             violations,
             seconds=time.monotonic() - started,
             detail="; ".join(broken),
-            statistics={"played": sent, "messages": len(messages)},
+            statistics={
+                "played": sent,
+                "messages": len(messages),
+                "modified": sum(index < sent for index, _, _ in touched),
+            },
         )

@@ -1,0 +1,152 @@
+"""The steps of the chain as data, in their order: what each is called, what it writes, and what carries it out.
+
+The chain, the command line and the report read this table. Records and functions are named as entry points name them,
+`module:attribute`, so that this module costs nothing to import.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from riot_bus.findings.records import Artefact
+
+__all__ = ["STEPS", "ChainStep", "StepOption", "find_step", "further_steps"]
+
+
+class StepOption(NamedTuple):
+    """An option of a step on the command line.
+
+    Attributes:
+        name: Name of the argument of the step's function; the option is called `--name`.
+        default: Its value if it is not given; decides the type: int, float, str or bool.
+        help: What it means, in a line.
+        min: Smallest value.
+    """
+
+    name: str
+    default: bool | int | float | str
+    help: str
+    min: int | None = None
+
+
+class ChainStep(NamedTuple):
+    """A step of the chain: it takes the files of a finding and adds one of its own.
+
+    Attributes:
+        name: Name on the command line and in events: `minimize`.
+        title: What it finds, in two or three words: a heading of the report.
+        help: What it does, in a line.
+        record: Class of its file (an `Artefact`), or the name of the class.
+        run: Function that carries it out, or its name: takes a `StepRun`, the folder of the finding and the options,
+            and returns the record. None for `test`, which makes findings instead of taking one.
+        options: Options of the function.
+        whole_system: Whether it needs a system whose external topics are known.
+    """
+
+    name: str
+    title: str
+    help: str
+    record: str | type[Artefact]
+    run: str | Callable[..., Artefact] | None = None
+    options: tuple[StepOption, ...] = ()
+    whole_system: bool = False
+
+    @property
+    def kind(self) -> type[Artefact]:
+        """Class of its record."""
+        return cast("type[Artefact]", _named(self.record))
+
+    @property
+    def function(self) -> Callable[..., Artefact]:
+        """Function that carries it out."""
+        return cast("Callable[..., Artefact]", _named(self.run))
+
+
+TEST = ChainStep(
+    "test",
+    "failing log",
+    "Test one unit with exceptional values and group its failures into findings.",
+    "riot_bus.findings.records:FindingRecord",
+)
+MINIMIZE = ChainStep(
+    "minimize",
+    "minimal log",
+    "Shrink a finding's failing log to the few messages that are needed.",
+    "riot_bus.findings.records:MinimalRecord",
+    "riot_bus.chain.minimize:minimize",
+)
+RELEVANCE = ChainStep(
+    "relevance",
+    "relevant fields",
+    "Find the fields that matter, each with two trials that differ in it alone.",
+    "riot_bus.findings.records:FieldsRecord",
+    "riot_bus.chain.relevance:relevance",
+)
+RULES = ChainStep(
+    "rules",
+    "rule",
+    "Learn when exactly the unit fails, as a rule in one line.",
+    "riot_bus.findings.records:RuleRecord",
+    "riot_bus.chain.rules:rules",
+    (StepOption("budget", 160, "Trials for learning.", min=10),),
+)
+PERMEABILITY = ChainStep(
+    "permeability",
+    "external fields",
+    "Find the external fields that reach the relevant ones, by perturbing the whole system.",
+    "riot_bus.findings.records:PermeabilityRecord",
+    "riot_bus.chain.permeability:permeability",
+    (
+        StepOption("runs", 8, "Long runs of the whole system.", min=2),
+        StepOption("prune", True, "Leave out what cannot reach by the declared graph."),  # noqa: FBT003
+    ),
+    whole_system=True,
+)
+ACTIVATE = ChainStep(
+    "activate",
+    "activation",
+    "Drive the external inputs until the whole system fails.",
+    "riot_bus.findings.records:ActivationRecord",
+    "riot_bus.chain.activation:activation",
+    (StepOption("budget", 200, "Runs of the whole system for the search.", min=1),),
+    whole_system=True,
+)
+
+STEPS = (TEST, MINIMIZE, RELEVANCE, RULES, PERMEABILITY, ACTIVATE)
+
+
+def further_steps() -> list[str]:
+    """Return the names of the steps that other packages bring."""
+    from riot_bus import plugins
+
+    return [name for name in plugins.STEPS.targets() if name not in {step.name for step in STEPS}]
+
+
+def find_step(name: str) -> ChainStep:
+    """Return a step by its name, ours or another package's.
+
+    Raises:
+        ConfigError: There is none, it cannot be imported, or it cannot be used.
+    """
+    from riot_bus import plugins
+    from riot_bus.vocabulary.errors import ConfigError
+
+    found = plugins.STEPS.load(name)
+    hint = "its entry point has to name a riot_bus.findings.steps.ChainStep"
+    if not isinstance(found, ChainStep) or found.name != name:
+        raise ConfigError(f"step {name!r} is {found!r}", where=plugins.STEPS.targets()[name], hint=hint)
+    if name in further_steps() and found.kind.FILE in {step.kind.FILE for step in STEPS}:
+        where = plugins.STEPS.targets()[name]
+        raise ConfigError(f"step {name!r} writes {found.kind.FILE}, which is ours", where=where, hint="rename its FILE")
+    return found
+
+
+def _named(target: Any) -> Any:
+    if not isinstance(target, str):
+        return target
+    module, _, attribute = target.partition(":")
+    return getattr(import_module(module), attribute)

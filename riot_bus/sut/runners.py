@@ -1,0 +1,80 @@
+"""Where a chain gets its runners from: processes of this machine, or whatever else is put in their place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from riot_bus.sut.calibration import measure_idle
+from riot_bus.sut.local import LocalRunner, Pool
+from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.sut.unit_trial import UnitTrial
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.sut.activity import Idle
+    from riot_bus.sut.context import Context
+    from riot_bus.sut.system import RunPace
+    from riot_bus.vocabulary.trial import Runner
+
+__all__ = ["LocalRunners", "RunnerFactory"]
+
+
+class RunnerFactory(Protocol):
+    """Gives the runners that answer the questions of a chain."""
+
+    def unit(self, unit: str) -> Runner:
+        """Return a runner for trials of a unit alone."""
+        ...
+
+    def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> Runner:
+        """Return a runner for runs of the whole system.
+
+        Args:
+            pace: How long external components run, and how fast.
+            observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
+            record: File that gets every message of a run; None for none.
+        """
+        ...
+
+    def close(self) -> None:
+        """Give everything back that runners use."""
+        ...
+
+
+class LocalRunners:
+    """Runners that start the components of a system as processes of this machine.
+
+    Args:
+        context: The system.
+        jobs: Trials at once.
+        keep: Folder under which the files of failing trials are kept.
+    """
+
+    def __init__(self, context: Context, *, jobs: int, keep: Path) -> None:
+        self._context, self._jobs, self._keep = context, jobs, keep
+        self._started: Pool | None = None
+        self._idle: dict[str, Idle] = {}
+
+    @property
+    def _pool(self) -> Pool:
+        """The processes that run trials, started when first needed."""
+        if self._started is None:
+            self._started = Pool(self._jobs, keep=self._keep)
+        return self._started
+
+    def unit(self, unit: str) -> LocalRunner:
+        """Return a runner for trials of a unit alone; what the unit does without input is measured once."""
+        if unit not in self._idle:
+            self._idle[unit] = measure_idle(self._context, unit, self._pool)
+        return LocalRunner(UnitTrial(self._context, unit, idle=self._idle[unit]), self._pool)
+
+    def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
+        """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
+        return LocalRunner(SystemTrial(self._context, pace, tuple(observe), record), self._pool)
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        if self._started is not None:
+            self._started.close()
