@@ -1,8 +1,9 @@
 """Create this checkout's own environment (.venv) and run something in it.
 
-    python3 bootstrap.py demo [OPTIONS]     the demo on the embedded router
-    python3 bootstrap.py test [OPTIONS]     the tests (OPTIONS go to pytest)
-    python3 bootstrap.py run COMMAND ...    any command of the environment, such as `ruff check`
+    python3 bootstrap.py demo [OPTIONS]           the demo on the embedded router
+    python3 bootstrap.py test [--all] [OPTIONS]   the tests (OPTIONS go to pytest); --all: nothing is left out
+    python3 bootstrap.py interop                  programs of others that some tests need; `test` does it first
+    python3 bootstrap.py run COMMAND ...          any command of the environment, such as `ruff check`
 
 Needs Python 3.11 or newer and nothing else. The environment is only built anew when pyproject.toml has changed.
 """
@@ -17,6 +18,9 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / "bin"
 STAMP = ENVIRONMENT / "bootstrap.stamp"
+
+NOTHING_COLLECTED = 5  # pytest's exit code: the options chose no test of this phase
+WAITING_WORKERS = 6  # integration tests mostly wait, so that more of them than processors run well together
 
 
 def environment() -> None:
@@ -36,21 +40,48 @@ def environment() -> None:
     STAMP.write_text(wanted)
 
 
+def interop() -> int:
+    """Provide the environments of other programs that tests talk to; return 1 if one cannot be had."""
+    return subprocess.run([str(BIN / "python"), str(ROOT / "tests/interop.py")], check=False).returncode
+
+
+def test(options: list[str]) -> int:
+    """Run the tests in three phases, whatever the options are; return the worst exit code."""
+    os.chdir(ROOT)
+    everything = "--all" in options
+    options = [each for each in options if each != "--all"]
+    if everything:
+        os.environ["RIOT_ALL_TESTS"] = "1"
+    interop()
+    pytest = [str(BIN / "python"), "-m", "pytest"]
+    workers = len(os.sched_getaffinity(0))
+    cover = ["--cov", "--cov-branch", "--cov-report="]
+    phases = [
+        ["--phase=pure", f"-n{workers}", "--dist=worksteal", *cover],
+        ["--phase=processes", f"-n{max(WAITING_WORKERS, workers)}", "--dist=worksteal"],
+        ["--phase=alone"],
+    ]
+    codes = [subprocess.run([*pytest, *phase, *options], check=False).returncode for phase in phases]
+    ran = [code for code in codes if code != NOTHING_COLLECTED]
+    worst = max(ran, default=NOTHING_COLLECTED)
+    whole = not options  # a choice of tests covers what it covers
+    covered = subprocess.run([str(BIN / "python"), str(ROOT / "tests/coverage_by_room.py")], check=False).returncode
+    return worst or (covered if whole else 0)
+
+
 def main() -> None:
     """Carry out the command line."""
     if sys.version_info < (3, 11):  # noqa: UP036 - it is run by whatever Python there is
         sys.exit(f"bootstrap.py: riot_bus needs Python 3.11 or newer, this is {sys.version.split()[0]}")
     what, *rest = sys.argv[1:] or ["help"]
-    if what not in ("demo", "test", "run"):
+    if what not in ("demo", "test", "interop", "run"):
         sys.exit(__doc__)
     environment()
     os.environ["PATH"] = f"{BIN}{os.pathsep}{os.environ.get('PATH', '')}"
-    pytest = [str(BIN / "python"), "-m", "pytest"]
     if what == "test":
-        os.chdir(ROOT)
-        # Whole chains are timed by the systems they run: they get the machine to themselves.
-        phases = [[*pytest, *rest]] if rest else [[*pytest, "-n", "auto", "-m", "not e2e"], [*pytest, "-m", "e2e"]]
-        sys.exit(max(subprocess.run(phase, check=False).returncode for phase in phases))
+        sys.exit(test(rest))
+    if what == "interop":
+        sys.exit(interop())
     command = [str(BIN / "riot"), "demo", *rest] if what == "demo" else [str(BIN / rest[0]), *rest[1:]]
     os.execv(command[0], command)
 

@@ -28,7 +28,8 @@ import psutil
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.ros2_env import install, ros2_domains, ros2_environment  # noqa: E402 - lies beside this folder
+from tests.interop import ROS2, provide  # noqa: E402 - lies beside this folder
+from tests.ros2_env import ros2_domains, ros2_environment  # noqa: E402 - lies beside this folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -225,9 +226,10 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--only", nargs="*", choices=PATHS, default=list(PATHS))
     options = parser.parse_args()
-    python, problem = install()
-    if python is None:
+    problem = provide(ROS2)
+    if problem:
         raise SystemExit(f"ROS 2 cannot be installed: {problem}")
+    python = ROS2.entry
     rounds = []
     for number in range(options.rounds):
         rounds.append({path: measure(path, python) for path in options.only})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from riot_bus.findings.records import (
 from tests.mavlink_env import mavlink_python
 
 __all__ = ["mavlink_python"]
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(3600)]
+pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(3600)]
 
 ROOT = Path(__file__).resolve().parents[2]
 SYSTEMS = ROOT / "tests/systems"
@@ -27,7 +26,6 @@ LAT, LON = "mavlink_raw/air/1/1/GLOBAL_POSITION_INT:lat", "mavlink_raw/air/1/1/G
 
 
 @pytest.mark.timeout(7200)
-@pytest.mark.skipif("RIOT_LONG_TESTS" not in os.environ, reason="takes half an hour: set RIOT_LONG_TESTS=1")
 def test_mavproxy_has_faults_that_rules_explain(
     riot, tmp_path: Path, mavlink_python: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -50,7 +48,7 @@ def test_mavproxy_has_faults_that_rules_explain(
 
 def test_mavsdk_has_none(riot, tmp_path: Path, mavlink_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_MAVLINK_PYTHON", str(mavlink_python))
-    options = ("--trials", 5000 if "RIOT_LONG_TESTS" in os.environ else 100, "--jobs", 4)
+    options = ("--trials", 5000, "--jobs", 4)
     done = riot("test", "--system", SYSTEMS / "mavsdk/riot.toml", "--out", tmp_path, *options, timeout=3500)
     assert done.returncode == 0, done.stdout + done.stderr
 

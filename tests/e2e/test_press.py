@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, PermeabilityRecord, RuleRecord
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(900)]
 
 PRESS = Path(__file__).resolve().parents[1] / "systems" / "press" / "riot.toml"
 

@@ -17,7 +17,7 @@ from riot_bus.findings.records import (
 )
 from tests.ros2_env import ros2_interpreter
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(3000)]
+pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(3000)]
 
 CHARGER = Path(__file__).resolve().parents[1] / "systems" / "charger" / "riot.toml"
 LIMIT = 12.9

@@ -12,7 +12,7 @@ import pytest
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
-pytestmark = pytest.mark.e2e
+pytestmark = pytest.mark.integration
 
 PRESS = Path(__file__).resolve().parents[1] / "systems" / "press"
 

@@ -27,6 +27,7 @@ from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.network import Network
 from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
+from tests.tiers import scaled
 
 pytestmark = pytest.mark.integration
 
@@ -165,7 +166,7 @@ def test_advanced_subscribers_get_copies_and_delayed_messages() -> None:
 
 
 def test_both_directions_under_load_lose_nothing_and_keep_the_order() -> None:
-    count = 100_000
+    count = scaled(100_000)
     with (
         Bus(SEGMENTS, intercept=["cut/**"]) as bus,
         Puppet(bus.endpoint("system")) as one,
@@ -199,7 +200,7 @@ class Sleepy:
 
 
 def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
-    count = 20_000
+    count = scaled(20_000)
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus, pair(bus) as (source, _):
         source.do("flood", key="cut/x", count=count, congestion="DROP")
         assert wait_until(lambda: bus.losses.reasons.get("no room", 0) > 0, 10), bus.counts()
@@ -211,7 +212,7 @@ def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
 
 
 def test_block_publishers_wait_for_a_slow_interceptor() -> None:
-    count = 15_000
+    count = scaled(15_000)
     with (
         Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus,
         Puppet(bus.endpoint("system")) as source,

@@ -48,6 +48,7 @@ def test_thirty_changes_of_the_cut_under_traffic_lose_nothing_of_what_stays_cut_
         assert_balanced(bus)
 
 
+@pytest.mark.load
 def test_fifty_buses_that_were_opened_and_closed_leave_no_files_threads_or_memory_behind() -> None:
     process = psutil.Process()
 

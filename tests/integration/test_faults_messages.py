@@ -200,6 +200,7 @@ def no_collector() -> Iterator[None]:
     gc.enable()
 
 
+@pytest.mark.load
 @pytest.mark.usefixtures("no_collector")
 def test_a_hundred_thousand_keys_take_bounded_memory_and_are_all_counted() -> None:
     """All that is kept by key is full after the first part; the second must not take more."""

@@ -16,7 +16,8 @@ from riot_bus.log.reader import LogReader
 from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
-from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.third_party.sdk import RosNode
+from tests.interop import SDK, require
 
 pytestmark = pytest.mark.integration
 
@@ -52,10 +53,7 @@ where = "data == 'map 2'"
 @pytest.fixture(scope="session")
 def python() -> Path:
     """An interpreter that has zenoh-ros2-sdk."""
-    interpreter, problem = install()
-    if interpreter is None:
-        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
-    return interpreter
+    return require(SDK)
 
 
 def environment(router: RouterProcess, segment: str, mode: str) -> dict[str, str]:

@@ -24,6 +24,7 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
+from tests.tiers import scaled
 from tests.unit.log.editing.edit_tools import Raw, metadata, raw
 
 TOPICS = ("/a", "/b/c", "/b/d")
@@ -52,7 +53,7 @@ edits = st.fixed_dictionaries(
         "sort": st.booleans(),
     }
 )
-common = settings(deadline=None, max_examples=50)
+common = settings(deadline=None, max_examples=scaled(50))
 
 
 def payload(value: int | None) -> bytes:

@@ -15,11 +15,12 @@ from riot_bus.generalize.relevance import FieldSpace, relevant_fields
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Scalar
+from tests.tiers import scaled
 
 NUMBERS = st.one_of(st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=scaled(80), deadline=None)
 @given(
     st.integers(1, 40).flatmap(
         lambda n: st.tuples(st.just(n), st.lists(st.frozensets(st.integers(0, n - 1)), min_size=1, max_size=4))
@@ -37,7 +38,7 @@ def test_minimal_logs_of_monotone_systems(system: tuple[int, list[frozenset[int]
     assert not any(fails(tuple(k for k in result.kept if k != item)) for item in result.kept)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=scaled(80), deadline=None)
 @given(st.integers(0, 12), st.integers(0, 2**32), st.integers(1, 4))
 def test_minimal_logs_of_arbitrary_systems(n: int, salt: int, parallelism: int) -> None:
     def fails(kept: tuple[int, ...]) -> bool:
@@ -52,7 +53,7 @@ def test_minimal_logs_of_arbitrary_systems(n: int, salt: int, parallelism: int) 
         assert not any(fails(tuple(k for k in result.kept if k != item)) for item in result.kept)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60), deadline=None)
 @given(
     st.lists(st.tuples(st.integers(-3, 3), st.none() | st.integers(-3, 3), st.booleans()), min_size=1, max_size=12),
     st.integers(0, 1000),
@@ -100,7 +101,7 @@ def rules(draw: st.DrawFn) -> Rule:
     return Rule(tuple(terms))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=scaled(150), deadline=None)
 @given(rules(), st.data())
 def test_distance_is_negative_exactly_where_the_failure_is_predicted(rule: Rule, data: st.DataObject) -> None:
     rows = data.draw(
@@ -125,7 +126,7 @@ def test_distance_is_negative_exactly_where_the_failure_is_predicted(rule: Rule,
     assert ((distance < 0) == rule.predict(columns)).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=scaled(150), deadline=None)
 @given(rules())
 def test_rules_survive_json(rule: Rule) -> None:
     again = Rule.from_json(rule.to_json())
@@ -134,7 +135,7 @@ def test_rules_survive_json(rule: Rule) -> None:
     compile(again.python(), "rule", "exec")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=scaled(300), deadline=None)
 @given(NUMBERS, NUMBERS)
 def test_the_simplest_number_and_the_middle_lie_between(one: float, other: float) -> None:
     low, high = min(one, other), max(one, other)

@@ -10,6 +10,7 @@ from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
+from tests.tiers import scaled
 
 keys = st.sampled_from(["a", "rover/odom", "ü/€", "0/x/std_msgs::msg::dds_::String_/TypeHashNotSupported"]) | st.text(
     st.characters(exclude_categories=["Cs"]), min_size=1, max_size=8
@@ -34,7 +35,7 @@ changes = st.lists(
     max_size=2,
 )
 roles = st.sampled_from(["delivered", "original"])
-settings.register_profile("log", deadline=None, max_examples=60)
+settings.register_profile("log", deadline=None, max_examples=scaled(60))
 
 
 def write(path, rows, compression="zstd", chunk_bytes=200, close=True):

@@ -8,6 +8,7 @@ from riot_bus.config.endpoints import PROTOCOLS, overlap, parse_endpoint, split_
 from riot_bus.control.environment import client_settings, environment_lines, override, session_file
 from riot_bus.control.router_flags import parse_cfg, parse_endpoints
 from riot_bus.vocabulary.errors import ConfigError
+from tests.tiers import scaled
 
 words = st.text("abz019._-=,;:?#/ '\"|é", max_size=12).map(str.strip)
 hosts = st.sampled_from(["127.0.0.1", "0.0.0.0", "localhost", "robot.local", "[::1]", "[::]", "[fe80::1]"])
@@ -64,7 +65,7 @@ def test_settings_survive_the_command_line(name, key, value):
 
 
 @given(st.lists(endpoints(), min_size=1, max_size=3), st.text())
-@settings(max_examples=50)
+@settings(max_examples=scaled(50))
 def test_what_rmw_zenoh_reads_is_what_was_meant(texts, password):
     meant = client_settings(texts, {"transport/auth/usrpwd/password": password})
     pairs = [pair.split("=", 1) for pair in override(meant).split(";")]
@@ -72,7 +73,7 @@ def test_what_rmw_zenoh_reads_is_what_was_meant(texts, password):
 
 
 @given(st.lists(endpoints(), min_size=1, max_size=3))
-@settings(max_examples=50)
+@settings(max_examples=scaled(50))
 def test_a_shell_reads_what_was_meant(texts):
     _, implementation, line = environment_lines("unit", texts, "rmw_zenoh")
     assert implementation == "export RMW_IMPLEMENTATION=rmw_zenoh_cpp"
@@ -80,7 +81,7 @@ def test_a_shell_reads_what_was_meant(texts):
 
 
 @given(st.lists(endpoints(), min_size=1, max_size=3), st.text())
-@settings(max_examples=50)
+@settings(max_examples=scaled(50))
 def test_a_session_file_holds_every_setting(texts, password):
     tree = json.loads(session_file(client_settings(texts, {"transport/auth/usrpwd/password": password})))
     assert tree["connect"]["endpoints"] == texts

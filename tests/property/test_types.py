@@ -15,6 +15,7 @@ from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
+from tests.tiers import scaled
 
 rosbags = pytest.importorskip("rosbags")
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
@@ -260,7 +261,7 @@ def test_cdr_agrees_with_mcap_ros2(name):
 
 
 @given(st.sampled_from(NAMES), st.integers(0, 1 << 32), st.data())
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, max_examples=scaled(60), suppress_health_check=[HealthCheck.too_slow])
 def test_cdr_wraps_and_saturates(name, seed, data):
     kind = ROS2.type_named(name)
     payload = encode(random_message(random.Random(seed), name), name, little=True)

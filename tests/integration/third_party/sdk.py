@@ -1,49 +1,16 @@
-"""The third-party ROS 2 client zenoh-ros2-sdk: installed once into an environment of its own, and nodes that run it."""
+"""Nodes that run the third-party ROS 2 client zenoh-ros2-sdk."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import select
 import subprocess
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any, Self
 
-PACKAGE = "zenoh-ros2-sdk==0.1.8"
-INSTALL_S = 200
 ANSWER_S = 30
-
-
-def install() -> tuple[Path | None, str]:
-    """Return the interpreter of an environment that has the SDK, else why there is none; processes take turns."""
-    python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    folder = Path(tempfile.gettempdir()) / f"riot-bus-{PACKAGE.replace('==', '-')}-{python}-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.is_symlink() or folder.stat().st_uid != os.getuid():
-        return None, f"{folder} belongs to somebody else"
-    interpreter, complete = folder / "venv/bin/python", folder / "complete"
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if complete.exists() and interpreter.exists():
-            return interpreter, ""
-        for command in (
-            [sys.executable, "-m", "venv", "--clear", str(folder / "venv")],
-            [str(interpreter), "-m", "pip", "install", "--quiet", "--retries=1", "--only-binary=:all:", PACKAGE],
-            [str(interpreter), "-c", "import zenoh_ros2_sdk"],  # needs git
-        ):
-            try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
-            except subprocess.TimeoutExpired:
-                return None, f"{' '.join(command[1:4])} took over {INSTALL_S} s"
-            if done.returncode:
-                lines = [line for line in (done.stdout + done.stderr).splitlines() if not line.startswith("WARNING")]
-                return None, f"{' '.join(command[1:4])}: {lines[-1] if lines else done.returncode}"
-        complete.touch()
-    return interpreter, ""
 
 
 class RosNode:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from riot_bus.agent.library import Library
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.session import wait_until
+from tests.tiers import scaled
 from tests.unit.fleet.fleet_logs import write
 
 _PARTS = ["..", ".", "up", "out.mcap", "a.mcap", "bag", "mixed", "", "~", "logs"]
@@ -88,7 +89,7 @@ def test_several_names(library: Library, folder: Path) -> None:
         library.resolve_all(["bag"] * 251)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=scaled(200))
 @given(
     st.lists(st.sampled_from(["..", ".", "up", "out.mcap", "a.mcap", "bag", "mixed", "", "~", "logs"]), max_size=6).map(
         "/".join

@@ -20,6 +20,7 @@ from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Scalar
+from tests.tiers import scaled
 from tests.unit.dictionaries.sound import ADAPTER, MAVLINK, SOUND, accept, blank, sound, type_named
 
 DICTIONARY = load_dictionary()
@@ -120,7 +121,7 @@ def test_mutations_hold_wherever_their_type_is_nested(outer: str) -> None:
     assert done > 5
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=scaled(200))
 @given(st.data())
 def test_whatever_else_is_in_the_message(data: st.DataObject) -> None:
     mutation = data.draw(st.sampled_from([each for each in MUTATIONS if each.consistent]))

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from riot_bus.types.registry import TypeRegistry, load_adapters
+from tests.tiers import scaled
 
 ME = 255, 190
 DRONE = Path(__file__).parents[3] / "examples" / "mavlink"
@@ -130,7 +131,7 @@ def test_it_flies_by_itself_if_it_is_told_to():
 MESSAGES = ("PARAM_SET", "MISSION_ITEM_INT", "MISSION_COUNT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_ITEM")
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=scaled(200), deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(MESSAGES), st.binary(min_size=64, max_size=64)), max_size=20))
 def test_whatever_is_asked_it_goes_on(asked):
     autopilot = Autopilot(1, fly=True)

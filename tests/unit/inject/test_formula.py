@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Formula
+from tests.tiers import scaled
 
 FIELDS = {"w": 4, "h": 3, "len(data)": 12, "x": 0.5, "name": "home", "a.b[2].c": -3, "len(a.b[2].d)": 7, "on": True,
           "bad": math.nan, "len": 1}  # fmt: skip
@@ -84,7 +85,7 @@ def test_base_is_put_before_every_path():
     assert evaluate(Formula("len(data) - w", base="p.q"), read) == 3
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=scaled(300))
 @given(st.text("wh x1.0[]()'\"+-*/%<>=!,andortlesif:\n\\", max_size=30))
 def test_any_text_is_a_formula_or_a_config_error(text):
     try:

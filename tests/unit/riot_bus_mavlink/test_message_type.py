@@ -16,6 +16,7 @@ from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
 from riot_bus_mavlink.message_type import MavlinkType
 from riot_bus_mavlink.signing import Signer, sign_frame
+from tests.tiers import scaled
 
 ALL = load_dialect()
 KEY = bytes(32)
@@ -69,7 +70,7 @@ class TestText(HostileConformance):
     payloads = (frame("STATUSTEXT", b"\4ready" + bytes(45) + b"\1\0\2"), frame("STATUSTEXT", b"\4" + b"A" * 50, 1))
 
 
-@settings(deadline=None, max_examples=500)
+@settings(deadline=None, max_examples=scaled(500))
 @given(data=st.data())
 def test_any_payload_under_a_right_checksum(data):
     message = data.draw(st.sampled_from(sorted(ALL.messages.values(), key=lambda each: each.id)))

@@ -21,6 +21,7 @@ print(result.total().kept, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - 
 """
 
 
+@pytest.mark.load
 @pytest.mark.parametrize("count", [1, 3])
 def test_memory_is_bounded(tmp_path, count):
     paths = [tmp_path / f"{n}.mcap" for n in range(count)]

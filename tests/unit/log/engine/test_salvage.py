@@ -18,6 +18,7 @@ from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.export import export_table
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
+from tests.tiers import scaled
 
 KEYS = ["a", "b/c", "d"]
 
@@ -173,7 +174,7 @@ messages = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60), deadline=None)
 @given(st.lists(messages, min_size=1, max_size=30), st.integers(50, 2000), st.data())
 def test_so_many_wrong_bytes_in_chunks_cost_so_many_messages(log, chunk_bytes, data):
     with tempfile.TemporaryDirectory() as folder:
@@ -202,7 +203,7 @@ def test_so_many_wrong_bytes_in_chunks_cost_so_many_messages(log, chunk_bytes, d
         assert bool(result.losses) == bool(loss)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=scaled(60), deadline=None)
 @given(st.lists(messages, min_size=1, max_size=20), st.sampled_from(["zstd", "lz4", "none"]), st.data())
 def test_whatever_is_wrong_it_never_raises_and_adds_nothing(log, compression, data):
     with tempfile.TemporaryDirectory() as folder:

@@ -14,6 +14,7 @@ from riot_bus.log.playback.player import Player
 from riot_bus.vocabulary.clock import ManualClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
+from tests.tiers import scaled
 
 SECOND = 10**9
 BEGIN = 1000 * SECOND
@@ -264,7 +265,7 @@ TIMES = st.lists(st.integers(0, 40), min_size=1, max_size=30).map(sorted)
 
 
 @given(TIMES, st.lists(st.tuples(st.floats(0, 60), COMMANDS), max_size=12), st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=scaled(300), deadline=None)
 def test_whatever_is_commanded_messages_come_in_order_and_once(times, commands, paused):
     script = [(after, *command) for after, command in commands] + [(200, "resume"), (201, "set_rate", 0.0)]
     play = Play(messages(*times), script, paused=paused).run()
@@ -277,7 +278,7 @@ SEEKS = st.one_of(COMMANDS, st.tuples(st.just("seek"), st.integers(0, 40).map(la
 
 
 @given(TIMES, st.lists(st.tuples(st.floats(0, 60), SEEKS), max_size=12), st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=scaled(300), deadline=None)
 def test_only_seeking_and_looping_break_the_order(times, commands, loop):
     script = [(after, *command) for after, command in commands] + [(200, "resume"), (500, "stop"), (501, "stop")]
     play = Play(messages(*times), script, loop=loop, delay=1.0 if loop else 0.0).run()

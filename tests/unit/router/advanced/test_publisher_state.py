@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from riot_bus.router.advanced.publisher_state import PublisherState
 from riot_bus.router.advanced.source import UNNUMBERED, AdvancedSource
+from tests.tiers import scaled
 
 
 def relay(entity: str = "7", *, depth: int | None = 0) -> PublisherState:
@@ -208,7 +209,7 @@ class World:
             self.relay.let_go()
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=scaled(300))
 @given(
     before=st.integers(1, 5),
     steps=st.lists(st.sampled_from(["publish", "publish", "lose", "receive", "receive", "work"]), max_size=60),

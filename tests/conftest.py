@@ -1,0 +1,56 @@
+"""Which items belong to which phase of the gate, and what a run says at its end of what it could not test."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from tests.tiers import ALL
+
+ROOT = Path(__file__).parent
+PHASES = ("pure", "processes", "alone")
+"""Unit and property tests; integration tests, several at once; those that want the machine for themselves."""
+
+# What fails prints its example; the database would make one run depend on another.
+settings.register_profile("gate", database=None, print_blob=True)
+settings.load_profile("gate")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let bootstrap.py run the suite in phases."""
+    parser.addoption("--phase", choices=PHASES, help="run one phase only; bootstrap.py runs them in turn")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep what belongs to the phase, and to the gate unless everything is wanted."""
+    wanted = config.getoption("--phase")
+    chosen = [item for item in items if (ALL or _in_gate(item)) and wanted in (None, _phase(item))]
+    if len(chosen) < len(items):
+        config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+        items[:] = chosen
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say loudly, once, which foreign programs were not there."""
+    reasons: Counter[str] = Counter()
+    for report in terminalreporter.stats.get("skipped", ()):
+        text = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if "NOT TESTED: " in text:
+            reasons[text.partition("NOT TESTED: ")[2]] += 1
+    if reasons:
+        terminalreporter.section("NOT TESTED", sep="!", red=True, bold=True)
+        for reason, count in sorted(reasons.items()):
+            terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
+
+
+def _in_gate(item: pytest.Item) -> bool:
+    return item.get_closest_marker("nightly") is None
+
+
+def _phase(item: pytest.Item) -> str:
+    if item.get_closest_marker("e2e") or item.get_closest_marker("load"):
+        return "alone"
+    return "processes" if item.get_closest_marker("integration") else "pure"
