@@ -71,7 +71,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             _save(step, unit, failure, log)
             for failure in sorted(result.failures.values(), key=lambda one: (-one.occurrences, one.trial))
         ]
-        CampaignRecord(
+        record = CampaignRecord(
             unit=unit,
             fingerprint=workspace.fingerprint,
             failing=result.failing,
@@ -79,8 +79,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,
-        ).save(workspace.out)
-        step.end(_summary(unit, log, result))
+        )
+        record.save(workspace.out)
+        step.end(_summary(unit, log, result), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)

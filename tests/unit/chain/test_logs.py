@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+import logging
+from pathlib import Path
 from typing import Any
 
-from riot_bus.chain.logs import FailingLog, NamedFields
+import pytest
+
+from riot_bus.chain.logs import FailingLog, NamedFields, internal_name, nominal_values, read_messages
+from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 
 
@@ -51,3 +57,46 @@ def test_changed_elements_are_fields_wherever_they_stand() -> None:
     assert fields.fields["scan:xs[35]"].original == 35
     (healed,) = fields.with_values({"scan:xs[35]": 35})
     assert json.loads(healed.payload) == {"xs": before}
+
+
+def test_messages_of_one_topic_are_numbered_and_their_fields_have_one_name_on_the_bus() -> None:
+    log = FailingLog((message(n=1), message(n=2).with_(sequence=4), Message(1, "other", b'{"m": 3}', sequence=5)), {})
+    fields = NamedFields(log, registry=TypeRegistry())
+    assert list(fields.fields) == ["scan[0]:n", "scan[1]:n", "other:m"]
+    assert [internal_name(name) for name in fields.fields] == ["scan:n", "scan:n", "other:m"]
+    assert [json.loads(each.payload) for each in fields.with_values({"scan[1]:n": 7})] == [{"n": 1}, {"n": 7}, {"m": 3}]
+    with pytest.raises(ConfigError, match="no field 'scan:n'"):
+        fields.with_values({"scan:n": 7})
+
+
+def test_what_has_no_fields_is_left_out() -> None:
+    odd = (
+        message(n=1).with_(kind="delete"),
+        Message(1, "scan", b"{", sequence=4),
+        Message(1, "blob", b"\x00", encoding="application/octet-stream", sequence=5),
+    )
+    assert NamedFields(FailingLog(odd, {}), registry=TypeRegistry()).fields.keys() <= {"blob:"}
+
+
+def test_a_field_that_the_original_did_not_have_has_no_original_value() -> None:
+    assert named(message(n=5), message(n=5, extra=2)).fields["scan:extra"].original is None
+
+
+def test_nominal_values_leave_out_what_cannot_be_read() -> None:
+    log = [message(n=1), message(m=1), Message(1, "blob", b"\x00", encoding="x/y"), message(n=3)]
+    paths = {"scan": ["n"], "blob": ["n"], "none": ["n"]}
+    assert nominal_values(log, paths, registry=TypeRegistry()) == {"scan:n": [1, 3], "blob:n": [], "none:n": []}
+
+
+def test_a_damaged_log_is_read_as_far_as_it_goes_and_said_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, chunk_bytes=1000) as writer:
+        for number in range(300):
+            writer.write(message(n=number))
+    path.write_bytes(path.read_bytes()[:-3000])
+    with caplog.at_level(logging.WARNING):
+        for _ in range(2):
+            assert 0 < len(read_messages(path, registry=TypeRegistry())) < 300
+    assert caplog.text.count("is damaged") == 1

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.chain.external import external_fields, message_rate
+from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.message import Message
+from tests.unit.chain.machine import SYSTEM, bench
+
+LOGGED = SYSTEM.replace('name = "machine"', 'name = "machine"\nnominal = "nominal.mcap"')
+
+
+def log(folder: Path, rows: list[dict], topic: str = "panel") -> None:
+    with LogWriter(folder / "nominal.mcap") as writer:
+        for number, row in enumerate(rows):
+            writer.write(Message(10**18 + number * 500_000_000, topic, json.dumps(row).encode()))
+
+
+def test_fields_come_with_what_they_did_in_the_nominal_log(tmp_path: Path) -> None:
+    system = LOGGED.replace("[external.ranges]", 'exclude = ["panel:lever"]\n\n[external.ranges]')
+    rows = [{"knob": knob, "still": 20, "zero": 0, "lever": 1.0, "name": "x", "on": True} for knob in (1.0, 3.0, 5.0)]
+    log(tmp_path, [*rows, {"knob": float("nan"), "still": 20, "zero": 0}])
+    fields = {field.path: field for field in external_fields(bench(tmp_path, system).workspace)}
+    assert set(fields) == {"knob", "still", "zero"}
+    knob, still, zero = fields["knob"], fields["still"], fields["zero"]
+    assert (knob.nominal, knob.low, knob.high, knob.range, knob.rate) == (3.0, 1.0, 5.0, (-1000, 1000), 2.0)
+    assert (still.spread, still.range, still.integer) == (2.0, (20 - 5000, 20 + 5000), True)
+    assert (zero.spread, knob.integer) == (1.0, False)
+
+
+def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
+    log(tmp_path, [{"knob": float("inf"), "lever": 0.5}] * 3)
+    assert [field.path for field in external_fields(bench(tmp_path, LOGGED).workspace)] == ["lever"]
+
+
+def test_a_log_without_external_topics_suggests_what_it_has(tmp_path: Path) -> None:
+    log(tmp_path, [{"knob": 1.0}], "panels")
+    with pytest.raises(ConfigError, match=r"no numeric field of panel[^?]*'panels'\?"):
+        external_fields(bench(tmp_path, LOGGED).workspace)
+
+
+def test_riot_toml_has_to_name_what_is_external(tmp_path: Path) -> None:
+    system = SYSTEM[: SYSTEM.index("[external]")] + "[unit.drive]\n"
+    with pytest.raises(ConfigError, match="no external topics"):
+        external_fields(bench(tmp_path, system).workspace)
+
+
+def test_one_message_has_no_rate() -> None:
+    assert message_rate([5]) == 0.0
+    assert message_rate([0, 10**9, 2 * 10**9]) == 1.0

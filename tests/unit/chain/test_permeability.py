@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.chain.permeability import permeability
+from riot_bus.findings.records import PermeabilityRecord
+from riot_bus.findings.steps import find_step
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.injection import Signal
+from tests.unit.chain.machine import MODE, SPEED, SYSTEM, bench, share, write_fields, write_minimal
+
+OFF = SYSTEM.replace('inputs = ["panel"]', "inputs = []")
+"""The same machine, whose riot.toml forgets to say what the governor reads."""
+
+
+def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    write_fields(one, SPEED, MODE)
+    record = one.workspace.carry_out(find_step("permeability"), one.folder)
+    assert isinstance(record, PermeabilityRecord)
+    assert record.permeable == ("panel:knob",)
+    assert {edge.external for edge in record.edges} == {"panel:knob", "panel:lever", "panel:heat"}
+    assert set(record.nominal) == {"panel:knob", "panel:lever", "panel:heat"}
+    assert (record.runs, record.trials, record.pruned) == (8, 8, ())
+    assert [node["topic"] for node in record.tree] == ["command"]
+    assert record.summary == "3 external fields in 8 runs of machine -> panel:knob"
+    driven = [case for case in one.machine.executed if case.injections]
+    assert len(driven) == 8
+    assert all(isinstance(injection.value, Signal) for case in driven for injection in case.injections)
+    assert len({case.seed for case in driven}) == 8
+
+
+def test_failures_in_perturbed_runs_do_not_matter(tmp_path: Path) -> None:
+    one = bench(tmp_path, system_wrong=lambda case: bool(case.injections) and share(case) < 0.5)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    assert permeability(one.run(), one.folder).permeable == ("panel:knob",)
+
+
+def test_runs_that_cannot_be_carried_out_end_the_step(tmp_path: Path) -> None:
+    one = bench(tmp_path, broken=lambda case: bool(case.injections))
+    write_minimal(one)
+    write_fields(one, SPEED)
+    with pytest.raises(EnvironmentFaultError, match="no port"):
+        permeability(one.run(), one.folder)
+    assert not PermeabilityRecord.exists(one.folder)
+
+
+def test_a_graph_without_a_way_to_the_unit_is_inconclusive_unless_nothing_is_pruned(tmp_path: Path) -> None:
+    one = bench(tmp_path, OFF)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    with pytest.raises(InconclusiveError, match="no external topic leads to the relevant fields"):
+        permeability(one.run(), one.folder)
+    assert permeability(one.run(), one.folder, prune=False, runs=4).permeable == ("panel:knob",)
+
+
+def test_without_a_relevant_field_nothing_can_be_reached(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    write_fields(one)
+    with pytest.raises(InconclusiveError):
+        permeability(one.run(), one.folder)
+
+
+def test_the_step_before_is_needed(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    with pytest.raises(ConfigError, match=r"fields\.json is not there yet"):
+        permeability(one.run(), one.folder)

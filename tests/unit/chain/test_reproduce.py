@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.chain.reproduce import reproduce
+from riot_bus.events import TrialFinished
+from riot_bus.findings.records import ActivationRecord
+from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from tests.unit.chain.machine import Bench, bench, command, panel, said, write_finding, write_minimal
+
+
+def test_a_finding_that_fails_each_time_is_still_failing(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_finding(one, [command("step", 3.0), command("step", -5.0, 1)], {})
+    found = reproduce(one.workspace, one.folder)
+    assert (found.answer, found.failed, found.trials, found.log) == ("still failing", 3, 3, "failure.mcap")
+    assert found.detail == "still busy"
+    assert [case.seed for case in one.machine.executed] == [0, 1, 2]
+    assert [event.step for event in one.told(TrialFinished)] == ["reproduce"] * 3
+
+
+def test_the_minimal_log_is_played_if_there_is_one(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    assert reproduce(one.workspace, one.folder, times=5).log == "minimal.mcap"
+    assert len(one.machine.executed) == 5
+
+
+def test_answers_never_come_from_the_store(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    reproduce(one.workspace, one.folder)
+    reproduce(one.workspace, one.folder)
+    assert len(one.machine.executed) == 6
+
+
+def test_a_finding_that_never_fails_is_fixed(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one, speed=5.0)
+    found = reproduce(one.workspace, one.folder)
+    assert (found.answer, found.failed, found.detail) == ("fixed", 0, "")
+
+
+def test_trials_that_disagree_are_inconclusive(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: case.seed == 1)
+    write_minimal(one)
+    with pytest.raises(InconclusiveError, match=r"2 of 3 trials of minimal\.mcap fail as before\n"):
+        reproduce(one.workspace, one.folder)
+
+
+def test_failing_in_another_way_is_inconclusive(tmp_path: Path) -> None:
+    one = bench(tmp_path, other=lambda case: True)
+    write_minimal(one)
+    with pytest.raises(InconclusiveError, match=r"0 of 3 trials.*others fail differently: crash in drive"):
+        reproduce(one.workspace, one.folder)
+
+
+def test_trials_that_cannot_be_carried_out_are_no_answer(tmp_path: Path) -> None:
+    one = bench(tmp_path, broken=lambda case: case.seed == 2)
+    write_minimal(one)
+    with pytest.raises(EnvironmentFaultError, match="no port"):
+        reproduce(one.workspace, one.folder)
+
+
+def activated(one: Bench) -> None:
+    write_minimal(one)
+    ActivationRecord(found={}, runs=1, best_distance=None).save(one.folder)
+    with LogWriter(one.folder / "activation.mcap") as writer:
+        for message in panel(0):
+            writer.write(message.with_(payload=message.payload.replace(b'"knob": ', b'"knob": -')))
+
+
+def test_the_whole_system_gets_the_external_messages_alone(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    activated(one)
+    found = reproduce(one.workspace, one.folder, whole_system=True)
+    assert (found.answer, found.failed, found.log) == ("still failing", 3, "activation.mcap")
+    assert all(said(message)["knob"] < 0 for case in one.machine.executed for message in case.messages)
+
+
+def test_without_an_activation_the_whole_system_has_nothing_to_get(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    with pytest.raises(ConfigError, match=r"no activation\.mcap"):
+        reproduce(one.workspace, one.folder, whole_system=True)
+    activated(one)
+    (one.folder / "activation.mcap").unlink()
+    with pytest.raises(ConfigError, match=r"no activation\.mcap"):
+        reproduce(one.workspace, one.folder, whole_system=True)

@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from riot_bus.campaign.store import TrialStore
+from riot_bus.chain import robustness
+from riot_bus.chain.logs import FailingLog
+from riot_bus.events import CampaignFinished, FindingWritten, StepFinished, StepProgress, TrialFinished
+from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.inject.apply import inject_log
+from riot_bus.log.reader import LogReader
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from tests.unit.chain.machine import (
+    COUNT,
+    HANG,
+    OTHER,
+    SYSTEM,
+    Bench,
+    always,
+    bench,
+    hangs,
+    never_hangs,
+    share,
+)
+
+
+def campaign(one: Bench, **options: Any) -> list[Path]:
+    return robustness.test_unit(one.workspace, "drive", **{"trials": 30, "seconds": None, **options})
+
+
+def test_failures_become_findings_with_the_log_as_it_was_delivered(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    record = FindingRecord.load(folder)
+    assert (record.id, record.signature, record.unit, record.component) == (
+        folder.name,
+        HANG.signature,
+        "drive",
+        "drive",
+    )
+    assert record.details == (HANG.detail,)
+    log = FailingLog.load(folder / "failure.mcap", registry=one.workspace.context.registry)
+    assert hangs(log.messages) == len(log.messages) - 1 == record.messages - 1  # it ends where the unit hung
+    assert len(log.originals) == record.modified > 0
+    assert hangs(list(log.originals.values())) is None
+    with LogReader(folder / "failure.mcap") as reader:
+        assert {entry.sequence for entry in reader.provenance()} == set(log.originals)
+    assert (folder / "reproduce.sh").is_file()
+
+
+def test_what_happens_is_told(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    found = FindingRecord.load(folder)
+    trials = one.told(TrialFinished)
+    failing = [event for event in trials if event.verdict == "fail"]
+    assert len(trials) == 32  # two of them nominal
+    assert {(event.signature, event.detail) for event in failing} == {(HANG.signature, HANG.detail)}
+    assert one.told(StepProgress)[-1].done == 30
+    (written,) = one.told(FindingWritten)
+    assert (written.folder, written.id, written.signature) == (str(folder), found.id, HANG.signature)
+    assert written.occurrences == found.occurrences == len(failing)
+    finished = one.told(StepFinished)[-1]
+    assert (finished.step, finished.trials) == ("test", 32)
+    assert finished.text == f"32 trials of drive with {COUNT} messages each: {len(failing)} failed, 1 distinct finding"
+    (ended,) = one.told(CampaignFinished)
+    assert (ended.unit, ended.trials, ended.failing, ended.exhausted) == ("drive", 32, len(failing), True)
+    assert ended.findings == (str(folder),)
+
+
+def test_the_trial_counts_what_it_injects_and_the_simplest_failure_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+    monkeypatch.setattr(robustness, "inject_log", lambda *a, **k: calls.append(a) or inject_log(*a, **k))
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    assert len(calls) == 1  # to save it
+    stored = [json.loads(line)["outcome"] for line in one.workspace.store.path.read_text().splitlines()]
+    modified = [outcome["statistics"]["modified"] for outcome in stored if outcome["verdict"] == "fail"]
+    assert FindingRecord.load(folder).modified == min(modified)
+
+
+def test_failures_are_told_apart_by_signature_the_frequent_first(tmp_path: Path) -> None:
+    one = bench(tmp_path, other=lambda case: share(case) < 0.3)
+    folders = campaign(one, trials=60)
+    records = [FindingRecord.load(folder) for folder in folders]
+    assert {record.signature for record in records} == {HANG.signature, OTHER.signature}
+    assert records[0].occurrences >= records[1].occurrences
+    assert "2 distinct findings" in one.told(StepFinished)[-1].text
+
+
+def test_wrong_answers_of_a_noisy_runner_become_findings_of_their_own_number(tmp_path: Path) -> None:
+    """What holds today: a campaign asks nothing twice, so a false failure counts as one; `minimize` finds it out."""
+    one = bench(tmp_path, fails=never_hangs, wrong=lambda case: bool(case.injections) and share(case) < 0.1)
+    (folder,) = campaign(one)
+    assert 1 <= FindingRecord.load(folder).occurrences < 10
+
+
+def test_a_unit_that_always_fails_is_a_finding_without_injections(tmp_path: Path) -> None:
+    (folder,) = campaign(bench(tmp_path, fails=always))
+    record = FindingRecord.load(folder)
+    assert (record.injections, record.modified, record.messages) == ((), 0, 1)
+
+
+def test_a_unit_that_sometimes_fails_nominally_is_inconclusive(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: not case.injections and case.seed == 1)
+    with pytest.raises(InconclusiveError, match="in one of two trials"):
+        campaign(one)
+    assert not CampaignRecord.exists(one.workspace.out)
+
+
+def test_a_unit_that_never_fails_has_no_finding_and_that_is_remembered(tmp_path: Path) -> None:
+    one = bench(tmp_path, fails=never_hangs)
+    assert robustness.tested(one.workspace, "drive") is None
+    assert campaign(one) == []
+    assert robustness.tested(one.workspace, "drive") == []
+    one.workspace.seed = 7
+    assert robustness.tested(one.workspace, "drive") is None
+
+
+def test_a_time_budget_ends_the_campaign_after_a_batch(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    campaign(one, trials=10_000, seconds=1e-9)
+    (ended,) = one.told(CampaignFinished)
+    assert not ended.exhausted
+    assert ended.trials < 20
+
+
+def test_an_interrupted_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    campaign(one, trials=10)
+    before = len(one.machine.executed)
+    again = bench(tmp_path)
+    campaign(again, trials=20)
+    assert before + len(again.machine.executed) == 22 + 1  # and the nominal run
+    assert len(TrialStore(again.workspace.store.path)) == 22
+
+
+def test_trials_that_cannot_be_carried_out_end_the_campaign(tmp_path: Path) -> None:
+    with pytest.raises(EnvironmentFaultError, match="no port"):
+        campaign(bench(tmp_path, broken=lambda case: bool(case.messages)))
+
+
+def test_dictionary_entries_that_match_nothing_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    text = '[[field]]\npath = "command:sped"\nentries = [{ value = -9.0, reason = "backwards" }]\n'
+    (tmp_path / "own.toml").write_text(text)
+    one = bench(tmp_path, SYSTEM + 'dictionaries = ["own.toml"]\n')
+    with caplog.at_level(logging.WARNING):
+        campaign(one, trials=2)
+    assert "command:sped" in caplog.text
+
+
+def test_nothing_on_the_inputs_of_the_unit(tmp_path: Path) -> None:
+    one = bench(tmp_path, SYSTEM.replace('inputs = ["command"]', 'inputs = ["comand"]'))
+    with pytest.raises(ConfigError, match=r"nothing on the inputs of 'drive' \(comand\)[^?]*'command'\?"):
+        campaign(one)
+
+
+def test_fields_that_riot_toml_leaves_alone_are_not_injected(tmp_path: Path) -> None:
+    one = bench(tmp_path, SYSTEM + 'leave = ["command:speed"]\n')
+    campaign(one, trials=10)
+    injected = {each.field for case in one.machine.executed for each in case.injections}
+    assert "mode" in injected
+    assert "speed" not in injected
