@@ -6,7 +6,6 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.status import plan_row
-from riot_bus.inject.injection_plan import InjectionPlan
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,6 +68,8 @@ class Operations:
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
         """
+        from riot_bus.inject.injection_plan import InjectionPlan  # needs pydantic, which a router without plan does not load
+
         plan = InjectionPlan.parse(text, name, seed=self._seed)
         with self._changing:
             return {"intercepted": self._interception.set_plan(plan), "plan": plan_row(plan)}

@@ -152,7 +152,7 @@ class Scene:
 
 @pytest.fixture(autouse=True)
 def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "StandIn", Here)
+    monkeypatch.setattr(module, "ProxyPublisher", Here)
     Here.made.clear()
 
 
