@@ -68,7 +68,9 @@ class Operations:
         Raises:
             ConfigError: It is not a plan; then nothing has changed.
         """
-        from riot_bus.inject.injection_plan import InjectionPlan  # needs pydantic, which a router without plan does not load
+        from riot_bus.inject.injection_plan import (
+            InjectionPlan,  # loads pydantic
+        )
 
         plan = InjectionPlan.parse(text, name, seed=self._seed)
         with self._changing:
