@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from riot_bus.types.bulk import Payloads, gather
+from riot_bus.types.bulk import gather
+from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.definitions import parse_msg

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import HeardSystem
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
 from riot_bus_mavlink.dialect import DEFAULT, Dialect, load_dialect
@@ -19,7 +20,7 @@ from riot_bus_mavlink.signing import Signer, read_key
 from riot_bus_mavlink.tlog import TlogUnpacker, tlog_record
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from riot_bus.vocabulary.message import Message
     from riot_bus_mavlink.definitions import MessageTable
@@ -31,7 +32,7 @@ _SHORT = re.compile(r"(?:([0-9]{1,3}|\*)/([0-9]{1,3}|\*)/)?([A-Z][A-Z0-9_]*)")
 
 
 class MavlinkAdapter:
-    """Implements `Adapter` and `Archiving` (of `riot_bus.types`) for frames of MAVLink, one in each payload.
+    """Implements `Adapter` and some of `riot_bus.types.capabilities` for frames of MAVLink, one in each payload.
 
     Args:
         options: A dialect's name, or some of `dialect=NAME;key_file=FILE;template=KEY`: the key that signs what was
@@ -81,13 +82,13 @@ class MavlinkAdapter:
         """Take in dialects: XML files, which may include those that pymavlink ships.
 
         Raises:
-            ConfigError: A file is missing or wrong.
+            ConfigError: A file is missing or wrong; then nothing changes.
         """
-        self._files += [Path(file) for file in files]
-        self.__dict__.pop("dialect", None)
+        wanted = [*self._files, *map(Path, files)]
+        self.dialect = load_dialect(self._dialect_name, wanted)
+        self._files = wanted
         self._types.clear()
         self._from_schemas.clear()
-        _ = self.dialect  # errors are told at once
 
     def type_named(self, type_name: str) -> MavlinkType | None:
         """Return the type `mavlink/HEARTBEAT`."""
@@ -132,6 +133,20 @@ class MavlinkAdapter:
         if not checksum_fits(frame, extra) if extra is not None else self.topic(message.key) is None:
             return None
         return tlog_record(message.time, message.payload)
+
+    def listen(
+        self, links: Sequence[str], *, seconds: float, unit: str | None, warn: Callable[[str], None]
+    ) -> HeardSystem:
+        """Listen to links of MAVLink for a while; the unit is the id of a system."""
+        from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_lines, sketch_toml
+        from riot_bus_mavlink.survey import listen
+
+        if unit is not None and not (unit.isascii() and unit.isdigit()):
+            raise ConfigError(f"{unit!r} is no id of a system", where="--unit", hint="a number from 1 to 255")
+        survey, specs = listen(links, self.dialect, seconds=seconds, warn=warn)
+        found = sketch(survey, specs, self.dialect, seconds=seconds, unit=None if unit is None else int(unit))
+        origin = f"what came over {', '.join(links)} within {seconds:g} s"
+        return HeardSystem(sketch_toml(found, origin=origin), sketch_json(found), sketch_lines(found))
 
     def _parse_schema(self, schema: Schema) -> MavlinkType | None:
         here = self.type_named(schema.name)

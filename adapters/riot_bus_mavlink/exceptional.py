@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from riot_bus.types.exceptional import ExceptionalValue
+from riot_bus.types.capabilities import SuggestedValue
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.units import values_of_unit
 
@@ -32,7 +32,7 @@ _Told = tuple[float, str]
 
 def exceptional_values(
     kind: MessageType, message: MessageTable, enums: Mapping[str, EnumTable], payload: bytes, path: str
-) -> list[ExceptionalValue]:
+) -> list[SuggestedValue]:
     """Return what is worth trying in a field of a message.
 
     Args:
@@ -49,8 +49,8 @@ def exceptional_values(
     field = place.field
     if field.type == "char":
         return [
-            ExceptionalValue("A" * field.size, "fills its array, so that no NUL ends it"),
-            ExceptionalValue("A" * (field.size - 1), "as long as can be with a NUL"),
+            SuggestedValue("A" * field.size, "fills its array, so that no NUL ends it"),
+            SuggestedValue("A" * (field.size - 1), "as long as can be with a NUL"),
         ]
     told = [*_of_enum(field, enums), *_of_limits(field.low, field.high), *values_of_unit(field.unit)]
     number = int(index[:-1]) if index[:-1].isdecimal() else 0
@@ -178,9 +178,9 @@ def _of_param(param: Param, enums: Mapping[str, EnumTable], field: FieldText) ->
         yield 1, "this parameter is reserved"
 
 
-def _fitting(told: Iterable[_Told], field: FieldText) -> list[ExceptionalValue]:
+def _fitting(told: Iterable[_Told], field: FieldText) -> list[SuggestedValue]:
     """Return the values that a field can hold, each once, with the first reason for it."""
-    found: dict[object, ExceptionalValue] = {}
+    found: dict[object, SuggestedValue] = {}
     for value, reason in told:
         if field.kind.startswith("float"):
             fitted: float = float(value)
@@ -191,5 +191,5 @@ def _fitting(told: Iterable[_Told], field: FieldText) -> list[ExceptionalValue]:
             bits, signed = 8 * field.size // (field.array or 1), field.kind[0] == "i"
             if not (-(1 << (bits - 1)) if signed else 0) <= fitted < 1 << (bits - signed):
                 continue
-        found.setdefault("nan" if fitted != fitted else fitted, ExceptionalValue(fitted, reason))
+        found.setdefault("nan" if fitted != fitted else fitted, SuggestedValue(fitted, reason))
     return list(found.values())

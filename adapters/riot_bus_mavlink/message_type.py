@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.types.bulk import Gathered, Payloads
-    from riot_bus.types.exceptional import ExceptionalValue
+    from riot_bus.types.capabilities import SuggestedValue
+    from riot_bus.types.payloads import Gathered, Payloads
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable
     from riot_bus_mavlink.signing import Signer
@@ -173,10 +173,10 @@ class MavlinkType:
         return found
 
     def gather(self, payloads: Payloads, path: str) -> Gathered:
-        """Return one field of many frames in its own type, as `riot_bus.types.bulk.BulkType` says."""
+        """Return one field of many frames in its own type, as `riot_bus.types.capabilities.GathersFields` says."""
         import numpy as np
 
-        from riot_bus.types.bulk import Gathered
+        from riot_bus.types.payloads import Gathered
 
         slot = None if path in HEADER else self._slot(path)
         dtype = "uint8" if slot is None else "uint32" if isinstance(slot, Place) else slot.kind
@@ -194,7 +194,7 @@ class MavlinkType:
         return Gathered(values, valid)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""
+        """Yield the elements of an array of numbers, as `riot_bus.types.capabilities.DescribesFields` says."""
         import numpy as np
 
         place = self.message.places.get(path)
@@ -207,12 +207,12 @@ class MavlinkType:
                 if place.end <= len(body):
                     yield np.frombuffer(body, dtype, place.field.array, place.offset)
 
-    def exceptional(self, payload: bytes, path: str) -> Sequence[ExceptionalValue]:
-        """Return values worth trying, as `riot_bus.types.exceptional.Exceptions` says."""
+    def exceptional(self, payload: bytes, path: str) -> Sequence[SuggestedValue]:
+        """Return values worth trying, as `riot_bus.types.capabilities.SuggestsValues` says."""
         return exceptional_values(self, self.message, self._enums, payload, path)
 
     def brittle(self, path: str) -> str | None:
-        """Return why a field should be left alone, as `riot_bus.types.exceptional.Guarded` says."""
+        """Return why a field should be left alone, as `riot_bus.types.capabilities.KnowsBrittleFields` says."""
         return why_brittle(self.message, path)
 
     def _parts(self, payload: bytes) -> _Parts:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.dialect import Dialect
     from riot_bus_mavlink.survey import LinkSurvey, Speaker
 
-__all__ = ["LinkComponent", "Sketch", "sketch", "sketch_json", "sketch_toml"]
+__all__ = ["LinkComponent", "Sketch", "sketch", "sketch_json", "sketch_lines", "sketch_toml"]
 
 OUTSIDE, INSIDE = "outside", "inside"
 UNIT = "unit"
@@ -141,6 +141,15 @@ def _entry(dialect: Dialect, enum: str, value: int) -> str:
 def sketch_json(found: Sketch) -> dict[str, Any]:
     """Return the sketch as JSON's kinds of values."""
     return {"outside": [asdict(part) for part in found.outside], "unit": asdict(found.unit), "skipped": found.skipped}
+
+
+def sketch_lines(found: Sketch) -> list[str]:
+    """Return a line for each part, for people."""
+    return [
+        f"{part.name}  {'inside' if part is found.unit else 'outside'}  {len(part.topics)} topics  "
+        f"{', '.join(part.who) or 'not heard'}"
+        for part in (*found.outside, found.unit)
+    ]
 
 
 def sketch_toml(found: Sketch, *, origin: str) -> str:

@@ -129,7 +129,7 @@ class TlogReader:
 
 
 class TlogUnpacker:
-    """A telemetry log as messages of the bus: `riot_bus.types.archive.Unpacker`.
+    """A telemetry log as messages of the bus: `riot_bus.types.capabilities.Unpacker`.
 
     Args:
         dialect: Knows the messages.

@@ -22,10 +22,7 @@ from riot_bus_ros2.store import TypeStore, require_rosbags
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from riot_bus.types.announcement import Announcement
-    from riot_bus.types.learn import Ask
-    from riot_bus.types.offer import Offer, RecordedTopic, SimClock
-    from riot_bus.types.stamp import Stamp
+    from riot_bus.types.capabilities import Announcement, Ask, Offer, RecordedTopic, SimClock, Stamp
 
 __all__ = ["Ros2Adapter"]
 
@@ -33,7 +30,7 @@ _CACHED = 1 << 14
 
 
 class Ros2Adapter:
-    """Implements `Adapter` and what adapters can do besides (`riot_bus.types`) for ROS 2.
+    """Implements `Adapter` and most of `riot_bus.types.capabilities` for ROS 2.
 
     Raises:
         MissingExtraError: rosbags is not installed.

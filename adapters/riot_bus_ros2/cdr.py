@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.types.bulk import Gathered, Payloads
+    from riot_bus.types.capabilities import MessagePart
     from riot_bus.types.fields import FieldType
-    from riot_bus.types.parts import Part
+    from riot_bus.types.payloads import Gathered, Payloads
     from riot_bus.vocabulary.trial import Scalar
     from riot_bus_ros2.store import TypeStore
 
@@ -118,14 +118,14 @@ class CdrType:
             raise
 
     def gather(self, payloads: Payloads, path: str) -> Gathered:
-        """Return one field of many payloads at once, as `riot_bus.types.bulk.BulkType` says."""
+        """Return one field of many payloads at once, as `riot_bus.types.capabilities.GathersFields` says."""
         from riot_bus_ros2.cdr_bulk import gather
 
         plan = self._plans.get(path) or self._plan(path)
         return gather(plan.way, payloads)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""
+        """Yield the elements of an array of numbers, as `riot_bus.types.capabilities.DescribesFields` says."""
         from riot_bus_ros2.cdr_bulk import elements
 
         return elements(self._way(f"len({path})"), payloads)
@@ -134,8 +134,8 @@ class CdrType:
         """List the fields that messages of this type have, in payload order."""
         return list_fields(self._layout())
 
-    def parts(self) -> Sequence[Part]:
-        """List the messages that a message of this type is made of, as `riot_bus.types.parts.Composed` says."""
+    def parts(self) -> Sequence[MessagePart]:
+        """List the messages that one of this type is made of, as `riot_bus.types.capabilities.ListsParts` says."""
         self._layout()
         try:
             return list_parts(self.name, self._store.fields)

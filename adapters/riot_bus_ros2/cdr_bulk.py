@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.types.bulk import Gathered
+from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.cdr_layout import ORIGIN, Array, Node, Number, Opaque, Struct, Table, Text
 from riot_bus_ros2.cdr_plan import Element
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.types.bulk import Payloads
+    from riot_bus.types.payloads import Payloads
     from riot_bus_ros2.cdr_plan import Way
 
     Positions = NDArray[np.int64]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from typing import Literal
 
-    from riot_bus.types.learn import Ask
+    from riot_bus.types.capabilities import Ask
     from riot_bus_ros2.definitions import Definition
     from riot_bus_ros2.store import TypeStore
 

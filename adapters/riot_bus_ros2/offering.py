@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from riot_bus.types.offer import Identity, Offer, SimClock
+from riot_bus.types.capabilities import Identity, Offer, SimClock
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
 from riot_bus_ros2.definitions import normal_name
@@ -24,7 +24,7 @@ from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.types.offer import RecordedTopic
+    from riot_bus.types.capabilities import RecordedTopic
 
 __all__ = [
     "CLOCK_TOPIC",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import MOST_PARTS, MessagePart
 from riot_bus.types.model import member_path
-from riot_bus.types.parts import MOST_PARTS, Part
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -17,7 +17,7 @@ __all__ = ["list_parts"]
 _DEEPEST = 64
 
 
-def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[Part]:
+def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[MessagePart]:
     """Return a type and all message types in it, outer ones first, `MOST_PARTS` at most.
 
     Args:
@@ -27,12 +27,12 @@ def list_parts(name: str, fields_of: Callable[[str], Iterable[Field]]) -> list[P
     Raises:
         KeyError: A type is unknown.
     """
-    found = [Part("", name)]
+    found = [MessagePart("", name)]
     for part in found:  # grows while it is walked through
         if part.path.count(".") >= _DEEPEST:
             break
         for field in fields_of(part.type_name):
             if field.is_message and len(found) < MOST_PARTS:
                 path = member_path(part.path, field.name)
-                found.append(Part(f"{path}[*]" if field.is_array else path, field.content))
+                found.append(MessagePart(f"{path}[*]" if field.is_array else path, field.content))
     return found

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
+from riot_bus.types.capabilities import Identity, Offer, SimClock
 from riot_bus.types.model import Schema, TopicName
-from riot_bus.types.offer import Identity, Offer, SimClock
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2 import ros2dds
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -20,10 +20,8 @@ from riot_bus_ros2.stamping import profiles_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.capabilities import Announcement, RecordedTopic, Stamp
     from riot_bus.types.model import MessageType
-    from riot_bus.types.offer import RecordedTopic
-    from riot_bus.types.stamp import Stamp
 
 __all__ = ["Ros2DdsAdapter"]
 

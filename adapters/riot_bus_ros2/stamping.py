@@ -8,8 +8,8 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
+from riot_bus.types.capabilities import Stamp
 from riot_bus.types.model import Schema
-from riot_bus.types.stamp import Stamp
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.attachment import parse_attachment
 from riot_bus_ros2.keys import parse_data_key

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.bridge.inner import InnerPort
-from riot_bus.bridge.running import Bridge, run_bridge
+from riot_bus.bridge.running import run_bridge
 from riot_bus.control.router_process import Upkeep, router_of, say_end
+from riot_bus.types.bridging import LinkedBridge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from riot_bus.bridge.program import Program
     from riot_bus.control.router_options import RouterOptions
     from riot_bus.control.router_service import RouterService
-    from riot_bus.types.announcement import BridgedLink
+    from riot_bus.types.bridging import Bridge
 
-__all__ = ["LinkedBridge", "run_own_router"]
-
-
-class LinkedBridge(Bridge, Protocol):
-    """A bridge that says what its links are."""
-
-    def links(self) -> Collection[BridgedLink]:
-        """Return the links as they are now; called on any thread."""
+__all__ = ["run_own_router"]
 
 
 BridgeT = TypeVar("BridgeT", bound=LinkedBridge)

@@ -4,46 +4,19 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING
 
 from riot_bus.control.signals import ended_by_signals
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from riot_bus.bridge.program import Program
-    from riot_bus.vocabulary.errors import RiotError
+    from riot_bus.types.bridging import Bridge
 
-__all__ = ["Bridge", "run_bridge"]
+__all__ = ["run_bridge"]
 
 _LOOK_S = 0.2
-
-
-class Bridge(Protocol):
-    """What adapters bridge with: a context manager that starts and ends it."""
-
-    @property
-    def failure(self) -> RiotError | None:
-        """Why it has ended by itself."""
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until it is to end; return whether it is."""
-
-    def stop(self) -> None:
-        """End soon."""
-
-    def status(self) -> dict[str, Any]:
-        """Return what is going on, as JSON values."""
-
-    def ready(self) -> str:
-        """Return a line that says what is bridged."""
-
-    def summary(self) -> Sequence[str]:
-        """Return lines that say what crossed."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *error: object) -> None: ...
 
 
 def _nothing() -> None:

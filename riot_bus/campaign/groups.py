@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import may_change, samples_by_topic
 from riot_bus.inject.mutations import Mutation, mutate
-from riot_bus.types.fields import Described
-from riot_bus.types.parts import Composed, Part
+from riot_bus.types.capabilities import DescribesFields, ListsParts, MessagePart
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.injection import Injection
 
@@ -101,17 +100,17 @@ def _by_type(samples: Iterable[tuple[MessageType, bytes]]) -> Iterable[tuple[Mes
     return found.values()
 
 
-def _parts(kind: MessageType) -> Sequence[Part]:
-    if not isinstance(kind, Composed):
-        return [Part("", kind.name)]
+def _parts(kind: MessageType) -> Sequence[MessagePart]:
+    if not isinstance(kind, ListsParts):
+        return [MessagePart("", kind.name)]
     try:
         return kind.parts()
     except PayloadError:
         return []
 
 
-def _check(mutation: Mutation, part: Part, kind: MessageType) -> None:
-    if not mutation.own or not isinstance(kind, Described):
+def _check(mutation: Mutation, part: MessagePart, kind: MessageType) -> None:
+    if not mutation.own or not isinstance(kind, DescribesFields):
         return
     known = {_INDEX.sub("[*]", field.path) for field in kind.fields()}
     for path, _ in mutation.at(part.path):

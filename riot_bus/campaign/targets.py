@@ -7,13 +7,13 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.brittle import why_brittle
-from riot_bus.types.exceptional import entries_of
+from riot_bus.types.capabilities import suggested_values
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from riot_bus.types.exceptional import ExceptionalValue
+    from riot_bus.types.capabilities import SuggestedValue
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
@@ -36,7 +36,7 @@ class Target:
     path: str
     type: str
     messages: int
-    told: tuple[ExceptionalValue, ...] = ()
+    told: tuple[SuggestedValue, ...] = ()
 
 
 def targets_of(
@@ -58,7 +58,7 @@ def targets_of(
     targets: dict[str, list[Target]] = {}
     for topic, (count, samples) in samples_by_topic(messages, registry).items():
         fields: dict[str, str] = {}
-        told: dict[str, dict[object, ExceptionalValue]] = {}
+        told: dict[str, dict[object, SuggestedValue]] = {}
         kinds: dict[str, MessageType] = {}
         for kind, payload in samples:
             try:
@@ -68,7 +68,7 @@ def targets_of(
             for leaf in leaves:
                 fields.setdefault(leaf.path, leaf.type)
                 kinds.setdefault(leaf.path, kind)
-                for entry in entries_of(kind, payload, leaf.path):
+                for entry in suggested_values(kind, payload, leaf.path):
                     told.setdefault(leaf.path, {}).setdefault(repr(entry.value), entry)
         chosen = [
             Target(topic, path, type_name, count, tuple(told.get(path, {}).values()))

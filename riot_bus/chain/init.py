@@ -10,14 +10,17 @@ from riot_bus.graph.survey import survey
 from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
 from riot_bus.sut.system_draft import sketch
+from riot_bus.types.capabilities import ListensToLinks
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
-__all__ = ["check_path", "init_ros2", "write_system"]
+    from riot_bus.types.capabilities import HeardSystem
+
+__all__ = ["check_path", "init_links", "init_ros2", "write_system"]
 
 
 def init_ros2(
@@ -62,6 +65,44 @@ def init_ros2(
     )
     write_system(path, sketch_toml(found, origin=f"what {endpoint} announced within {seconds:g} s"), force=force)
     return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
+
+
+def init_links(
+    path: Path,
+    adapter: str,
+    links: Sequence[str],
+    *,
+    seconds: float,
+    unit: str | None = None,
+    force: bool = False,
+    warn: Callable[[str], None],
+) -> HeardSystem:
+    """Listen to links that an adapter knows and write a system file.
+
+    Args:
+        path: Where to.
+        adapter: Name of the adapter.
+        links: As it takes them.
+        seconds: How long to listen.
+        unit: What to test, as the adapter names it.
+        force: Whether a file that is there is replaced.
+        warn: Called with a line about what does not work.
+
+    Returns:
+        What was heard and written.
+
+    Raises:
+        ConfigError: The file is there already, the adapter hears nothing on links, or a link or the unit is wrong.
+        EnvironmentFaultError: A link cannot be opened, or nothing was heard.
+    """
+    (loaded,) = load_adapters([adapter])
+    if not isinstance(loaded, ListensToLinks):
+        hint = "it needs `listen` of riot_bus.types.capabilities.ListensToLinks"
+        raise ConfigError(f"adapter {adapter!r} hears no systems on links", where="riot init", hint=hint)
+    check_path(path, force=force)
+    found = loaded.listen(links, seconds=seconds, unit=unit, warn=warn)
+    write_system(path, found.toml, force=force)
+    return found
 
 
 def check_path(path: Path, *, force: bool) -> None:

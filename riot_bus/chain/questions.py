@@ -8,7 +8,7 @@ from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_val
 from riot_bus.findings.records import FindingRecord, Value
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
-from riot_bus.types.exceptional import entries_of
+from riot_bus.types.capabilities import suggested_values
 from riot_bus.vocabulary.trial import Outcome, Scalar, TestCase
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def dictionary_of(workspace: Workspace, unit: str) -> Dictionary:
 
 def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scalar]) -> tuple[Scalar, ...]:
     """Return replacement values for a field: exceptional ones, and some that it had in the nominal log."""
-    told = entries_of(field.kind, field.payload, field.leaf.path)
+    told = suggested_values(field.kind, field.payload, field.leaf.path)
     known = dictionary.values_for(field.leaf.type, f"{field.topic}:{field.leaf.path}", told=told)
     entries = [entry.value for entry in known]
     some = list(observed[:: max(1, len(observed) // _OBSERVED)])[:_OBSERVED]

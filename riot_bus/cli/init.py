@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +31,10 @@ def init(
             "--mavlink", metavar="URL", help="From who talks on a link, such as udpin:0.0.0.0:14550; repeatable."
         ),
     ] = None,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADAPTER=URL", help="Likewise, with any adapter that hears systems on links; repeatable."),
+    ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look.")] = 3.0,
     unit: Annotated[
@@ -56,39 +61,37 @@ def init(
     from riot_bus.chain.init import init_ros2
     from riot_bus.vocabulary.errors import ConfigError
 
-    if ros2 == bool(mavlink):
-        hint = "add --ros2, or --mavlink URL"
+    heard = [*(f"mavlink={url}" for url in mavlink or ()), *(link or ())]
+    if ros2 == bool(heard):
+        hint = "add --ros2, or --mavlink URL, or --link ADAPTER=URL"
         raise ConfigError("what shall the system file be made from?", where="riot init", hint=hint)
-    if mavlink:
-        _init_mavlink(mavlink, out, seconds=seconds, unit=unit, force=force, form=form)
+    if heard:
+        adapters = {each.partition("=")[0] for each in heard}
+        links = [each.partition("=")[2] for each in heard]
+        if len(adapters) > 1 or not all(links):
+            hint = "write ADAPTER=URL, such as mavlink=udpin:0.0.0.0:14550, with one adapter for all links"
+            raise ConfigError(f"cannot listen to {', '.join(heard)}", where="riot init --link", hint=hint)
+        _init_links(adapters.pop(), links, out, seconds=seconds, unit=unit, force=force, form=form)
         return
     found = init_ros2(out, endpoint, seconds=seconds, unit=unit, external=external or (), cfg=cfg or (), force=force)
     typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(_lines(found)))
 
 
-def _init_mavlink(
-    links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
+def _init_links(
+    adapter: str, links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
 ) -> None:
-    from riot_bus.chain.init import check_path, write_system
-    from riot_bus.vocabulary.errors import ConfigError
-    from riot_bus_mavlink.dialect import load_dialect
-    from riot_bus_mavlink.sketch import sketch, sketch_json, sketch_toml
-    from riot_bus_mavlink.survey import listen
+    from riot_bus.chain.init import init_links
 
-    if unit is not None and not (unit.isascii() and unit.isdigit()):
-        raise ConfigError(f"{unit!r} is no id of a system", where="--unit", hint="a number from 1 to 255")
-    check_path(out, force=force)
-    dialect = load_dialect()
-    survey, specs = listen(links, dialect, seconds=seconds, warn=lambda line: typer.echo(line, err=True))
-    found = sketch(survey, specs, dialect, seconds=seconds, unit=None if unit is None else int(unit))
-    write_system(out, sketch_toml(found, origin=f"what came over {', '.join(links)} within {seconds:g} s"), force=force)
+    warn = partial(typer.echo, err=True)
+    found = init_links(out, adapter, links, seconds=seconds, unit=unit, force=force, warn=warn)
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"file": str(out), **sketch_json(found)}, indent=1))
-        return
-    for part in (*found.outside, found.unit):
-        where = "inside" if part is found.unit else "outside"
-        typer.echo(f"{part.name}  {where}  {len(part.topics)} topics  {', '.join(part.who) or 'not heard'}")
-    typer.echo(f"written: {out}; next, fill in what it marks with FILL IN, above all the commands")
+        typer.echo(json.dumps({"file": str(out), **found.facts}, indent=1))
+    else:
+        typer.echo("\n".join([*found.lines, _written(str(out))]))
+
+
+def _written(file: str) -> str:
+    return f"written: {file}; next, fill in what it marks with FILL IN, above all the commands"
 
 
 def _lines(found: dict[str, Any]) -> list[str]:
@@ -104,5 +107,4 @@ def _lines(found: dict[str, Any]) -> list[str]:
         lines.append(f"types without a definition here: {', '.join(found['unknown_types'])}")
     if found["skipped"]:
         lines.append(f"{found['skipped']} announcements were too many to look at")
-    lines.append(f"written: {found['file']}; next, fill in what it marks with FILL IN, above all the commands")
-    return lines
+    return [*lines, _written(found["file"])]

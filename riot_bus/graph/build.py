@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from riot_bus.graph.model import CALL_ROLES, ConnectedComponent, Edge, Graph, Topic, Unknown
-from riot_bus.types.announcement import Announcement
+from riot_bus.types.capabilities import Announcement
 from riot_bus.vocabulary.selector import key_matches
 
 if TYPE_CHECKING:
     from riot_bus.graph.observations import Observations
-    from riot_bus.types.announcement import BridgedLink, Role
+    from riot_bus.types.bridging import BridgedLink
+    from riot_bus.types.capabilities import Role
 
 __all__ = ["build"]
 

@@ -11,7 +11,7 @@ from riot_bus.graph.model import CALL_ROLES, Edge, Graph, Topic
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from riot_bus.types.announcement import Role
+    from riot_bus.types.capabilities import Role
 
 __all__ = ["folded", "names"]
 

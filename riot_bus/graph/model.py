@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping
 
-    from riot_bus.types.announcement import Role
+    from riot_bus.types.capabilities import Role
 
 __all__ = ["CALL_ROLES", "ConnectedComponent", "Edge", "Graph", "GraphChange", "Topic", "Unknown"]
 

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
 
     from riot_bus.graph.declarations import Declared
     from riot_bus.graph.processes import SocketOwner
-    from riot_bus.types.announcement import Announcement, BridgedLink
+    from riot_bus.types.bridging import BridgedLink
+    from riot_bus.types.capabilities import Announcement
 
 __all__ = ["Observations"]
 

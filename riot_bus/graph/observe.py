@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.graph.declarations import Declared
     from riot_bus.graph.processes import SocketOwner
-    from riot_bus.types.announcement import BridgedLink
+    from riot_bus.types.bridging import BridgedLink
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 

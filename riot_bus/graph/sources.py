@@ -23,7 +23,7 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.capabilities import Announcement
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 

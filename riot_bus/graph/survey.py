@@ -16,7 +16,7 @@ from riot_bus.zenoh.session import release
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.capabilities import Announcement
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
@@ -99,7 +99,7 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
     found = {each for token in seen if (each := parse_token(token, registry)) is not None}
     offered = {}
     for key in {each.key for each in found if each.role == "publishes"}:
-        stamping = registry.stamping(key)
+        stamping = registry.metadata_adapter(key)
         if stamping is not None:
             offered[key] = stamping.details(key, seen)
     ordered = sorted(found, key=lambda each: (each.node, each.zid, each.role or "", each.topic, each.source))

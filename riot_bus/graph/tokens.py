@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from riot_bus.types.announcement import Announcement
+from riot_bus.types.capabilities import Announcement
 
 if TYPE_CHECKING:
-    from riot_bus.types.announcement import Role
+    from riot_bus.types.capabilities import Role
     from riot_bus.types.registry import TypeRegistry
 
 __all__ = ["ADVANCED", "expressions", "parse_token"]

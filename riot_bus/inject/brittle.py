@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from riot_bus.types.exceptional import Guarded
+from riot_bus.types.capabilities import KnowsBrittleFields
 
 if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
@@ -61,5 +61,5 @@ def why_brittle(path: str, kind: MessageType | None = None) -> str | None:
         path: Field path.
         kind: Type of the message.
     """
-    told = kind.brittle(path) if isinstance(kind, Guarded) else None
+    told = kind.brittle(path) if isinstance(kind, KnowsBrittleFields) else None
     return is_brittle(path) if told is None else told or None

@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
-from riot_bus.types.exceptional import ExceptionalValue
+from riot_bus.types.capabilities import SuggestedValue
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["TYPES", "Dictionary", "eligible", "load_dictionary"]
+__all__ = ["TYPES", "Dictionary", "SuggestedValue", "eligible", "load_dictionary"]
 
 _INTEGERS = {
     f"{sign}int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -63,7 +63,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True)
 class _Binding:
     pattern: str
     type: str | None
-    entries: tuple[ExceptionalValue, ...]
+    entries: tuple[SuggestedValue, ...]
     only: bool
     where: str
     own: bool
@@ -76,7 +76,7 @@ class Dictionary:
     """
 
     def __init__(self) -> None:
-        self._entries: list[tuple[str | None, ExceptionalValue]] = []
+        self._entries: list[tuple[str | None, SuggestedValue]] = []
         self._bindings: list[_Binding] = []
         self._mutations: dict[str, list[Mutation]] = {}
 
@@ -125,20 +125,20 @@ class Dictionary:
         return tuple(sorted(self._mutations))
 
     def values_for(
-        self, type: str, path: str | None = None, *, told: Iterable[ExceptionalValue] = ()
-    ) -> tuple[ExceptionalValue, ...]:
+        self, type: str, path: str | None = None, *, told: Iterable[SuggestedValue] = ()
+    ) -> tuple[SuggestedValue, ...]:
         """Return the values worth trying in a field, those bound to its path first.
 
         Args:
             type: Primitive type of the field.
             path: Field path (or `topic:path`) to look bindings up by.
-            told: What the field's definition tells (`riot_bus.types.exceptional`), not where a binding says `only`.
+            told: What the field's definition tells (`riot_bus.types.capabilities`), not where a binding says `only`.
 
         Raises:
             ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
         """
         _check_type(type, None)
-        found: dict[object, ExceptionalValue] = {}
+        found: dict[object, SuggestedValue] = {}
         only = False
         for binding in self._bindings if path is not None else ():
             if not _bound(binding.pattern, path or ""):
@@ -237,13 +237,13 @@ class _RawEntry(BaseModel):
     reason: Annotated[str, Field(min_length=1)]
     type: str | None = None
 
-    def checked(self, kind: str | None, where: str) -> ExceptionalValue:
+    def checked(self, kind: str | None, where: str) -> SuggestedValue:
         _check_type(kind, where)
         value = _plain(self.value)
         if kind is not None and not eligible(kind, value):
             shown = value if len(repr(value)) <= 60 else f"{repr(value)[:57]}..."
             raise ConfigError(f"a {kind} cannot hold {shown!r}", where=where, hint=f"give a value of type {kind}")
-        return ExceptionalValue(value, self.reason)
+        return SuggestedValue(value, self.reason)
 
 
 class _RawField(BaseModel):

@@ -1,4 +1,4 @@
-"""Logs from and to files in formats of other tools, as far as adapters know them (`riot_bus.types.archive`)."""
+"""Logs from and to files in formats of other tools, as far as adapters know them (`riot_bus.types.capabilities`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.writer import LogWriter
-from riot_bus.types.archive import Archiving
+from riot_bus.types.capabilities import ConvertsFiles
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
@@ -44,7 +44,7 @@ class ArchiveDone:
 
 def archive_endings(adapters: Sequence[Adapter]) -> list[str]:
     """Return the endings of files that adapters know."""
-    return sorted({ending for each in adapters if isinstance(each, Archiving) for ending in each.archives})
+    return sorted({ending for each in adapters if isinstance(each, ConvertsFiles) for ending in each.archives})
 
 
 def export_archive(
@@ -133,9 +133,9 @@ def import_archive(
     return ArchiveDone(count, damage=unpacker.loss())
 
 
-def _owner(file: Path, adapters: Sequence[Adapter]) -> Archiving:
+def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
     for each in adapters:
-        if isinstance(each, Archiving) and file.suffix in each.archives:
+        if isinstance(each, ConvertsFiles) and file.suffix in each.archives:
             return each
     known = archive_endings(adapters)
     hint = did_you_mean(file.suffix, known) or "is the adapter that knows it installed?"

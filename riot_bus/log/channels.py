@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from riot_bus.log.reader import LogReader
-    from riot_bus.types.offer import RecordedTopic
+    from riot_bus.types.capabilities import RecordedTopic
 
 __all__ = ["recorded_topics", "span_of"]
 

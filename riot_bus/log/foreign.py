@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.log.channels import recorded_topics
-from riot_bus.types.offer import Identity, Offer
+from riot_bus.types.capabilities import Identity, Offer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ def bus_messages(
     foreign: dict[str, _Topic] = {}
     for number, topic in enumerate(recorded_topics(reader), 1):
         if not topic.keyed:
-            found = (each.offer(topic, name=None, domain=None) for each in registry.offerings())
+            found = (each.offer(topic, name=None, domain=None) for each in registry.publishing_adapters())
             offer = next((each for each in found if each is not None), Offer(topic.key.strip("/")))
             identity = offer.identify(_NOBODY, number) if offer.identify is not None else Identity()
             foreign[topic.key] = _Topic(offer.key, identity.attachment)

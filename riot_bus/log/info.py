@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from riot_bus.log.reader import ChannelSource
     from riot_bus.log.tables.blocks import LoadedBlock
-    from riot_bus.types.stamp import Stamp, Stamping
+    from riot_bus.types.capabilities import ReadsMetadata, Stamp
 
 __all__ = ["LogInfo", "TopicInfo", "log_info"]
 
@@ -245,7 +245,7 @@ class _Numbers:
     """Finds gaps in the numbers that publishers give their messages; originals and copies have the same number."""
 
     def __init__(self) -> None:
-        self._adapters: Sequence[Stamping] | None = None
+        self._adapters: Sequence[ReadsMetadata] | None = None
         self._known: dict[tuple[str, bytes], _Publisher] = {}
 
     def take(self, block: LoadedBlock, sources: Any, topics: dict[str, TopicInfo], extras: Any) -> None:
@@ -262,10 +262,10 @@ class _Numbers:
 
     def _stamp(self, attachment: bytes) -> Stamp | None:
         if self._adapters is None:
+            from riot_bus.types.capabilities import ReadsMetadata
             from riot_bus.types.registry import load_adapters
-            from riot_bus.types.stamp import Stamping
 
-            self._adapters = [each for each in load_adapters() if isinstance(each, Stamping)]
+            self._adapters = [each for each in load_adapters() if isinstance(each, ReadsMetadata)]
         for adapter in self._adapters:
             found = adapter.stamp(attachment)
             if found is not None:

@@ -12,8 +12,8 @@ from riot_bus.vocabulary.selector import key_matches
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
-    from riot_bus.types.offer import RecordedTopic
 
 __all__ = ["in_full", "means", "parse_remaps", "parse_time", "renamed"]
 

@@ -22,8 +22,8 @@ from riot_bus.log.engine.scan import (
     scan_file,
 )
 from riot_bus.log.layout import Constants, Provenance, Role
+from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import RecordedTopic
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.selector import key_matches

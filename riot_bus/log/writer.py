@@ -600,7 +600,11 @@ class LogWriter:
         metadata = {layout.KEY: key, layout.TOPIC: topic, layout.ROLE: role, **constants.to_metadata()}
         schema = kind.schema if kind else None
         encoding = kind.encoding if kind else _MESSAGE_ENCODINGS.get(message.encoding, message.encoding)
-        if kind is None and self._registry is not None and (adapter := self._registry.stamping(key)) is not None:
+        if (
+            kind is None
+            and self._registry is not None
+            and (adapter := self._registry.metadata_adapter(key)) is not None
+        ):
             schema, encoding = adapter.definition(key) or (None, encoding)
         if encoding == "cdr":
             found = _TYPE_HASH.search(key)

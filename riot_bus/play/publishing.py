@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.types.offer import Identity, Offer
+from riot_bus.types.capabilities import Identity, Offer
 from riot_bus.vocabulary.message import Qos
 from riot_bus.zenoh.convert import publisher_settings
 from riot_bus.zenoh.session import release

@@ -11,7 +11,7 @@ from riot_bus.vocabulary.message import Message
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.types.offer import SimClock
+    from riot_bus.types.capabilities import SimClock
 
 __all__ = ["Ticker"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.naming import in_full, means, parse_remaps, renamed
 from riot_bus.play.options import parse_latched
-from riot_bus.types.offer import Offer, Offering
+from riot_bus.types.capabilities import Offer, PublishesAs
 from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.zenoh.session import canonical
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from riot_bus.play.options import PlayOptions
+    from riot_bus.types.capabilities import RecordedTopic, SimClock
     from riot_bus.types.model import Adapter
-    from riot_bus.types.offer import RecordedTopic, SimClock
 
 __all__ = ["TopicSelection", "cast"]
 
@@ -65,7 +65,7 @@ def cast(logs: Sequence[Sequence[RecordedTopic]], options: PlayOptions, adapters
     wanted = {"--topics": options.topics, "--exclude": options.exclude, "--latched": latched, "--remap": remaps}
     for where, texts in wanted.items():
         _check_known(texts, topics, where)
-    offering = [each for each in adapters if isinstance(each, Offering)]
+    offering = [each for each in adapters if isinstance(each, PublishesAs)]
     chosen = [[topic for topic in log if _is_wanted(topic, options)] for log in logs]
     found = TopicSelection()
     if options.clock:
@@ -108,7 +108,7 @@ def _check_known(texts: Iterable[str], topics: Sequence[RecordedTopic], where: s
             raise ConfigError(f"requests and replies are not played: {text}", where=where, hint=hint)
 
 
-def _offer(topic: RecordedTopic, name: str | None, domain: int | None, offering: Sequence[Offering]) -> Offer:
+def _offer(topic: RecordedTopic, name: str | None, domain: int | None, offering: Sequence[PublishesAs]) -> Offer:
     for adapter in offering:
         offer = adapter.offer(topic, name=name, domain=domain)
         if offer is not None:

@@ -74,7 +74,7 @@ class RecordingSelection:
                 self._unheard.pop(each, None)
         if any(registry.matches(each, key) for each in self._exclude):
             return None
-        adapter = registry.stamping(key)
+        adapter = registry.metadata_adapter(key)
         if self._bag and adapter is None:
             if key not in self._foreign and len(self._foreign) < _MOST_WARNINGS:
                 self._foreign.add(key)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.record.gaps import Gaps
     from riot_bus.record.ring_sink import RingSink
     from riot_bus.record.rotating_sink import RotatingSink
-    from riot_bus.types.stamp import Stamp
+    from riot_bus.types.capabilities import Stamp
     from riot_bus.zenoh import api as zenoh
 
 __all__ = ["KeyRules", "RecordingSubscriber"]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.audience import Inner
     from riot_bus.router.recorder import Recorder
-    from riot_bus.types.announcement import BridgedLink
+    from riot_bus.types.bridging import BridgedLink
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Subscription
     from riot_bus.zenoh.junction import Junction
@@ -160,7 +160,7 @@ class Bus:
                 self._advanced = self._crossing.advanced = PublisherProxies(
                     self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
                 )
-                spaces = [text for each in self._registry.servings() for text in each.services]
+                spaces = [text for each in self._registry.service_adapters() for text in each.services]
                 self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)
             stack.callback(self._stop)
             self._intercept(self._claims.expressions, self._selected, again=False)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from riot_bus.graph.survey import Started
-    from riot_bus.types.announcement import Announcement
+    from riot_bus.types.capabilities import Announcement
 
 __all__ = ["DraftComponent", "SystemDraft", "Used", "sketch"]
 

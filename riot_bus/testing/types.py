@@ -21,9 +21,10 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.types.bulk import Payloads
-from riot_bus.types.fields import Described, of_numbers
+from riot_bus.types.capabilities import DescribesFields
+from riot_bus.types.fields import of_numbers
 from riot_bus.types.model import REBUILD, Leaf, MessageType
+from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
@@ -32,13 +33,13 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["HostileConformance", "TypeConformance"]
+__all__ = ["SETTINGS", "HostileConformance", "TypeConformance", "hostile"]
 
 _ELEMENTS = 50
 _INTEGERS = {f"{sign}int{bits}": (bits, not sign) for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _PYTHON = {"bool": bool, "string": str, "bytes": bytes, "float32": float, "float64": float}
 _WIDEST = 64
-_SETTINGS = settings(
+SETTINGS = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
@@ -65,14 +66,14 @@ class HostileConformance:
         assert self.kind.name
         assert isinstance(self.kind.encoding, str)
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_hostile_bytes(self, data: st.DataObject) -> None:
         """Broken samples and random bytes are read, or refused with PayloadError."""
         payload = data.draw(hostile(self.payloads))
         self._exercise(payload, data.draw(st.sampled_from(self._paths())))
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_opaque_agrees_with_leaves(self, data: st.DataObject) -> None:
         """`opaque` says what `leaves` raises, and raises nothing."""
@@ -85,7 +86,7 @@ class HostileConformance:
         assert raised != ""
         assert self.kind.opaque(payload) == raised
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_any_path(self, data: st.DataObject) -> None:
         """Whatever a user writes as a path is read, or refused with PayloadError."""
@@ -168,11 +169,11 @@ class TypeConformance(HostileConformance):
                 few = [leaf.path for leaf in self.kind.leaves(payload, elements=most)]
                 arrays = [path[len("len(") : -1] for path in few if path.startswith("len(")]
                 assert few == [path for path in every if path in set(few)]
-                assert arrays or few == every or isinstance(self.kind, Described)  # with arrays of fixed length
+                assert arrays or few == every or isinstance(self.kind, DescribesFields)  # with arrays of fixed length
                 indices = (_index_in(path, array) for array in arrays for path in few)
                 assert all(index is None or index < most for index in indices)
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_patch_changes_one_field(self, data: st.DataObject) -> None:
         """A scalar is patched in place, or refused with the advice to rebuild; nothing else changes."""
@@ -185,7 +186,7 @@ class TypeConformance(HostileConformance):
             self._check_span(payload, patched, leaf, value)
         self._check_change(payload, rebuilt, leaf, value)
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data(), value=st.integers(-(1 << 70), 1 << 70))
     def test_integers_wrap(self, data: st.DataObject, value: int) -> None:
         """Integers out of range are cut to the bits of their field."""
@@ -194,7 +195,7 @@ class TypeConformance(HostileConformance):
         assert isinstance(after, int)
         assert (after - value) % (1 << _INTEGERS[leaf.type][0]) == 0
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data(), value=st.sampled_from([math.inf, -math.inf, math.nan, 1e300, 5e-324, -0.0, 10**400, 3]))
     def test_floats_saturate(self, data: st.DataObject, value: float) -> None:
         """Floats that overflow become infinite; NaN and infinity can be written."""
@@ -202,7 +203,7 @@ class TypeConformance(HostileConformance):
         after = self.kind.read(self.kind.rebuild(payload, {leaf.path: value}), leaf.path)
         assert same(after, narrowed(value, leaf.type))
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_rebuild_sets_several(self, data: st.DataObject) -> None:
         """Several fields are set at once, whatever their sizes."""
@@ -219,7 +220,7 @@ class TypeConformance(HostileConformance):
         assert list(before) == list(after)
         assert all(same_leaf(after[path], leaf) for path, leaf in before.items() if path not in changes)
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_lengths_change(self, data: st.DataObject) -> None:
         """Elements are cut from the end, or the last one is repeated there."""
@@ -244,7 +245,7 @@ class TypeConformance(HostileConformance):
                     assert same(after[place].value, leaf.value)
         assert all(_index_in(each, path) is None or (_index_in(each, path) or 0) < wanted for each in after)
 
-    @_SETTINGS
+    @SETTINGS
     @given(data=st.data())
     def test_lengths_come_before_elements(self, data: st.DataObject) -> None:
         """An element that a change of length adds can be set at once."""
@@ -279,7 +280,7 @@ class TypeConformance(HostileConformance):
 
     def test_fields_without_a_payload(self) -> None:
         """What a type says of its fields agrees with its payloads."""
-        if not isinstance(self.kind, Described):
+        if not isinstance(self.kind, DescribesFields):
             pytest.skip("this type does not describe its fields")
         fields = {field.path: field for field in self.kind.fields()}
         assert fields
@@ -292,7 +293,7 @@ class TypeConformance(HostileConformance):
             if of_numbers(field):
                 self._check_elements(self.kind, field.path.removesuffix("[*]"))
 
-    def _check_elements(self, kind: Described, path: str) -> None:
+    def _check_elements(self, kind: DescribesFields, path: str) -> None:
         for payload in self.payloads:
             try:
                 count = int(self.kind.read(payload, f"len({path})"))

@@ -2,76 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from riot_bus.types.capabilities import GathersFields
+from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from riot_bus.types.model import MessageType
+    from riot_bus.types.payloads import Payloads
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["BulkType", "Gathered", "Payloads", "as_array", "gather", "join"]
+__all__ = ["as_array", "gather", "join"]
 
 _EXACT = 1 << 53
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Payloads:
-    """Many payloads in one buffer.
-
-    Attributes:
-        buffer: Such as the decompressed data of a chunk.
-        offsets: Where each payload begins, shape (n,).
-        lengths: How many bytes each has, shape (n,); none goes beyond the buffer.
-    """
-
-    buffer: bytes
-    offsets: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.offsets)
-
-    def __iter__(self) -> Iterator[bytes]:
-        buffer = self.buffer
-        for start, length in zip(self.offsets.tolist(), self.lengths.tolist(), strict=True):
-            yield buffer[start : start + length]
-
-    def take(self, rows: NDArray[Any]) -> Payloads:
-        """Return some of them, by number or by mask."""
-        return Payloads(self.buffer, self.offsets[rows], self.lengths[rows])
-
-
-class Gathered(NamedTuple):
-    """A field's values, shape (n,), and where there are any: elsewhere a float is NaN, a number 0, an object None.
-
-    `doubtful` marks payloads of which the type cannot tell in bulk; `gather` reads those one by one.
-    """
-
-    values: NDArray[Any]
-    valid: NDArray[np.bool_]
-    doubtful: NDArray[np.bool_] | None = None
-
-
-@runtime_checkable
-class BulkType(Protocol):
-    """What a `MessageType` can offer besides its protocol, if fields of many payloads can be found at once."""
-
-    def gather(self, payloads: Payloads, path: str) -> Gathered:
-        """Return the values that `read` would return; doubtful ones are left to it.
-
-        Raises:
-            PayloadError: No payload of this type has such a field.
-        """
-        ...
 
 
 def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
@@ -87,7 +36,7 @@ def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
     """
     if not _has_bulk(type(kind)):
         return as_array([_read(kind, payload, path) for payload in payloads])
-    found = cast("BulkType", kind).gather(payloads, path)
+    found = cast("GathersFields", kind).gather(payloads, path)
     if found.doubtful is None or not found.doubtful.any():
         return Gathered(found.values, found.valid)
     rows = np.flatnonzero(found.doubtful)
@@ -101,7 +50,7 @@ def gather(kind: MessageType, payloads: Payloads, path: str) -> Gathered:
 
 @lru_cache(maxsize=256)
 def _has_bulk(kind: type[MessageType]) -> bool:
-    return issubclass(kind, BulkType)  # which takes 40 us
+    return issubclass(kind, GathersFields)  # which takes 40 us
 
 
 def as_array(values: list[Scalar | None]) -> Gathered:

@@ -3,16 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from riot_bus.types.bulk import Payloads
-
-__all__ = ["MOST_FIELDS", "Described", "FieldType", "of_numbers"]
+__all__ = ["MOST_FIELDS", "FieldType", "of_numbers"]
 
 MOST_FIELDS = 10_000
 """So many are listed of one type."""
@@ -39,27 +31,6 @@ class FieldType:
     low: float | None = None
     high: float | None = None
     unit: str = ""
-
-
-@runtime_checkable
-class Described(Protocol):
-    """What a `MessageType` can offer besides its protocol, if its payloads have the same fields always."""
-
-    def fields(self) -> Sequence[FieldType]:
-        """List the fields in payload order, `MOST_FIELDS` at most.
-
-        Raises:
-            PayloadError: The type has parts that are not known.
-        """
-        ...
-
-    def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers (`ranges`) of many payloads, some payloads at a time.
-
-        Raises:
-            PayloadError: There is no such array.
-        """
-        ...
 
 
 def of_numbers(field: FieldType) -> bool:

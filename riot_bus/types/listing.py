@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
-from riot_bus.types.fields import Described, FieldType
+from riot_bus.types.capabilities import DescribesFields
+from riot_bus.types.fields import FieldType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class TypeListing:
 
 def describe(kind: MessageType) -> TypeListing:
     """Return the fields that a type says it has."""
-    if not isinstance(kind, Described):
+    if not isinstance(kind, DescribesFields):
         return TypeListing(kind.name, kind.encoding)
     try:
         return TypeListing(kind.name, kind.encoding, tuple(kind.fields()))

@@ -22,7 +22,6 @@ __all__ = [
     "ROOT",
     "Adapter",
     "FieldPath",
-    "Keyed",
     "Leaf",
     "MessageType",
     "Schema",
@@ -171,8 +170,8 @@ class TypeSource(Protocol):
 class Adapter(TypeSource, Protocol):
     """What a middleware or protocol brings: naming of topics and types of messages.
 
-    One that has an attribute `endings`, such as `(".xml",)`, takes in files with these endings alone; others do not get
-    them.
+    What one can do besides: `riot_bus.types.capabilities`. A class with the attribute `on_request = True` is loaded
+    only where it is named.
     """
 
     def topic(self, key: str) -> TopicName | None:
@@ -181,15 +180,6 @@ class Adapter(TypeSource, Protocol):
 
     def key_expression(self, topic: str) -> str | None:
         """Return the key expression that a topic name stands for, None if the name is not of this adapter's kind."""
-        ...
-
-
-@runtime_checkable
-class Keyed(Protocol):
-    """What an adapter can do besides `Adapter`, if keys say more of a type than its name, such as a hash."""
-
-    def type_of_key(self, key: str) -> MessageType | None:
-        """Return the type that a key names, None if the key names none that is known."""
         ...
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.types.bulk import Payloads
+    from riot_bus.types.payloads import Payloads
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["OpaqueType", "RawType", "StructType"]
@@ -152,7 +152,7 @@ class StructType:
         return self._fields
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array, as `riot_bus.types.fields.Described` says."""
+        """Yield the elements of an array, as `riot_bus.types.capabilities.DescribesFields` says."""
         place = self._places.get(path)
         if place is None or place.length is None:
             raise PayloadError("there is no such array", where=f"{self.name}: {path}")

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, TypeVar
 
-from riot_bus.types.announcement import Announcing
+from riot_bus.plugins import ADAPTERS
+from riot_bus.types.capabilities import (
+    DiscoversTypes,
+    HasServices,
+    ListsTypes,
+    ParsesTokens,
+    PublishesAs,
+    ReadsMetadata,
+    ReadsTypesFromKeys,
+    TakesFiles,
+)
 from riot_bus.types.codecs import Codecs
-from riot_bus.types.learn import Learning
-from riot_bus.types.model import Keyed, MessageType, TopicName, TypeSource
+from riot_bus.types.model import MessageType, TopicName, TypeSource
 from riot_bus.types.msgpack_type import is_container
-from riot_bus.types.offer import Offering
-from riot_bus.types.serve import Serving, part_of
-from riot_bus.types.stamp import Stamping
+from riot_bus.types.serve import part_of
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, did_you_mean
 from riot_bus.vocabulary.selector import key_matches
 
@@ -22,8 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.types.announcement import Announcement
-    from riot_bus.types.learn import Ask
+    from riot_bus.types.capabilities import Announcement, Ask
     from riot_bus.types.model import Adapter, Schema
 
 __all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
@@ -31,13 +35,7 @@ __all__ = ["TypeRegistry", "chosen_adapters", "load_adapters"]
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
 
-_GROUP = "riot_bus.adapters"
 _VARIABLE = "RIOT_ADAPTERS"
-_BUILT_IN = {
-    "mavlink": "riot_bus_mavlink.adapter:MavlinkAdapter",
-    "ros2": "riot_bus_ros2.adapter:Ros2Adapter",
-    "ros2dds": "riot_bus_ros2.ros2dds_adapter:Ros2DdsAdapter",
-}
 _CACHED_KEYS = 1 << 14
 _LONGEST_ENCODING = 1 << 8
 
@@ -67,12 +65,12 @@ class TypeRegistry:
     ) -> None:
         self._adapters = tuple(adapters)
         # Looked up once: to ask whether something has the methods of a protocol takes many times a dictionary lookup.
-        self._announcing = [each for each in self._adapters if isinstance(each, Announcing)]
-        self._keyed = [each for each in self._adapters if isinstance(each, Keyed)]
-        self._learning = [each for each in self._adapters if isinstance(each, Learning)]
-        self._offering = [each for each in self._adapters if isinstance(each, Offering)]
-        self._serving = [each for each in self._adapters if isinstance(each, Serving)]
-        self._stamping = [each for each in self._adapters if isinstance(each, Stamping)]
+        self._token_parsers = [each for each in self._adapters if isinstance(each, ParsesTokens)]
+        self._key_readers = [each for each in self._adapters if isinstance(each, ReadsTypesFromKeys)]
+        self._discoverers = [each for each in self._adapters if isinstance(each, DiscoversTypes)]
+        self._publishing = [each for each in self._adapters if isinstance(each, PublishesAs)]
+        self._with_services = [each for each in self._adapters if isinstance(each, HasServices)]
+        self._metadata_readers = [each for each in self._adapters if isinstance(each, ReadsMetadata)]
         self._codecs = Codecs()
         self._names: dict[str, TopicName] = {}
         self._matches: dict[tuple[str, str], bool] = {}
@@ -174,11 +172,11 @@ class TypeRegistry:
 
     def announcements(self) -> list[str]:
         """Return the key expressions of the liveliness tokens that adapters understand."""
-        return list(dict.fromkeys(text for each in self._announcing for text in each.announcements))
+        return list(dict.fromkeys(text for each in self._token_parsers for text in each.announcements))
 
     def announcement(self, token: str) -> Announcement | None:
         """Return what a liveliness token says, None if no adapter knows; an adapter may learn a key's type from it."""
-        for adapter in self._announcing:
+        for adapter in self._token_parsers:
             found = adapter.announcement(token)
             if found is not None:
                 self._names.pop(found.key, None)
@@ -190,7 +188,7 @@ class TypeRegistry:
         """Return whether the type of a key is not defined here, but those who use the key can be asked for it."""
         if self._declared_for(key, self._name(key)) is not None:
             return False
-        return any(each.missing(key) for each in self._learning)
+        return any(each.missing(key) for each in self._discoverers)
 
     def learn(self, key: str, tokens: Iterable[str], heard: Sequence[bytes], ask: Ask) -> bool:
         """Ask those who use a key for its type; takes long.
@@ -204,26 +202,26 @@ class TypeRegistry:
         Returns:
             Whether somebody has told; then `type_of` knows, for all keys that name the same type.
         """
-        told = any(each.learn(key, tokens, heard, ask) is not None for each in self._learning if each.missing(key))
+        told = any(each.learn(key, tokens, heard, ask) is not None for each in self._discoverers if each.missing(key))
         if told:
             self._forget()
         return told
 
-    def servings(self) -> list[Serving]:
+    def service_adapters(self) -> list[HasServices]:
         """Return the adapters that know services."""
-        return list(self._serving)
+        return list(self._with_services)
 
-    def offerings(self) -> list[Offering]:
+    def publishing_adapters(self) -> list[PublishesAs]:
         """Return the adapters that say how topics are published."""
-        return list(self._offering)
+        return list(self._publishing)
 
-    def stampings(self) -> list[Stamping]:
+    def metadata_adapters(self) -> list[ReadsMetadata]:
         """Return the adapters that read what messages and publishers say of themselves."""
-        return list(self._stamping)
+        return list(self._metadata_readers)
 
-    def stamping(self, key: str) -> Stamping | None:
+    def metadata_adapter(self, key: str) -> ReadsMetadata | None:
         """Return the one that does so for a key, None if there is none."""
-        return next((adapter for adapter in self._stamping if adapter.topic(key) is not None), None)
+        return next((adapter for adapter in self._metadata_readers if adapter.topic(key) is not None), None)
 
     def type_named(self, name: str) -> MessageType | None:
         """Return the type of this name, None if no codec, no adapter and no log has it.
@@ -244,8 +242,7 @@ class TypeRegistry:
         """Return the names of all types that are known, as far as their sources can tell."""
         found = {name for name in self._codecs.names() if name != "protobuf"}
         for source in self._sources():
-            names = getattr(source, "type_names", None)
-            found.update(names() if callable(names) else ())
+            found.update(source.type_names() if isinstance(source, ListsTypes) else ())
         return sorted(found)
 
     def _name(self, key: str) -> TopicName:
@@ -263,7 +260,7 @@ class TypeRegistry:
     def _part(self, key: str, part: str) -> TopicName:
         """Return how people call a part of a service's calls, and its type."""
         name = self._name(key)
-        types = [each.call_type(name.type_name, part) for each in self._serving if name.type_name is not None]
+        types = [each.call_type(name.type_name, part) for each in self._with_services if name.type_name is not None]
         return TopicName(f"{name.name}/{part}", next((each for each in types if each is not None), None))
 
     def _settle(self, key: str) -> MessageType | None:
@@ -291,7 +288,7 @@ class TypeRegistry:
     def _by_key(self, key: str, name: TopicName) -> MessageType | None:
         if name.type_name is None:
             return None
-        keyed = (adapter.type_of_key(key) for adapter in self._keyed)
+        keyed = (adapter.type_of_key(key) for adapter in self._key_readers)
         return next((found for found in keyed if found is not None), None) or self.type_named(name.type_name)
 
     def _by_encoding(self, encoding: str) -> MessageType | None:
@@ -347,9 +344,8 @@ class TypeRegistry:
 
 
 def _endings(adapter: Adapter) -> Sequence[str]:
-    """Return the endings of the files that an adapter takes, empty if it takes all that nobody else does."""
-    endings: Sequence[str] = getattr(adapter, "endings", ())
-    return endings
+    """Return the endings of the files that an adapter takes, empty if it takes all that no other does."""
+    return adapter.endings if isinstance(adapter, TakesFiles) else ()
 
 
 def _remember(cache: dict[KeyT, ValueT], key: KeyT, value: ValueT) -> None:
@@ -379,14 +375,11 @@ def load_adapters(names: Iterable[str] | None = None) -> list[Adapter]:
         ConfigError: A named adapter does not exist, or cannot be loaded.
         MissingExtraError: A named adapter lacks its optional dependency.
     """
-    targets = _BUILT_IN | {point.name: point.value for point in entry_points(group=_GROUP)}
     named = chosen_adapters() if names is None else list(names)
     loaded: list[Adapter] = []
-    for text in sorted(targets) if named is None else named:
+    for text in ADAPTERS.targets() if named is None else named:
         name, _, argument = text.partition(":")
-        if name not in targets:
-            raise ConfigError(f"unknown adapter {name!r}", hint=did_you_mean(name, targets))
-        made = _adapter_class(name, targets[name])
+        made: Callable[..., Adapter] = ADAPTERS.load(name)
         if named is None and getattr(made, "on_request", False):
             continue
         try:
@@ -399,14 +392,3 @@ def load_adapters(names: Iterable[str] | None = None) -> list[Adapter]:
                 raise
             raise ConfigError(f"adapter {name!r} does not take {argument!r}", hint=f"write {name} alone") from error
     return loaded
-
-
-def _adapter_class(name: str, target: str) -> Callable[..., Adapter]:
-    module, _, attribute = target.partition(":")
-    try:
-        made: Callable[..., Adapter] = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(
-            f"adapter {name!r} cannot be loaded: {error}", where=target, hint="mend or uninstall the package"
-        ) from error
-    return made

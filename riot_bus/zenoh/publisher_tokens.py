@@ -56,7 +56,7 @@ class Announcements:
         # On the thread that reads the link, for then the end of an answer comes after all that was heard before it:
         # zenoh 1.10.2 may leave out of the answer what the session has heard of.
         heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
-        for adapter in self._registry.stampings():
+        for adapter in self._registry.metadata_adapters():
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
             for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():  # what goes now is heard
                 if reply.ok is not None:
@@ -72,7 +72,7 @@ class Announcements:
 
     def details(self, key: str) -> Mapping[str, str]:
         """Return metadata for a key's channel in a log."""
-        adapter = self._registry.stamping(key)
+        adapter = self._registry.metadata_adapter(key)
         if adapter is None:
             return {}
         return adapter.details(key, self._present())

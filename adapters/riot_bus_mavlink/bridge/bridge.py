@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.types.announcement import BridgedLink
+from riot_bus.types.bridging import BridgedLink
 from riot_bus_mavlink.bridge.duplicates import Duplicates
 from riot_bus_mavlink.bridge.marks import new_mark
 from riot_bus_mavlink.bridge.mirror import Mirror

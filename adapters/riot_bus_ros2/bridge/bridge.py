@@ -174,6 +174,10 @@ class Ros2Bridge:
         options, rmw = self._options, self._node_says.get("rmw", "")
         return f"ready: ROS domain {options.domain} ({rmw}) and {self._port.endpoint}, there {options.zenoh_domain}/..."
 
+    def words(self) -> dict[str, str]:
+        """Return nothing: a program behind this bridge needs to know nothing of it."""
+        return {}
+
     def summary(self) -> Sequence[str]:
         """Return lines that say what crossed."""
         return summary_lines(self.status())

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from riot_bus.log.editing.assignment import Assignment
     from riot_bus.log.editing.result import EditCounts
     from riot_bus.log.editing.selection import Condition, Selection
+    from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter, MessageType
-    from riot_bus.types.offer import RecordedTopic
 
 __all__ = ["ChannelEdit", "EditStep", "Kinds", "concerning"]
 

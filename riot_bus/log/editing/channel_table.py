@@ -15,8 +15,8 @@ from riot_bus.log.editing.result import EditCounts
 from riot_bus.log.editing.targets import OutputChannel, Targets, new_identity
 from riot_bus.log.layout import Constants
 from riot_bus.log.naming import in_full, means, renamed
+from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import RecordedTopic
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.log.editing.batch import Batch, gathered, shifted
-from riot_bus.types.offer import Offering
+from riot_bus.types.capabilities import PublishesAs
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class LatchedMessages:
 def _depth(course: ChannelEdit, adapters: Sequence[Adapter]) -> int:
     for adapter in adapters:
         try:
-            offer = adapter.offer(course.topic, name=None, domain=None) if isinstance(adapter, Offering) else None
+            offer = adapter.offer(course.topic, name=None, domain=None) if isinstance(adapter, PublishesAs) else None
         except ConfigError:
             continue
         if offer is not None:

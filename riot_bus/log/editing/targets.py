@@ -11,14 +11,14 @@ from mcap.records import Channel, Schema
 from riot_bus.log import layout
 from riot_bus.log.engine.mcap_file import record_bytes
 from riot_bus.log.layout import Constants, Role
-from riot_bus.types.offer import Offering
+from riot_bus.types.capabilities import PublishesAs
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from riot_bus.types.capabilities import RecordedTopic
     from riot_bus.types.model import Adapter
-    from riot_bus.types.offer import RecordedTopic
 
 __all__ = ["OutputChannel", "Targets", "new_identity"]
 
@@ -131,7 +131,7 @@ def new_identity(channel: Channel, topic: RecordedTopic, name: str, adapters: Se
 
 def _new_key(topic: RecordedTopic, name: str, adapters: Sequence[Adapter]) -> str:
     for adapter in adapters:
-        offer = adapter.offer(topic, name=name, domain=None) if isinstance(adapter, Offering) else None
+        offer = adapter.offer(topic, name=name, domain=None) if isinstance(adapter, PublishesAs) else None
         if offer is not None:
             return offer.key
     key = name.strip("/")

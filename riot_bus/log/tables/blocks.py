@@ -21,7 +21,7 @@ from riot_bus.log.engine.blocks import (
     read_block,
     records_of,
 )
-from riot_bus.types.bulk import Payloads
+from riot_bus.types.payloads import Payloads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

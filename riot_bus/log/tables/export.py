@@ -15,7 +15,9 @@ from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.tables.plan import log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
 from riot_bus.log.tables.table import Columns, column_parts
-from riot_bus.types.bulk import BulkType, Gathered, Payloads, gather, join
+from riot_bus.types.bulk import gather, join
+from riot_bus.types.capabilities import GathersFields
+from riot_bus.types.payloads import Gathered, Payloads
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 
 if TYPE_CHECKING:
@@ -172,7 +174,7 @@ def _kinds(reader: LogReader, selectors: Sequence[str], registry: TypeRegistry) 
     for feed in feeds:
         for wish in (wishes[place] for place in feed.wishes):
             kind = feed.kind
-            if kind is not None and isinstance(kind, BulkType):
+            if kind is not None and isinstance(kind, GathersFields):
                 dtype = gather(kind, nothing, wish.path).values.dtype
                 seen[wish.text].add("text" if dtype == np.object_ else dtype.name)
             else:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.types.bulk import BulkType, Payloads, gather
-from riot_bus.types.fields import MOST_FIELDS, Described, FieldType
+from riot_bus.types.bulk import gather
+from riot_bus.types.capabilities import DescribesFields, GathersFields
+from riot_bus.types.fields import MOST_FIELDS, FieldType
 from riot_bus.types.listing import TypeListing, describe
+from riot_bus.types.payloads import Payloads
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.predicate import Predicate, parse_predicate
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.reader import ChannelSource, LogReader
-    from riot_bus.types.bulk import Gathered
     from riot_bus.types.model import MessageType
+    from riot_bus.types.payloads import Gathered
     from riot_bus.vocabulary.trial import Scalar
 
 __all__ = [
@@ -186,7 +188,7 @@ def topic_types(
         source.key: registry.type_of(source.key, encoding=source.constants.encoding or source.encoding)
         for source in sources
     }
-    samples = _samples(reader, {key for key, kind in kinds.items() if not isinstance(kind, Described)})
+    samples = _samples(reader, {key for key, kind in kinds.items() if not isinstance(kind, DescribesFields)})
     found: dict[tuple[str, str], TypeListing] = {}
     for source in sources:
         some = samples.get(source.key, [])
@@ -255,7 +257,7 @@ def _check(feed: Feed, wish: Wish, registry: TypeRegistry) -> None:
                 hint="name its definition with --msg FILE, or another type with --type TOPIC=TYPE",
             )
         return
-    if isinstance(feed.kind, BulkType):
+    if isinstance(feed.kind, GathersFields):
         for path in (wish.path, *(wish.where.fields if wish.where is not None else ())):
             gather(feed.kind, _NOTHING, path)
 

@@ -12,7 +12,8 @@ from riot_bus.log.engine.blocks import MAX_BLOCK
 from riot_bus.log.tables.blocks import load_ahead
 from riot_bus.log.tables.plan import Feed, delivered_sources, log_registry
 from riot_bus.types.bulk import as_array, gather
-from riot_bus.types.fields import MOST_FIELDS, Described, FieldType, of_numbers
+from riot_bus.types.capabilities import DescribesFields
+from riot_bus.types.fields import MOST_FIELDS, FieldType, of_numbers
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from riot_bus.log.reader import LogReader
-    from riot_bus.types.bulk import Payloads
     from riot_bus.types.model import MessageType
+    from riot_bus.types.payloads import Payloads
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Scalar
 
@@ -177,9 +178,9 @@ class _Survey:
         self.ranges: dict[str, FieldRange] = {}
         self.omitted = 0
         self._kind = kind
-        self._described: Described | None = None
+        self._described: DescribesFields | None = None
         self._fields: list[FieldType] = []
-        if isinstance(kind, Described):
+        if isinstance(kind, DescribesFields):
             try:
                 listed = kind.fields()
                 self._fields = [each for each in listed if each.path.count("[*]") <= _MOST_NESTED][:_MOST_SURVEYED]

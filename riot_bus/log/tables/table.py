@@ -14,7 +14,8 @@ import numpy as np
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.tables.blocks import LoadedBlock, load_ahead
 from riot_bus.log.tables.plan import Feed, Wish, chosen_rows, log_registry, plan_columns
-from riot_bus.types.bulk import Gathered, gather, join
+from riot_bus.types.bulk import gather, join
+from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ def service_keys(names: Iterable[str], registry: TypeRegistry) -> list[str]:
     found: list[str] = []
     for name in names:
         found.append(f"{name}/{REQUEST}")
-        for each in registry.servings():
+        for each in registry.service_adapters():
             parts = each.action_parts(name)
             if parts is not None:
                 found += [f"{parts}/{REQUEST}", parts]
@@ -49,7 +49,7 @@ def split(keys: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def is_served(expression: str, spaces: Sequence[str]) -> bool:
-    """Return whether all keys that an expression matches are those of complete services (`Serving.services`)."""
+    """Return whether all keys that an expression matches are those of complete services (`HasServices.services`)."""
     return any(includes(space, expression) for space in spaces)
 
 

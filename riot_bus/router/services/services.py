@@ -28,7 +28,7 @@ class Services:
         sessions: The segments' own sessions.
         crossing: The way through the interceptors.
         sequence: Numbers for calls.
-        spaces: Key expressions of complete services (`Serving.services`).
+        spaces: Key expressions of complete services (`HasServices.services`).
     """
 
     def __init__(

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.types.bulk import Payloads
     from riot_bus.types.fields import FieldType
+    from riot_bus.types.payloads import Payloads
     from riot_bus.types.protobuf.layout import Definitions, Layout, ProtobufField
     from riot_bus.vocabulary.trial import Scalar
 
@@ -119,7 +119,7 @@ class ProtobufType:
         return static_fields(self._definitions, self._layout)
 
     def elements(self, payloads: Payloads, path: str) -> Iterator[NDArray[Any]]:
-        """Yield the elements of an array of numbers, as `riot_bus.types.fields.Described` says."""
+        """Yield the elements of an array of numbers, as `riot_bus.types.capabilities.DescribesFields` says."""
         field = next((each for each in self.fields() if each.path == f"{path}[*]"), None)
         if field is None or field.type in ("string", "bytes"):
             raise PayloadError("there is no such array of numbers", where=f"{self.name}: {path}")

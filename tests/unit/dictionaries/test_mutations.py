@@ -14,8 +14,8 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
 from riot_bus.inject.formula import parse_formula
 from riot_bus.inject.mutations import Mutation, mutate
+from riot_bus.types.capabilities import ListsParts
 from riot_bus.types.model import MessageType
-from riot_bus.types.parts import Composed
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
@@ -101,7 +101,7 @@ def test_injections_of_a_mutation_do_the_same(mutation: Mutation) -> None:
 @pytest.mark.parametrize("outer", ["nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseArray", "nav_msgs/msg/Path"])
 def test_mutations_hold_wherever_their_type_is_nested(outer: str) -> None:
     kind = type_named(outer)
-    assert isinstance(kind, Composed)
+    assert isinstance(kind, ListsParts)
     empty = blank(outer)
     lengths = {path: 2 for path in fields(kind, empty) if path.startswith("len(")}
     payload = kind.rebuild(empty, lengths)

@@ -3,8 +3,7 @@ import math
 import pytest
 
 from riot_bus.inject import dictionary as module
-from riot_bus.inject.dictionary import Dictionary, eligible, load_dictionary
-from riot_bus.types.exceptional import ExceptionalValue
+from riot_bus.inject.dictionary import Dictionary, SuggestedValue, eligible, load_dictionary
 from riot_bus.vocabulary.errors import ConfigError
 
 
@@ -27,8 +26,8 @@ def test_values_by_type_and_long_text():
         reason = "bytes"
         """
     )
-    assert dictionary.values_for("string") == (ExceptionalValue("ababab", "long"),)
-    assert dictionary.values_for("bytes") == (ExceptionalValue(b"\x00\xff\x00\xff", "bytes"),)
+    assert dictionary.values_for("string") == (SuggestedValue("ababab", "long"),)
+    assert dictionary.values_for("bytes") == (SuggestedValue(b"\x00\xff\x00\xff", "bytes"),)
     assert dictionary.values_for("int8") == ()
 
 
@@ -117,7 +116,7 @@ def test_float32_holds_no_double():
 def test_user_files_and_broken_packages(tmp_path, monkeypatch):
     mine = tmp_path / "mine.toml"
     mine.write_text('type = "bool"\n[[field]]\npath = "on"\nonly = true\nentries = [{ value = true, reason = "r" }]')
-    assert load_dictionary([mine]).values_for("bool", "on") == (ExceptionalValue(True, "r"),)
+    assert load_dictionary([mine]).values_for("bool", "on") == (SuggestedValue(True, "r"),)
     with pytest.raises(ConfigError, match="cannot read"):
         load_dictionary([tmp_path / "none.toml"])
     point = type("Point", (), {"value": "no_such_module_here", "name": "broken"})()
@@ -129,10 +128,10 @@ def test_user_files_and_broken_packages(tmp_path, monkeypatch):
 def test_what_a_definition_tells_comes_after_bindings_and_before_types():
     dictionary = Dictionary()
     dictionary.add('[[entry]]\nvalue = 7\nreason = "general"\ntype = "uint8"', where="a")
-    told = [ExceptionalValue(3, "undefined"), ExceptionalValue(300, "too large"), ExceptionalValue(7, "told")]
+    told = [SuggestedValue(3, "undefined"), SuggestedValue(300, "too large"), SuggestedValue(7, "told")]
     assert dictionary.values_for("uint8", "t:mode", told=told) == (
-        ExceptionalValue(3, "undefined"),
-        ExceptionalValue(7, "told"),
+        SuggestedValue(3, "undefined"),
+        SuggestedValue(7, "told"),
     )
     dictionary.add('[[field]]\npath = "mode"\nentries = [{ value = 9, reason = "mine" }]', where="b")
     assert [entry.value for entry in dictionary.values_for("uint8", "t:mode", told=told)] == [9, 3, 7]

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.log.naming import in_full, means, parse_remaps, parse_time, renamed
+from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import RecordedTopic
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 

@@ -3,7 +3,7 @@ import threading
 import pytest
 
 from riot_bus.play.simclock import Ticker
-from riot_bus.types.offer import Offer, SimClock
+from riot_bus.types.capabilities import Offer, SimClock
 
 SECOND = 10**9
 CLOCK = SimClock("/clock", Offer("0/clock"), lambda time: b"%d" % time)

@@ -4,8 +4,8 @@ import pytest
 
 from riot_bus.play.options import PlayOptions
 from riot_bus.play.topic_selection import cast
+from riot_bus.types.capabilities import Offer, RecordedTopic, SimClock
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import Offer, RecordedTopic, SimClock
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 from riot_bus_mavlink.adapter import MavlinkAdapter
 from riot_bus_ros2.adapter import Ros2Adapter

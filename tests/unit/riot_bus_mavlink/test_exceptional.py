@@ -4,7 +4,7 @@ import struct
 import pytest
 
 from riot_bus.inject.dictionary import eligible, load_dictionary
-from riot_bus.types.exceptional import entries_of
+from riot_bus.types.capabilities import suggested_values
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.exceptional import invalid_values
 from riot_bus_mavlink.frame import pack_frame
@@ -25,7 +25,7 @@ def frame(name, **fields):
 
 
 def told(name, path, **fields):
-    return {entry.value: entry.reason for entry in entries_of(kind(name), frame(name, **fields), path)}
+    return {entry.value: entry.reason for entry in suggested_values(kind(name), frame(name, **fields), path)}
 
 
 def test_all_values_fit_their_fields():
@@ -33,7 +33,7 @@ def test_all_values_fit_their_fields():
         one = kind(message.name)
         raw = frame(message.name)
         for leaf in one.leaves(raw, elements=1):
-            entries = entries_of(one, raw, leaf.path)
+            entries = suggested_values(one, raw, leaf.path)
             assert all(eligible(leaf.type, entry.value) and entry.reason for entry in entries), (message.name, leaf)
             assert len({repr(entry.value) for entry in entries}) == len(entries) <= 90
 
@@ -105,8 +105,8 @@ def test_parameters_of_the_command_in_a_message():
 def test_fields_that_are_not_there():
     assert told("HEARTBEAT", "nothing") == {}
     assert told("HEARTBEAT", "header.sequence") == {}
-    assert entries_of(kind("COMMAND_LONG"), b"junk", "param1") == []
-    assert entries_of(None, b"", "x") == ()
+    assert suggested_values(kind("COMMAND_LONG"), b"junk", "param1") == []
+    assert suggested_values(None, b"", "x") == ()
 
 
 @pytest.mark.parametrize(
@@ -136,5 +136,7 @@ def test_brittle_fields(name, path, brittle):
 def test_floats_of_commands_are_not_lost_among_bytes():
     raw = frame("COMMAND_LONG", command=400, param1=1.0)
     assert struct.unpack_from("<f", raw, 10) == (1.0,)
-    values = load_dictionary().values_for("float32", "t:param1", told=entries_of(kind("COMMAND_LONG"), raw, "param1"))
+    values = load_dictionary().values_for(
+        "float32", "t:param1", told=suggested_values(kind("COMMAND_LONG"), raw, "param1")
+    )
     assert any(math.isnan(entry.value) for entry in values)

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
-from riot_bus.types.bulk import BulkType, Payloads, gather
-from riot_bus.types.exceptional import Exceptions, Guarded
-from riot_bus.types.fields import Described
+from riot_bus.types.bulk import gather
+from riot_bus.types.capabilities import DescribesFields, GathersFields, KnowsBrittleFields, SuggestsValues
 from riot_bus.types.model import Leaf
+from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import V1, V2, Framer, pack_frame, parse_frame, seal
@@ -114,14 +114,14 @@ def test_columns_have_the_type_of_their_field():
     assert (text.values.tolist(), text.valid.tolist()) == ([None], [False])
     with pytest.raises(PayloadError):
         gather(one, many, "nothing")
-    assert isinstance(one, BulkType)
+    assert isinstance(one, GathersFields)
 
 
 def test_protocols():
     one = kind("HEARTBEAT")
-    assert isinstance(one, Described)
-    assert isinstance(one, Exceptions)
-    assert isinstance(one, Guarded)
+    assert isinstance(one, DescribesFields)
+    assert isinstance(one, SuggestsValues)
+    assert isinstance(one, KnowsBrittleFields)
 
 
 def test_fields_in_the_order_of_the_definition():

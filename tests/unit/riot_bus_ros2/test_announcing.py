@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.types.announcement import Announcement
+from riot_bus.types.capabilities import Announcement
 from riot_bus_ros2.announcing import announcement_of
 from riot_bus_ros2.keys import ACTION_PARTS, action_parts
 from riot_bus_ros2.ros2dds import BridgeToken, build_bridge_token

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags")
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from riot_bus.types.bulk import Payloads, gather
+from riot_bus.types.bulk import gather
 from riot_bus.types.fields import of_numbers
+from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.cdr import CdrType

@@ -1,7 +1,7 @@
 import pytest
 
+from riot_bus.types.capabilities import PublishesAs, RecordedTopic
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import Offering, RecordedTopic
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment, parse_attachment
@@ -32,7 +32,7 @@ def offer(adapter, topic, name=None, domain=None):
 
 
 def test_it_is_an_offering(adapter):
-    assert isinstance(adapter, Offering)
+    assert isinstance(adapter, PublishesAs)
 
 
 def test_topic_of_a_bag_gets_the_key_of_rmw_zenoh(adapter, monkeypatch):

@@ -2,11 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from riot_bus.types.announcement import Announcing
+from riot_bus.types.capabilities import ParsesTokens, PublishesAs, ReadsMetadata, RecordedTopic
 from riot_bus.types.model import Schema, TopicName
-from riot_bus.types.offer import Offering, RecordedTopic
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
-from riot_bus.types.stamp import Stamping
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus_ros2.cdr import CdrType
 from riot_bus_ros2.qos import parse_offered
@@ -44,9 +42,9 @@ def test_it_is_loaded_only_where_it_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_names_are_keys(adapter: Ros2DdsAdapter) -> None:
-    assert isinstance(adapter, Announcing)
-    assert isinstance(adapter, Offering)
-    assert isinstance(adapter, Stamping)
+    assert isinstance(adapter, ParsesTokens)
+    assert isinstance(adapter, PublishesAs)
+    assert isinstance(adapter, ReadsMetadata)
     assert adapter.topic("robot/odom") == TopicName("/robot/odom")
     assert adapter.key_expression("/robot/odom") == "robot/odom"
     assert adapter.key_expression("/robot/**") == "robot/**"
@@ -70,7 +68,7 @@ def test_types_are_those_that_bridges_announce() -> None:
     assert not registry.matches("/odom", "robot/odom")
     registry.announcement("@/3f/@ros2_lv/MP/odd/my_msgs§msg§Odd/:::")
     assert registry.type_of("odd") is None
-    adapter = registry.stamping("odd")
+    adapter = registry.metadata_adapter("odd")
     assert adapter is not None
     assert adapter.definition("odd") == (Schema("my_msgs/msg/Odd", "ros2msg", b""), "cdr")
     assert adapter.definition("never/heard") is None

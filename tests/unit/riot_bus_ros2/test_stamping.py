@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
+from riot_bus.types.capabilities import Stamp
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.types.stamp import Stamp
 from riot_bus_ros2.adapter import Ros2Adapter
 from riot_bus_ros2.attachment import Attachment, build_attachment
 from riot_bus_ros2.qos import AnnouncedQos, parse_offered
@@ -73,9 +73,9 @@ def test_a_type_that_is_unknown_has_a_name_at_least() -> None:
 
 def test_the_registry_finds_who_stamps() -> None:
     registry = TypeRegistry([Ros2Adapter()])
-    adapter = registry.stamping(KEY)
-    assert adapter is registry.stampings()[0]
-    assert registry.stamping("a/b") is None
+    adapter = registry.metadata_adapter(KEY)
+    assert adapter is registry.metadata_adapters()[0]
+    assert registry.metadata_adapter("a/b") is None
     assert adapter is not None
     assert adapter.stamp(b"") is None
     assert adapter.details(KEY, [token("::,5:,:,:,,")])

@@ -9,7 +9,7 @@ from riot_bus.graph.survey import Started
 from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
 from riot_bus.sut.system_draft import SystemDraft, sketch
-from riot_bus.types.announcement import Announcement
+from riot_bus.types.capabilities import Announcement
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 ODOMETRY, TWIST, SCAN, PATH = (

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from riot_bus.types.bulk import Gathered, Payloads, as_array, gather, join
+from riot_bus.types.bulk import as_array, gather, join
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.msgpack_type import MsgpackType
+from riot_bus.types.payloads import Gathered, Payloads
 from riot_bus.vocabulary.errors import PayloadError
 
 BUSY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # as machines may be

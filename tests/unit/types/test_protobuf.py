@@ -7,9 +7,10 @@ from google.protobuf import descriptor_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.types.bulk import Payloads
-from riot_bus.types.fields import Described, FieldType
+from riot_bus.types.capabilities import DescribesFields
+from riot_bus.types.fields import FieldType
 from riot_bus.types.model import REBUILD, Leaf, MessageType, Schema, TypeSource
+from riot_bus.types.payloads import Payloads
 from riot_bus.types.protobuf.kind import ProtobufType
 from riot_bus.types.protobuf.layout import Definitions
 from riot_bus.types.protobuf.source import ProtobufTypes
@@ -41,7 +42,7 @@ def leaves(payload, kind=EVERY):
 
 def test_is_a_message_type():
     assert isinstance(EVERY, MessageType)
-    assert isinstance(EVERY, Described)
+    assert isinstance(EVERY, DescribesFields)
     assert (EVERY.name, EVERY.encoding) == ("test.Every", "protobuf")
 
 

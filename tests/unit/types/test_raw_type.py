@@ -3,9 +3,10 @@ import struct
 import numpy as np
 import pytest
 
-from riot_bus.types.bulk import Payloads
-from riot_bus.types.fields import Described, FieldType
+from riot_bus.types.capabilities import DescribesFields
+from riot_bus.types.fields import FieldType
 from riot_bus.types.model import Leaf, MessageType, TypeSource
+from riot_bus.types.payloads import Payloads
 from riot_bus.types.raw_type import OpaqueType, RawType, StructType
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 
@@ -38,7 +39,7 @@ def test_an_opaque_type_says_why():
 def test_structures_by_name():
     kind = RawType().type_named(NAME)
     assert isinstance(kind, MessageType)
-    assert isinstance(kind, Described)
+    assert isinstance(kind, DescribesFields)
     assert (kind.name, kind.encoding) == (NAME, "raw")
     assert RawType().type_named("raw") is None
     assert RawType().type_named("pkg/msg/Name") is None

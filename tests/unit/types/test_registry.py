@@ -1,11 +1,8 @@
 import json
-import sys
-from importlib.metadata import EntryPoint
 
 import msgpack
 import pytest
 
-from riot_bus.types import registry
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema, TopicName
 from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -235,7 +232,7 @@ def test_type_named(toys):
 
 
 def test_caches_are_bounded(monkeypatch):
-    monkeypatch.setattr(registry, "_CACHED_KEYS", 10)
+    monkeypatch.setattr("riot_bus.types.registry._CACHED_KEYS", 10)
     types = TypeRegistry([ToyAdapter("T")])
     for index in range(100):
         assert types.type_of(f"toy/{index}/T").name == "T"
@@ -250,24 +247,10 @@ def test_load_adapters_finds_the_built_in_ones():
     assert load_adapters([]) == []
 
 
-def test_load_adapters_without_installation(monkeypatch):
-    pytest.importorskip("rosbags")
-    pytest.importorskip("pymavlink")
-    monkeypatch.setattr(registry, "entry_points", lambda group: ())
-    assert [adapter.name for adapter in load_adapters()] == ["mavlink", "ros2"]
-
-
-def test_load_adapters_of_others(monkeypatch):
-    point = EntryPoint("toy", f"{__name__}:ToyAdapter", "riot_bus.adapters")
-    monkeypatch.setitem(sys.modules, __name__, sys.modules.get(__name__) or _this_module())
-    monkeypatch.setattr(registry, "entry_points", lambda group: (point,))
-    assert load_adapters(["toy"])[0].name == "toy"
-
-
-def _this_module():
-    module = type(sys)(__name__)
-    module.ToyAdapter = ToyAdapter
-    return module
+def test_adapters_of_others_are_found(plugin_package):
+    module = plugin_package("class Toy:\n    name = 'toy'\n", "riot_bus.adapters", toy="Toy")
+    assert [type(each).__module__ for each in load_adapters(["toy"])] == [module]
+    assert "toy" in [each.name for each in load_adapters()]
 
 
 def test_an_unknown_adapter():
@@ -275,8 +258,8 @@ def test_an_unknown_adapter():
         load_adapters(["ros"])
 
 
-def test_a_broken_adapter(monkeypatch):
-    monkeypatch.setattr(registry, "entry_points", lambda group: (EntryPoint("bad", "no_such_module:X", group),))
+def test_a_broken_adapter(plugin_package):
+    plugin_package("import no_such_module", "riot_bus.adapters", bad="X")
     with pytest.raises(ConfigError, match="'bad' cannot be loaded"):
         load_adapters()
 

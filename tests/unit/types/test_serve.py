@@ -3,8 +3,9 @@ from __future__ import annotations
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from riot_bus.types.capabilities import HasServices
 from riot_bus.types.registry import TypeRegistry, load_adapters
-from riot_bus.types.serve import ERROR, PARTS, REPLY, REQUEST, Request, Serving, part_of
+from riot_bus.types.serve import ERROR, PARTS, REPLY, REQUEST, Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.vocabulary.selector import key_matches
 
@@ -75,7 +76,7 @@ def test_without_adapters_names_are_keys() -> None:
     registry = TypeRegistry()
     assert registry.topic("calc/add/@reply") == "calc/add/@reply"
     assert registry.key_expression("calc/*/@reply") == "calc/*/@reply"
-    assert registry.servings() == []
+    assert registry.service_adapters() == []
     found = registry.type_of("calc/add/@request", payload=b'{"a": 1}')
     assert found is not None
     assert found.read(b'{"a": 1}', "a") == 1
@@ -83,7 +84,7 @@ def test_without_adapters_names_are_keys() -> None:
 
 def test_the_adapter_for_ros_knows_services_and_actions() -> None:
     (ros,) = load_adapters(["ros2"])
-    assert isinstance(ros, Serving)
+    assert isinstance(ros, HasServices)
     assert ros.action_parts("/fibonacci") == "/fibonacci/_action/*"
     assert ros.action_parts("no/name") is None
     assert ros.call_type("a/srv/B", ERROR) is None

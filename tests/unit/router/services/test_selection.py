@@ -30,7 +30,7 @@ def registry() -> TypeRegistry:
 
 
 def spaces(registry: TypeRegistry) -> list[str]:
-    return [text for each in registry.servings() for text in each.services]
+    return [text for each in registry.service_adapters() for text in each.services]
 
 
 def interception(registry: TypeRegistry, keys: list[str], *interceptors: object, plan: str = "") -> Interception:

@@ -1,5 +1,5 @@
+from riot_bus.types.capabilities import Identity, Offer, PublishesAs, RecordedTopic, SimClock
 from riot_bus.types.model import Schema
-from riot_bus.types.offer import Identity, Offer, Offering, RecordedTopic, SimClock
 
 
 class Naming:
@@ -20,8 +20,8 @@ class Publishing(Naming):
 
 
 def test_adapters_that_can_publish_are_told_from_others():
-    assert isinstance(Publishing(), Offering)
-    assert not isinstance(Naming(), Offering)
+    assert isinstance(Publishing(), PublishesAs)
+    assert not isinstance(Naming(), PublishesAs)
 
 
 def test_what_an_offer_is_if_nothing_is_said():

@@ -1,0 +1,190 @@
+"""`riot bridge mavlink`: its options; imports nothing heavy until it is run."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from riot_bus.types.bridging import BridgeHost
+
+__all__ = ["mavlink"]
+
+Names = list[str] | None
+
+
+class MirrorForm(StrEnum):
+    """What of a frame is published as JSON."""
+
+    MESSAGES = "messages"
+    FIELDS = "fields"
+
+
+def mavlink(
+    context: typer.Context,
+    program: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[-- PROGRAM [ARG]...]",
+            help="Is run behind the bridge, ends with it, and is a component with it; {port} is where the first link "
+            "listens.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--link",
+            "-l",
+            metavar="[SEGMENT[/NAME]=]URL",
+            help="Such as udpin:0.0.0.0:14550, udpout:HOST:PORT, tcpin:0.0.0.0:5760, tcp:HOST:PORT, "
+            "/dev/ttyACM0,115200, or a .tlog file; repeatable.",
+        ),
+    ] = None,
+    segment: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--segment",
+            metavar="NAME[=ENDPOINT]",
+            help="Segment of riot.toml, or of a router without one, or where it listens; repeatable.",
+        ),
+    ] = None,
+    system: Path | None = None,
+    endpoint: Annotated[
+        str | None, typer.Option("--endpoint", "-e", metavar="ENDPOINT", help="Where the only segment listens.")
+    ] = None,
+    cfg: Names = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=ENDPOINT[,...]",
+            help="Without --segment and --endpoint, the bridge is its own router: a segment of it, and where that "
+            "listens; repeatable. [default: as of riot router]",
+        ),
+    ] = None,
+    intercept: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEYEXPR", help="Its own router: what goes through interceptors, such as COMMAND_LONG."),
+    ] = None,
+    interceptor: Annotated[
+        list[str] | None,
+        typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="Its own router: as of riot router."),
+    ] = None,
+    inject: Annotated[
+        Path | None,
+        typer.Option(metavar="PLAN.toml", help="Its own router: injections; their topics are intercepted."),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="OUT.mcap", help="Its own router: record all that passes.")
+    ] = None,
+    dialect: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One of those that pymavlink ships. [default: all]")
+    ] = None,
+    definitions: Annotated[
+        list[Path] | None, typer.Option("--xml", metavar="FILE", help="Defines further messages; repeatable.")
+    ] = None,
+    keys: Annotated[
+        str | None, typer.Option(metavar="TEMPLATE", help="Keys on the bus. [default: mavlink_raw/{link}/{sysid}/...]")
+    ] = None,
+    duplicates: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Drop what came within this time already, over whatever link.")
+    ] = 0.0,
+    key_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Key of signed frames, for those that come late or are added.")
+    ] = None,
+    sniffer: Annotated[int, typer.Option(metavar="SYSID", help="A system that gets everything; 0: none.")] = 0,
+    mirror: Annotated[
+        MirrorForm | None, typer.Option(help="Also publish JSON on mavlink/..., as mavlink-server does, and take such.")
+    ] = None,
+    form: str = "text",
+) -> None:
+    """Route MAVLink between links and segments, until Ctrl-C.
+
+    Links of one segment see each other directly, those of different segments through riot, where their messages can be
+    intercepted. With a segment for the autopilot and one for the ground station, riot is between them:
+
+    riot bridge mavlink --inject plan.toml --link system=/dev/ttyACM0,115200 --link unit=tcpin:0.0.0.0:5760
+
+    That is a router, too, and the fastest way; riot ctl speaks to it. With --segment NAME or --endpoint ENDPOINT, the
+    bridge joins segments of a running riot router instead.
+    """
+    from contextlib import ExitStack
+
+    from riot_bus_mavlink.bridge.bridge import MavlinkBridge
+    from riot_bus_mavlink.bridge.options import MavlinkBridgeOptions
+    from riot_bus_mavlink.dialect import DEFAULT
+    from riot_bus_mavlink.keys import TEMPLATE
+
+    joins = segment is not None or endpoint is not None
+    wanted = {"listen": listen, "intercept": intercept, "interceptor": interceptor, "inject": inject, "record": record}
+    _check_ways(segment, endpoint, cfg, joins=joins, of_router=[name for name, value in wanted.items() if value])
+    options = MavlinkBridgeOptions(
+        links=link or (),
+        dialect=dialect or DEFAULT,
+        files=definitions or (),
+        keys=keys or TEMPLATE,
+        duplicates=duplicates,
+        sniffer=sniffer,
+        key_file=key_file,
+        mirror=None if mirror is None else mirror.value,
+        patient=bool(program),
+    )
+    host: BridgeHost = context.obj
+    warn, as_json = partial(typer.echo, err=True), form == "json"
+    if joins:
+        places = host.ports(_places(segment or [f"={endpoint}"]), system=system, cfg=cfg or ())
+        options.plan(list(places))
+        with ExitStack() as stack:
+            ports = {name: stack.enter_context(port) for name, port in places.items()}
+            bridge = MavlinkBridge(ports, options, warn=warn)
+            status = host.run(bridge, program=program or (), as_json=as_json)
+    else:
+        plan = options.plan(list(host.segments(system=system, listen=listen or ())))
+        status = host.run_router(
+            lambda ports: MavlinkBridge(ports, options, warn=warn),
+            program=program or (),
+            as_json=as_json,
+            system=system,
+            listen=listen or (),
+            intercept=intercept or (),
+            interceptors=interceptor or (),
+            inject=inject,
+            record=record,
+            definitions=definitions or (),
+            adapters=options.adapters(),
+            carried=[plan.keys.expression()],
+        )
+    if status:
+        raise typer.Exit(status)
+
+
+def _check_ways(
+    segment: list[str] | None, endpoint: str | None, cfg: list[str] | None, *, joins: bool, of_router: list[str]
+) -> None:
+    where = "riot bridge mavlink"
+    if segment is not None and endpoint is not None:
+        raise ConfigError("which segment?", where=where, hint="give --segment NAME or --endpoint ENDPOINT, not both")
+    if joins and of_router:
+        text = f"--{of_router[0]} is for a bridge that is its own router; this one joins another"
+        hint = f"give it to riot router, or leave {'--segment' if segment else '--endpoint'} out"
+        raise ConfigError(text, where=where, hint=hint)
+    if not joins and cfg:
+        raise ConfigError("--cfg is for a router elsewhere", where=where, hint="write it into [router] of riot.toml")
+
+
+def _places(texts: list[str]) -> dict[str, str | None]:
+    """Return where segments listen, None for those that are only named, by name."""
+    places: dict[str, str | None] = {}
+    for text in texts:
+        name, equals, endpoint = text.partition("=")
+        if name in places:
+            raise ConfigError(f"segment {name!r} is named twice", where="--segment")
+        places[name] = endpoint if equals else None
+    return places
