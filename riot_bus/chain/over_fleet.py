@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.chain.testcases import TestCaseTemplate
+    from riot_bus.chain.testcases import CaseTemplate
     from riot_bus.chain.workspace import Workspace
     from riot_bus.fleet.entry import LogEntry
     from riot_bus.vocabulary.message import Message
@@ -79,7 +79,7 @@ class FleetOptions:
 
 
 def run_over(
-    workspace: Workspace, challenge: TestCaseTemplate, unit: str, logs: Sequence[LogEntry], options: FleetOptions
+    workspace: Workspace, challenge: CaseTemplate, unit: str, logs: Sequence[LogEntry], options: FleetOptions
 ) -> list[LogAnswer]:
     """Replay a test case over logs, several at once.
 
@@ -133,7 +133,7 @@ def exit_code(answers: Sequence[LogAnswer]) -> int:
 class _Work:
     """Tries logs; may be asked by several threads."""
 
-    def __init__(self, workspace: Workspace, challenge: TestCaseTemplate, unit: str, options: FleetOptions) -> None:
+    def __init__(self, workspace: Workspace, challenge: CaseTemplate, unit: str, options: FleetOptions) -> None:
         file = workspace.context.file
         component = file.components[file.unit[unit].component or unit]
         self._workspace, self._challenge, self._unit, self._options = workspace, challenge, unit, options

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["TestCaseTemplate", "load_challenge"]
+__all__ = ["CaseTemplate", "load_challenge"]
 
 _ROLES: tuple[Role, ...] = ("original", "delivered")
 _ELEMENT = re.compile(r"\[\d+\]$")
 
 
 @dataclass(frozen=True, slots=True)
-class TestCaseTemplate:
+class CaseTemplate:
     """A test case without its log.
 
     Attributes:
@@ -52,13 +52,13 @@ class TestCaseTemplate:
         text = json.dumps([[asdict(each) for each in self.injections], self.signature], sort_keys=True, default=repr)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
-    def anywhere(self) -> TestCaseTemplate:
+    def anywhere(self) -> CaseTemplate:
         """Return it with injections into all messages of their topics, not only those with certain numbers or times."""
         wide = (replace(each, start=0.0, end=None, first=0, last=None) for each in self.injections)
         return replace(self, injections=tuple(dict.fromkeys(wide)))
 
 
-def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> TestCaseTemplate:
+def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> CaseTemplate:
     """Read a test case.
 
     Args:
@@ -70,11 +70,11 @@ def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> TestC
         ConfigError: It is none of these, or injects nothing.
     """
     if path.suffix == ".toml":
-        found = TestCaseTemplate(read_plan(path))
+        found = CaseTemplate(read_plan(path))
     elif path.name == FieldsRecord.FILE:
         found = replace(_of_finding(path.parent), injections=_certificates(FieldsRecord.load(path.parent)))
     elif path.suffix == ".mcap":
-        near = _of_finding(path.parent) if FindingRecord.exists(path.parent) else TestCaseTemplate(())
+        near = _of_finding(path.parent) if FindingRecord.exists(path.parent) else CaseTemplate(())
         found = _of_log(path, near, registry)
     elif path.is_dir():
         found = _of_finding(open_finding(path)[0])
@@ -88,11 +88,11 @@ def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> TestC
     return found
 
 
-def _of_finding(folder: Path) -> TestCaseTemplate:
+def _of_finding(folder: Path) -> CaseTemplate:
     finding = FindingRecord.load(folder)
     where = str(folder / FindingRecord.FILE)
     injections = tuple(_injection(each, where) for each in finding.injections)
-    return TestCaseTemplate(injections, finding.signature, finding.unit, finding.system_file)
+    return CaseTemplate(injections, finding.signature, finding.unit, finding.system_file)
 
 
 def _injection(row: Mapping[str, Any], where: str) -> Injection:
@@ -121,7 +121,7 @@ def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _of_log(path: Path, near: TestCaseTemplate, registry: TypeRegistry | None) -> TestCaseTemplate:
+def _of_log(path: Path, near: CaseTemplate, registry: TypeRegistry | None) -> CaseTemplate:
     """Return what the provenance of a log tells, message by message; what is not a set field is left out."""
     with LogReader(path) as reader:
         changed: dict[tuple[str, int], tuple[Change, ...]] = {}

@@ -8,7 +8,7 @@ import pytest
 
 from riot_bus.chain import over_fleet
 from riot_bus.chain.over_fleet import FleetOptions, LogAnswer, _Answers, exit_code, run_over
-from riot_bus.chain.testcases import TestCaseTemplate
+from riot_bus.chain.testcases import CaseTemplate
 from riot_bus.events import StepFinished, StepProgress
 from riot_bus.fleet.entry import LogEntry
 from riot_bus.log.writer import LogWriter
@@ -48,7 +48,7 @@ def test_answers_outlive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
     assert _Answers(path).get("odd") is None
 
 
-HURT = TestCaseTemplate((Injection("command", "speed", -1.0, first=3, last=5),), HANG.signature)
+HURT = CaseTemplate((Injection("command", "speed", -1.0, first=3, last=5),), HANG.signature)
 
 
 def logged(folder: Path, name: str, rows: list[Message], **more: Any) -> LogEntry:
