@@ -5,7 +5,6 @@ A plug-in is imported only when somebody names it. Our own names cannot be taken
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -103,6 +102,8 @@ def _targets(group: str) -> dict[str, str]:
 @cache
 def _declared() -> dict[str, dict[str, str]]:
     """Return our own plug-ins as pyproject.toml declares them, for a checkout that is used without being installed."""
+    import tomllib
+
     file = Path(__file__).resolve().parents[1] / "pyproject.toml"
     try:
         found: dict[str, dict[str, str]] = tomllib.loads(file.read_text(encoding="utf-8"))["project"]["entry-points"]

@@ -21,19 +21,18 @@ Files come from the packages that the entry point group `riot_bus.dictionaries` 
 
 from __future__ import annotations
 
-import importlib
 import re
 import struct
 import tomllib
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import resources
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
+from riot_bus.plugins import DICTIONARIES
 from riot_bus.types.capabilities import SuggestedValue
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -53,8 +52,6 @@ _INTEGERS = {
 TYPES = ("bool", *_INTEGERS, "float32", "float64", "string", "bytes")
 """The primitive types of fields."""
 
-_GROUP = "riot_bus.dictionaries"
-_BUILT_IN = "riot_bus_dictionaries"
 _INDEX = re.compile(r"\[\d+\]")
 _STRICT = ConfigDict(extra="forbid", strict=True)
 
@@ -183,12 +180,13 @@ def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:
         ConfigError: A file is missing or wrong.
     """
     dictionary = Dictionary()
-    modules = {point.value: point.name for point in entry_points(group=_GROUP)}
-    for module in dict.fromkeys((_BUILT_IN, *modules)):
+    for name, module in DICTIONARIES.targets().items():
         try:
-            folder = resources.files(importlib.import_module(module))
+            folder = resources.files(DICTIONARIES.load(name))
+        except ConfigError:
+            raise
         except Exception as error:
-            where = f"entry point {_GROUP}: {modules.get(module, 'core')} = {module}"
+            where = f"entry point {DICTIONARIES.group}: {name} = {module}"
             raise ConfigError(f"this dictionary does not load: {error!r}", where=where) from error
         for file in sorted(folder.iterdir(), key=lambda each: each.name):
             if file.name.endswith(".toml"):

@@ -1,90 +1,103 @@
-"""Invariants on outputs, from `[[monitors]]` in riot.toml: range, finite, rate."""
+"""Invariants on outputs: range, finite, rate, never, values, sequence."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Annotated
 
-from riot_bus.vocabulary.errors import PayloadError
-from riot_bus.vocabulary.selector import parse_selector
+from pydantic import Field
+
+from riot_bus.monitors.selection import field_selector, integers, message_selector, numbers, selected
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from riot_bus.monitors.model import TrialView
 
-__all__ = ["Finite", "Invariant", "Range", "Rate"]
+__all__ = ["Finite", "Gapless", "Never", "Range", "Rate", "Seconds", "Values"]
+
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+_Bound = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Invariant(Protocol):
-    """A monitor of some topics, which can also judge while things go on.
+@dataclass(frozen=True)
+class Range:
+    """A field of an output stays within bounds (NaN does not).
 
     Attributes:
-        topics: Which.
+        field: `topic:field`.
+        min: Smallest value; None for no bound.
+        max: Largest value; None for no bound.
     """
 
-    topics: tuple[str, ...]
+    field: str
+    min: _Bound | None = None
+    max: _Bound | None = None
 
-    def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return what was violated."""
-        ...
+    def __post_init__(self) -> None:
+        field_selector(self.field)
 
-
-def _values(view: TrialView, field: str) -> Iterator[float]:
-    selector = parse_selector(field)
-    for message in view.outputs:
-        if message.kind != "put" or not view.registry.matches(selector.topic, message.key):
-            continue
-        kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        if kind is None or selector.field is None:
-            raise PayloadError(f"the type of {message.key!r} is unknown, so {field!r} cannot be watched")
-        value = kind.read(message.payload, selector.field)
-        if isinstance(value, (bool, int, float)):
-            yield float(value)
-
-
-class Range:
-    """A field of an output stays within bounds (NaN does not)."""
-
-    def __init__(self, field: str, *, low: float | None = None, high: float | None = None) -> None:
-        self.field = field
-        self.topics: tuple[str, ...] = (parse_selector(field).topic,)
-        self.low = -math.inf if low is None else low
-        self.high = math.inf if high is None else high
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the field."""
+        return (field_selector(self.field).topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value outside."""
-        for value in _values(view, self.field):
-            if not self.low <= value <= self.high:
-                detail = f"{self.field} = {value!r} is outside [{self.low:g}, {self.high:g}]"
+        low = -math.inf if self.min is None else self.min
+        high = math.inf if self.max is None else self.max
+        for value in numbers(view, field_selector(self.field)):
+            if not low <= value <= high:
+                detail = f"{self.field} = {value!r} is outside [{low:g}, {high:g}]"
                 return [Violation("range", self.field, f"range of {self.field}", detail)]
         return []
 
 
+@dataclass(frozen=True)
 class Finite:
-    """A field of an output is neither NaN nor infinite."""
+    """A field of an output is neither NaN nor infinite.
 
-    def __init__(self, field: str) -> None:
-        self.field = field
-        self.topics: tuple[str, ...] = (parse_selector(field).topic,)
+    Attributes:
+        field: `topic:field`.
+    """
+
+    field: str
+
+    def __post_init__(self) -> None:
+        field_selector(self.field)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the field."""
+        return (field_selector(self.field).topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value that is not finite."""
-        for value in _values(view, self.field):
+        for value in numbers(view, field_selector(self.field)):
             if not math.isfinite(value):
                 return [Violation("finite", self.field, f"{self.field} not finite", f"{self.field} = {value!r}")]
         return []
 
 
+@dataclass(frozen=True)
 class Rate:
-    """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching."""
+    """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching.
 
-    def __init__(self, topic: str, *, gap: float) -> None:
-        self.topic = topic
-        self.topics: tuple[str, ...] = (topic,)
-        self.gap = gap
+    Attributes:
+        topic: Topic name or key expression.
+        gap: Longest time between two messages, seconds.
+    """
+
+    topic: str
+    gap: Seconds
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topic."""
+        return (self.topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when the largest gap is too large."""
@@ -95,3 +108,95 @@ class Rate:
             return []
         detail = f"no {self.topic} for {widest:.3f} s (allowed: {self.gap:g} s)"
         return [Violation("rate", self.topic, f"rate of {self.topic}", detail)]
+
+
+@dataclass(frozen=True)
+class Never:
+    """No message of an output meets a condition.
+
+    Attributes:
+        when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
+        tell: A field of such a message that is told.
+    """
+
+    when: str
+    tell: str | None = None
+
+    def __post_init__(self) -> None:
+        message_selector(self.when)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the messages."""
+        return (message_selector(self.when).topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation at the first such message."""
+        for message, kind in selected(view, message_selector(self.when)):
+            told = "" if self.tell is None else f": {self.tell} = {kind.read(message.payload, self.tell)!r}"
+            return [Violation("never", self.topics[0], f"never {self.when}", f"{message.key}{told}")]
+        return []
+
+
+@dataclass(frozen=True)
+class Values:
+    """An integer field of an output takes only some values.
+
+    Attributes:
+        field: `topic:field`.
+        allowed: The values.
+        mask: Bits of the field that count; None for all.
+    """
+
+    field: str
+    allowed: Annotated[tuple[int, ...], Field(min_length=1)]
+    mask: int | None = None
+
+    def __post_init__(self) -> None:
+        field_selector(self.field)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the field."""
+        return (field_selector(self.field).topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation at the first other value."""
+        for value in integers(view, field_selector(self.field)):
+            if (value if self.mask is None else value & self.mask) not in self.allowed:
+                known = ", ".join(map(str, sorted(self.allowed)))
+                detail = f"{self.field} = {value}, allowed: {known}" + (f" of bits {self.mask:#x}" if self.mask else "")
+                return [Violation("values", self.field, f"values of {self.field}", detail)]
+        return []
+
+
+@dataclass(frozen=True)
+class Gapless:
+    """A sequence number grows by one from message to message, so that none is lost; it begins anew at `modulo`.
+
+    Attributes:
+        field: `topic:field`; a topic with wildcards is one stream.
+        modulo: The number after the last one is 0.
+        lost: So many may be missing.
+    """
+
+    field: str
+    modulo: Annotated[int, Field(ge=2)] = 256
+    lost: Annotated[int, Field(ge=0)] = 0
+
+    def __post_init__(self) -> None:
+        field_selector(self.field)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the field."""
+        return (field_selector(self.field).topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation when too many are missing."""
+        found = list(integers(view, field_selector(self.field)))
+        missing = sum((after - before - 1) % self.modulo for before, after in pairwise(found))
+        if missing <= self.lost:
+            return []
+        detail = f"{missing} lost, {len(found)} received (allowed: {self.lost})"
+        return [Violation("sequence", self.field, f"sequence of {self.field}", detail)]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["ComponentView", "Monitor", "TrialView", "judge"]
+__all__ = ["ComponentView", "Invariant", "Monitor", "TrialView", "judge"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,15 @@ class Monitor(Protocol):
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return what was violated."""
+        ...
+
+
+class Invariant(Monitor, Protocol):
+    """A monitor of `[[monitors]]` in riot.toml; it can also judge while things go on."""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics whose messages it looks at."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Load an interceptor that the user named on the command line."""
+"""Load a plug-in class from a file that the user named: an interceptor, or a monitor."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ from types import ModuleType
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["load_class", "load_interceptor"]
+
+_HINTS = {
+    "message": "an interceptor is a class with a method message(self, event)",
+    "judge": "a monitor is a class with a method judge(self, view)",
+}
 
 
 def load_interceptor(path: str) -> object:
@@ -30,22 +35,23 @@ def load_interceptor(path: str) -> object:
         raise ConfigError(f"{kind.__name__}() raised {error!r}", where=_place(error, file)) from error
 
 
-def load_class(path: str) -> type:
-    """Return the interceptor class in `FILE.py[:NAME]`; see `load_interceptor`."""
+def load_class(path: str, *, method: str = "message") -> type:
+    """Return the class in `FILE.py[:NAME]` that has a method of this name; see `load_interceptor`."""
     file, name = _split(path)
-    classes = _classes(file)
+    classes = _classes(file, method)
     if name is None:
         if len(classes) > 1:
-            found = ", ".join(f"{each.__name__} (line {_line(each)})" for each in classes.values())
+            found = ", ".join(f"{each.__name__} (line {_line(each, method)})" for each in classes.values())
             hint = f"choose one, such as {file}:{next(iter(classes))}"
-            raise ConfigError(f"several interceptors in one file: {found}", where=str(file), hint=hint)
+            raise ConfigError(
+                f"several classes with a method {method}() in one file: {found}", where=str(file), hint=hint
+            )
         if not classes:
-            hint = "define a class with a method message(self, event)"
-            raise ConfigError("no interceptor class in this file", where=str(file), hint=hint)
+            raise ConfigError(f"no class with a method {method}() in this file", where=str(file), hint=_HINTS[method])
         (name,) = classes
     elif name not in classes:
-        hint = did_you_mean(name, classes) or "an interceptor is a class with a method message(self, event)"
-        raise ConfigError(f"no interceptor class {name!r} in this file", where=str(file), hint=hint)
+        hint = did_you_mean(name, classes) or _HINTS[method]
+        raise ConfigError(f"no class {name!r} with a method {method}() in this file", where=str(file), hint=hint)
     return classes[name]
 
 
@@ -58,7 +64,7 @@ def _split(path: str) -> tuple[Path, str | None]:
     return file, name if named else None
 
 
-def _classes(file: Path) -> dict[str, type]:
+def _classes(file: Path, method: str) -> dict[str, type]:
     module = ModuleType(f"riot_bus_user_{file.stem}")
     module.__file__ = str(file)
     sys.modules[module.__name__] = module  # dataclasses and inspect look their module up there
@@ -70,12 +76,12 @@ def _classes(file: Path) -> dict[str, type]:
     except Exception as error:
         raise ConfigError(f"this file raised {error!r}", where=_place(error, file)) from error
     own = (each for each in vars(module).values() if inspect.isclass(each) and each.__module__ == module.__name__)
-    return {each.__name__: each for each in own if callable(getattr(each, "message", None))}
+    return {each.__name__: each for each in own if callable(getattr(each, method, None))}
 
 
-def _line(kind: type) -> int:
-    method = getattr(kind, "message", None)
-    return int(method.__code__.co_firstlineno) if inspect.isfunction(method) else 0
+def _line(kind: type, method: str) -> int:
+    found = getattr(kind, method, None)
+    return int(found.__code__.co_firstlineno) if inspect.isfunction(found) else 0
 
 
 def _place(error: Exception, file: Path) -> str:

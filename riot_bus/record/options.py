@@ -15,7 +15,7 @@ from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.zenoh.session_config import OWN_CHUNK
 
 if TYPE_CHECKING:
-    from riot_bus.monitors.invariants import Invariant
+    from riot_bus.monitors.model import Invariant
 
 __all__ = ["DEFAULT_ENDPOINT", "CaptureOptions", "parse_throttles"]
 

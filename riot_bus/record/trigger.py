@@ -15,7 +15,7 @@ from riot_bus.vocabulary.selector import parse_selector
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.monitors.invariants import Invariant
+    from riot_bus.monitors.model import Invariant
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.predicate import Predicate
 

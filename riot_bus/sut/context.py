@@ -6,28 +6,15 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.exchanges import Answered, Gapless, Never, Values
-from riot_bus.monitors.invariants import Finite, Range, Rate
 from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
-from riot_bus.sut.system import (
-    FiniteMonitor,
-    NeverMonitor,
-    RangeMonitor,
-    RateMonitor,
-    SequenceMonitor,
-    SystemFile,
-    ValuesMonitor,
-    load_system,
-)
+from riot_bus.sut.system import SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from riot_bus.monitors.invariants import Invariant
-    from riot_bus.monitors.model import Monitor
-    from riot_bus.sut.system import MonitorSettings
+    from riot_bus.monitors.model import Invariant, Monitor
 
 __all__ = ["Context", "invariants_of", "open_system"]
 
@@ -43,7 +30,7 @@ class Context:
     @property
     def watched(self) -> list[str]:
         """Topics that the invariants of riot.toml look at."""
-        return sorted({topic for settings in self.file.monitors for topic in _invariant(settings).topics})
+        return sorted({topic for monitor in self.file.invariants for topic in monitor.topics})
 
     @property
     def profile(self) -> str:
@@ -58,7 +45,7 @@ class Context:
     def fingerprint(self) -> str:
         """Return a hash of the system file and of the sources that it names; trials are only reused while it holds."""
         digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode())
-        for pattern in self.file.system.sources:
+        for pattern in (*self.file.system.sources, *self.file.monitor_files):
             for path in sorted(self.file.root.glob(pattern)):
                 if path.is_file():
                     digest.update(str(path.relative_to(self.file.root)).encode())
@@ -81,7 +68,7 @@ def open_system(path: Path) -> Context:
             raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
         files.append(source)
     registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
-    return Context(file, registry, (CrashMonitor(), HangMonitor(), *map(_invariant, file.monitors)))
+    return Context(file, registry, (CrashMonitor(), HangMonitor(), *file.invariants))
 
 
 def invariants_of(path: Path) -> list[Invariant]:
@@ -89,20 +76,4 @@ def invariants_of(path: Path) -> list[Invariant]:
     if not path.exists():
         hint = "write [[monitors]] into a file such as examples/rover/riot.toml"
         raise ConfigError("there is no such system file", where=str(path), hint=hint)
-    return list(map(_invariant, load_system(path).monitors))
-
-
-def _invariant(settings: MonitorSettings) -> Invariant:
-    if isinstance(settings, RangeMonitor):
-        return Range(settings.field, low=settings.min, high=settings.max)
-    if isinstance(settings, FiniteMonitor):
-        return Finite(settings.field)
-    if isinstance(settings, RateMonitor):
-        return Rate(settings.topic, gap=settings.gap)
-    if isinstance(settings, NeverMonitor):
-        return Never(settings.when, tell=settings.tell)
-    if isinstance(settings, ValuesMonitor):
-        return Values(settings.field, allowed=settings.allowed, mask=settings.mask)
-    if isinstance(settings, SequenceMonitor):
-        return Gapless(settings.field, modulo=settings.modulo, lost=settings.lost)
-    return Answered(settings.request, answer=settings.answer, within=settings.within, same=settings.same)
+    return list(load_system(path).invariants)

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.config.router_settings import RouterSettings, router_keys
-from riot_bus.config.toml_file import explained, line_of, read_toml
+from riot_bus.config.toml_file import explained, line_of, place_of, read_toml
+from riot_bus.monitors.catalogue import build_monitor
+from riot_bus.monitors.model import Invariant
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = [
-    "AnsweredMonitor",
     "Component",
     "External",
-    "FiniteMonitor",
-    "MonitorSettings",
-    "NeverMonitor",
-    "RangeMonitor",
-    "RateMonitor",
     "Ready",
     "RunPace",
-    "SequenceMonitor",
     "Settle",
     "System",
     "SystemFile",
     "Unit",
-    "ValuesMonitor",
     "load_system",
 ]
 
@@ -116,82 +111,17 @@ class Unit(_Table):
     include: tuple[str, ...] = ()
 
 
-class RangeMonitor(_Table):
-    """A field of an output stays within bounds."""
-
-    kind: Literal["range"]
-    field: str
-    min: float | None = None
-    max: float | None = None
-
-
-class FiniteMonitor(_Table):
-    """A field of an output is neither NaN nor infinite."""
-
-    kind: Literal["finite"]
-    field: str
-
-
-class RateMonitor(_Table):
-    """An output comes at least every `gap` seconds of wall time."""
-
-    kind: Literal["rate"]
-    topic: str
-    gap: Seconds
-
-
-class NeverMonitor(_Table):
-    """No message of an output meets a condition."""
-
-    kind: Literal["never"]
-    when: str
-    tell: str | None = None
-
-
-class ValuesMonitor(_Table):
-    """An integer field of an output takes only some values."""
-
-    kind: Literal["values"]
-    field: str
-    allowed: tuple[int, ...] = Field(min_length=1)
-    mask: int | None = None
-
-
-class SequenceMonitor(_Table):
-    """A sequence number of an output has no gaps."""
-
-    kind: Literal["sequence"]
-    field: str
-    modulo: int = Field(default=256, ge=2)
-    lost: int = Field(default=0, ge=0)
-
-
-class AnsweredMonitor(_Table):
-    """Requests are answered in time."""
-
-    kind: Literal["answered"]
-    request: str
-    answer: str
-    within: Seconds
-    same: tuple[str, ...] = ()
-
-
-MonitorSettings = Annotated[
-    RangeMonitor | FiniteMonitor | RateMonitor | NeverMonitor | ValuesMonitor | SequenceMonitor | AnsweredMonitor,
-    Field(discriminator="kind"),
-]
-
-
 class SystemFile(_Table):
     """A whole riot.toml."""
 
     system: System = System()
     components: dict[str, Component] = Field(min_length=1)
     external: External = External()
-    monitors: tuple[MonitorSettings, ...] = ()
+    monitors: tuple[dict[str, Any], ...] = ()
     unit: dict[str, Unit] = {}
     router: RouterSettings | None = None
     path: Path = Path("riot.toml")
+    _invariants: tuple[Invariant, ...] = ()
 
     @model_validator(mode="after")
     def _names_exist(self) -> Self:
@@ -203,6 +133,17 @@ class SystemFile(_Table):
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"
                 raise _unknown(place, unit.component or name, self.components)
         return self
+
+    @property
+    def invariants(self) -> tuple[Invariant, ...]:
+        """What `[[monitors]]` names, ready to judge; empty unless `load_system` has read the file."""
+        return self._invariants
+
+    @property
+    def monitor_files(self) -> list[str]:
+        """Files of monitors that `[[monitors]]` names, relative to the folder of riot.toml."""
+        files = (str(table.get("kind", "")).partition(":")[0] for table in self.monitors)
+        return sorted({file for file in files if file.endswith(".py")})
 
     @property
     def root(self) -> Path:
@@ -243,9 +184,18 @@ def load_system(path: Path) -> SystemFile:
     if "path" in document:
         raise ConfigError("unknown key 'path'", where=f"{path}:{line_of(text, ['path'])}")
     try:
-        return SystemFile.model_validate({**document, "path": path.resolve()})
+        file = SystemFile.model_validate({**document, "path": path.resolve()})
     except ValidationError as error:
         raise explained(error, path, text, _known_keys) from None
+    file._invariants = tuple(
+        build_monitor(table, where=partial(_place, path, text, str(number)), root=file.root)
+        for number, table in enumerate(file.monitors)
+    )
+    return file
+
+
+def _place(path: Path, text: str, number: str, key: str) -> str:
+    return place_of(path, text, ["monitors", number, key] if key else ["monitors", number])
 
 
 def _known_keys(place: list[str]) -> list[str]:
@@ -262,13 +212,6 @@ def _known_keys(place: list[str]) -> list[str]:
         "trial_run": RunPace,
         "perturbed_run": RunPace,
         "ready": Ready,
-        "range": RangeMonitor,
-        "finite": FiniteMonitor,
-        "rate": RateMonitor,
-        "never": NeverMonitor,
-        "values": ValuesMonitor,
-        "sequence": SequenceMonitor,
-        "answered": AnsweredMonitor,
     }
     for name in reversed(place or [""]):
         if name in tables:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
+from riot_bus.plugins import CODECS
 from riot_bus.types.model import MessageType, TypeSource
 from riot_bus.types.raw_type import OpaqueType
-from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,14 +17,6 @@ __all__ = ["Codec", "Codecs"]
 Codec = MessageType | TypeSource
 """What a codec's class makes: the type of all payloads of an encoding that describes itself, or a source of types."""
 
-_GROUP = "riot_bus.types"
-_BUILT_IN = {
-    "cbor": "riot_bus.types.cbor_type:CborType",
-    "json": "riot_bus.types.json_type:JsonType",
-    "msgpack": "riot_bus.types.msgpack_type:MsgpackType",
-    "protobuf": "riot_bus.types.protobuf.source:ProtobufTypes",
-    "raw": "riot_bus.types.raw_type:RawType",
-}
 _DEFINITIONS = {".binpb": "protobuf", ".desc": "protobuf"}
 _PREFIXES = ("application/", "text/", "vnd.", "x-", "google.")
 
@@ -34,12 +25,11 @@ class Codecs:
     """The codecs of one registry."""
 
     def __init__(self) -> None:
-        self._targets: dict[str, str] | None = None
         self._loaded: dict[str, Codec] = {}
 
     def names(self) -> list[str]:
         """Return the names of all codecs that are shipped or installed."""
-        return sorted(self._known())
+        return list(CODECS.targets())
 
     def loaded(self) -> list[Codec]:
         """Return the codecs that something has named."""
@@ -54,10 +44,7 @@ class Codecs:
         """
         found = self._loaded.get(name)
         if found is None:
-            target = self._known().get(name)
-            if target is None:
-                raise ConfigError(f"unknown codec {name!r}", hint=did_you_mean(name, self._known()))
-            found = self._loaded[name] = _load(name, target)
+            found = self._loaded[name] = _made(name)
         return found
 
     def of_encoding(self, encoding: str) -> Codec | None:
@@ -72,7 +59,7 @@ class Codecs:
         name = encoding.lower()
         for prefix in _PREFIXES:
             name = name.removeprefix(prefix)
-        if name not in self._known():
+        if name not in CODECS.targets():
             return None
         try:
             return self.load(name)
@@ -88,7 +75,7 @@ class Codecs:
             ConfigError: It cannot be loaded.
         """
         name = type_name.partition("(")[0]
-        return self.load(name) if name in self._loaded or (name.isidentifier() and name in self._known()) else None
+        return self.load(name) if name in self._loaded or (name.isidentifier() and name in CODECS.targets()) else None
 
     def of_file(self, file: Path) -> TypeSource | None:
         """Return the codec whose types a file defines, which its ending tells; None if it is an adapter's.
@@ -97,26 +84,21 @@ class Codecs:
             ConfigError: It cannot be loaded.
         """
         name = _DEFINITIONS.get(file.suffix, file.suffix.removeprefix("."))
-        if name not in self._known():
+        if name not in CODECS.targets():
             return None
         found = self.load(name)
         return found if isinstance(found, TypeSource) else None
 
-    def _known(self) -> dict[str, str]:
-        if self._targets is None:
-            self._targets = _BUILT_IN | {point.name: point.value for point in entry_points(group=_GROUP)}
-        return self._targets
 
-
-def _load(name: str, target: str) -> Codec:
-    module, _, attribute = target.partition(":")
+def _made(name: str) -> Codec:
+    kind, where = CODECS.load(name), CODECS.targets()[name]
     try:
-        made = getattr(import_module(module), attribute)()
+        made = kind()
     except RiotError:
         raise
-    except Exception as error:  # somebody else's package
+    except Exception as error:  # the package is somebody else's and may raise anything
         hint = "mend or uninstall the package"
-        raise ConfigError(f"codec {name!r} cannot be loaded: {error}", where=target, hint=hint) from error
+        raise ConfigError(f"codec {name!r} cannot be loaded: {error}", where=where, hint=hint) from error
     if not isinstance(made, MessageType | TypeSource):
-        raise ConfigError(f"codec {name!r} is neither a MessageType nor a TypeSource", where=target)
+        raise ConfigError(f"codec {name!r} is neither a MessageType nor a TypeSource", where=where)
     return made

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -38,3 +39,17 @@ def plugin_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     plugins._targets.cache_clear()
     for module in modules:
         sys.modules.pop(module, None)
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Return a function that makes these entry points of a group, targets by name, the only ones of other packages."""
+
+    def install(group: str, **targets: str) -> None:
+        points = [EntryPoint(name, target, group) for name, target in targets.items()]
+        monkeypatch.setattr(plugins, "entry_points", lambda group: [each for each in points if each.group == group])
+        plugins._targets.cache_clear()
+
+    yield install
+    monkeypatch.undo()
+    plugins._targets.cache_clear()

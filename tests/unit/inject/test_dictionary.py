@@ -2,7 +2,6 @@ import math
 
 import pytest
 
-from riot_bus.inject import dictionary as module
 from riot_bus.inject.dictionary import Dictionary, SuggestedValue, eligible, load_dictionary
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -113,15 +112,14 @@ def test_float32_holds_no_double():
     assert not eligible("float64", True)
 
 
-def test_user_files_and_broken_packages(tmp_path, monkeypatch):
+def test_user_files_and_broken_packages(tmp_path, installed):
     mine = tmp_path / "mine.toml"
     mine.write_text('type = "bool"\n[[field]]\npath = "on"\nonly = true\nentries = [{ value = true, reason = "r" }]')
     assert load_dictionary([mine]).values_for("bool", "on") == (SuggestedValue(True, "r"),)
     with pytest.raises(ConfigError, match="cannot read"):
         load_dictionary([tmp_path / "none.toml"])
-    point = type("Point", (), {"value": "no_such_module_here", "name": "broken"})()
-    monkeypatch.setattr(module, "entry_points", lambda group: [point])
-    with pytest.raises(ConfigError, match="broken = no_such_module_here"):
+    installed("riot_bus.dictionaries", broken="no_such_module_here")
+    with pytest.raises(ConfigError, match=r"no_such_module_here: dictionary 'broken' cannot be loaded"):
         load_dictionary()
 
 

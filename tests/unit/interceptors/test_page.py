@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.interceptors.catalogue import _BUILT_IN, _CONDITIONS, describe
+from riot_bus.interceptors.catalogue import _CONDITIONS, describe, names
 from riot_bus.interceptors.parsing import from_tables, from_text
 
 ROOT = Path(__file__).parents[3]
@@ -67,9 +67,9 @@ def test_the_tables_of_riot_toml_mean_the_same_as_the_command():
 
 def test_all_shipped_ones_and_their_options_are_on_the_page():
     sections = dict(re.findall(r"^### `(\w+)`: (.*?)(?=^##)", PAGE, re.MULTILINE | re.DOTALL))
-    assert list(sections) == sorted(_BUILT_IN)
+    assert list(sections) == names()
     for each in describe():
-        if each.name in _BUILT_IN:
+        if each.name in names():
             rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", sections[each.name], re.MULTILINE)
             defaults = [
                 "required" if option.required else "none" if option.default is None else option.default

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.monitors.exchanges import Answered, Gapless, Never, Values
+from riot_bus.monitors.exchanges import Answered
+from riot_bus.monitors.invariants import Gapless, Never, Values
 from riot_bus.monitors.model import ComponentView, TrialView, judge
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError

@@ -20,9 +20,9 @@ def view(*payloads: bytes, settled: bool = True, status: int | None = None, stal
 
 def test_range_and_finite() -> None:
     inside, outside, odd = b'{"v": 1.0}', b'{"v": 5.0}', b'{"v": NaN}'
-    assert Range("out:v", low=0, high=2).judge(view(inside)) == []
-    assert Range("out:v", low=0, high=2).judge(view(inside, outside))[0].signature == "range of out:v"
-    assert Range("out:v", high=2).judge(view(odd)) != []
+    assert Range("out:v", min=0, max=2).judge(view(inside)) == []
+    assert Range("out:v", min=0, max=2).judge(view(inside, outside))[0].signature == "range of out:v"
+    assert Range("out:v", max=2).judge(view(odd)) != []
     assert Finite("out:v").judge(view(inside, outside)) == []
     assert Finite("out:v").judge(view(inside, odd)) != []
 

@@ -34,7 +34,7 @@ def test_the_only_class_needs_no_name(file):
     [
         ("def f(:\n", "", ":1", "syntax error"),
         ("x = 1\n1 / 0\n", "", ":2", "ZeroDivisionError"),
-        ("x = 1\n", "", "", "no interceptor class"),
+        ("x = 1\n", "", "", "no class with a method message()"),
         (ONE, ":Slwo", "", "'Slow'"),
         (ONE + "\nclass Fast(Slow):\n    def message(self, event): pass\n", "", "", "Slow (line 11), Fast (line 15)"),
         (

@@ -44,7 +44,7 @@ class Clock:
 
 
 def test_a_value_that_violates_a_monitor_fires_once() -> None:
-    monitors = [Range("a:v", high=10.0), Finite("a:v")]
+    monitors = [Range("a:v", max=10.0), Finite("a:v")]
     trigger = Trigger([], registry=TypeRegistry(), monitors=monitors, clock=Clock())
     assert trigger.for_key("b") is None
     look = trigger.for_key("a")

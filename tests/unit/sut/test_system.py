@@ -52,7 +52,11 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('command = ["true"]', "", 5, ("'command' is missing",)),
         ('command = ["true"]', 'command = "true"', 6, ("tuple", "'true'")),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
-        ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 9, ("rang",)),
+        ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 10, ("rang", "did you mean 'range'")),
+        ("[unit.one]", '[[monitors]]\nkind = "range"\nfeild = "x:y"', 11, ("feild", "did you mean 'field'")),
+        ("[unit.one]", '[[monitors]]\nkind = "range"\nmin = 1', 9, ("'field' is missing",)),
+        ("[unit.one]", '[[monitors]]\nkind = "rate"\ntopic = "x"\ngap = -1', 12, ("gap", "greater than 0", "-1")),
+        ("[unit.one]", '[[monitors]]\nkind = "finite"\nfield = "x"', 9, ("names no field",)),
     ],
 )
 def test_mistakes_are_named_with_their_place(

@@ -1,11 +1,9 @@
 import sys
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import cbor2
 import pytest
 
-from riot_bus.types import codecs
 from riot_bus.types.codecs import Codecs
 from riot_bus.types.json_type import JsonType
 from riot_bus.types.model import Schema
@@ -40,15 +38,14 @@ class MineTypes:
 
 
 @pytest.fixture
-def plugin(monkeypatch):
+def plugin(monkeypatch, installed):
     """Return a function that installs codecs as entry points; the module counts how often it is imported."""
     module = type(sys)("a_codec_of_others")
     module.Mine, module.MineTypes, module.Nothing = Mine, MineTypes, object
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
     def install(**targets):
-        points = [EntryPoint(name, f"{module.__name__}:{target}", "riot_bus.types") for name, target in targets.items()]
-        monkeypatch.setattr(codecs, "entry_points", lambda group: points)
+        installed("riot_bus.types", **{name: f"{module.__name__}:{target}" for name, target in targets.items()})
 
     return install
 
@@ -76,14 +73,9 @@ def test_other_encodings(encoding):
     assert Codecs().of_encoding(encoding) is None
 
 
-def test_built_in_codecs_need_no_installation(monkeypatch):
-    monkeypatch.setattr(codecs, "entry_points", lambda group: ())
+def test_built_in_codecs_need_no_installation(installed):
+    installed("riot_bus.types")
     assert Codecs().names() == ["cbor", "json", "msgpack", "protobuf", "raw"]
-
-
-def test_the_shipped_ones_are_entry_points():
-    points = {point.name: point.value for point in codecs.entry_points(group="riot_bus.types")}
-    assert codecs._BUILT_IN.items() <= points.items()
 
 
 def test_a_codec_of_others_is_loaded_when_something_names_it(plugin):

@@ -1,0 +1,42 @@
+"""Finds the monitors that `[[monitors]]` in riot.toml names, by entry points or in a file, and builds them."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any, cast
+
+from riot_bus.pipeline.loader import load_class
+from riot_bus.plugin_options import check_known, instance_of, options_of
+from riot_bus.plugins import MONITORS
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from riot_bus.monitors.model import Invariant
+
+__all__ = ["build_monitor"]
+
+
+def build_monitor(table: Mapping[str, Any], *, where: Callable[[str], str], root: Path) -> Invariant:
+    """Build what a table of `[[monitors]]` names; the code of a file is executed.
+
+    Args:
+        table: As it was written; `kind` is a name, or `FILE.py[:NAME]`.
+        where: Returns the place of a key of the table, for errors; of the table for an empty one.
+        root: Folder that relative paths start from.
+
+    Raises:
+        ConfigError: There is no such monitor, or an option is unknown, missing or wrong.
+    """
+    own = dict(table)
+    name = own.pop("kind", None)
+    if not isinstance(name, str):
+        raise ConfigError("which monitor?", where=where("kind"), hint=f"kind is one of {', '.join(MONITORS.targets())}")
+    is_file = name.partition(":")[0].endswith(".py")
+    kind: Any = load_class(str(root / name), method="judge") if is_file else MONITORS.load(name, where=where("kind"))
+    if not inspect.isclass(kind):
+        raise ConfigError(f"monitor {name!r} is not a class", where=MONITORS.targets()[name])
+    check_known(own, options_of(kind), where)
+    return cast("Invariant", instance_of(kind, own, where, root=root))

@@ -1,0 +1,72 @@
+"""What monitors look at: the outputs of a trial that a selector means, and numbers in their fields."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import Selector, parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from riot_bus.monitors.model import TrialView
+    from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["field_selector", "integers", "message_selector", "numbers", "selected"]
+
+
+def message_selector(text: str) -> Selector:
+    """Return a selector of whole messages; raises ConfigError if it is none."""
+    selector = parse_selector(text)
+    if selector.field is not None:
+        hint = "write it like '1/1/STATUSTEXT where severity <= 2'"
+        raise ConfigError(f"{text!r} selects a field instead of messages", hint=hint)
+    if selector.where is not None:
+        parse_predicate(selector.where)
+    return selector
+
+
+def field_selector(text: str) -> Selector:
+    """Return a selector of a field; raises ConfigError if it is none."""
+    selector = parse_selector(text)
+    if selector.field is None:
+        raise ConfigError(f"{text!r} names no field", hint="write it like 'topic:field'")
+    return selector
+
+
+def selected(view: TrialView, selector: Selector) -> Iterator[tuple[Message, MessageType]]:
+    """Yield the selected outputs of a trial with their types.
+
+    Raises:
+        PayloadError: The type of one is unknown.
+    """
+    predicate = None if selector.where is None else parse_predicate(selector.where)
+    for message in view.outputs:
+        if message.kind != "put" or not view.registry.matches(selector.topic, message.key):
+            continue
+        kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        if kind is None:
+            raise PayloadError(f"the type of {message.key!r} is unknown, so {selector.topic!r} cannot be watched")
+        if predicate is None or predicate(partial(kind.read, message.payload)):
+            yield message, kind
+
+
+def numbers(view: TrialView, selector: Selector) -> Iterator[float]:
+    """Yield the selected field of the selected outputs, where it is a number or a boolean."""
+    for message, kind in selected(view, selector):
+        value = kind.read(message.payload, selector.field or "")
+        if isinstance(value, bool | int | float):
+            yield float(value)
+
+
+def integers(view: TrialView, selector: Selector) -> Iterator[int]:
+    """Yield the selected field of the selected outputs; raises PayloadError where it is no integer."""
+    for message, kind in selected(view, selector):
+        value = kind.read(message.payload, selector.field or "")
+        if not isinstance(value, int):
+            raise PayloadError(f"{selector.topic}:{selector.field} is no integer")
+        yield value
