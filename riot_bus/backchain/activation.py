@@ -1,7 +1,8 @@
 """Activation: external values that make the failure happen in the whole system (RIOT II-D).
 
-Star probes move each field alone; then Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES take turns
-on one shared history. Inputs that are refused tell nothing but that the search should come back to what was accepted.
+Star probes move each field alone; then search methods take turns on one shared history: unless others are named,
+Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES. Inputs that are refused tell nothing but that the
+search should come back to what was accepted.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.backchain.encoding import Encoding, SearchField
-from riot_bus.backchain.proposers import History, proposers
+from riot_bus.backchain.proposers import PORTFOLIO, History, proposers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from riot_bus.backchain.fir import Floats
-    from riot_bus.backchain.proposers import Proposer
+    from riot_bus.backchain.proposers import Proposer, SearchMethod
     from riot_bus.vocabulary.trial import Progress
 
 __all__ = ["Activation", "Evaluation", "activate"]
@@ -78,6 +79,7 @@ def activate(
     seed: int,
     budget: int = 200,
     parallelism: int = 1,
+    methods: Sequence[SearchMethod] = PORTFOLIO,
     progress: Progress | None = None,
 ) -> Activation:
     """Search for external values that make the failure happen (RIOT II-D).
@@ -90,9 +92,11 @@ def activate(
         seed: Seed of every choice.
         budget: Largest number of system runs.
         parallelism: Points per call of `evaluate`.
+        methods: Search methods, which take turns in this order.
         progress: Told after each batch.
 
     Raises:
+        ConfigError: All methods need more fields, and the star probes did not suffice.
         ValueError: There are no fields, two have one name, or a number is not positive.
         MissingExtraError: scikit-learn or cmaes is not installed and the star probes did not suffice.
     """
@@ -100,7 +104,7 @@ def activate(
         raise ValueError("activation needs at least one field, and different names")
     if budget < 1 or parallelism < 1:
         raise ValueError(f"budget and parallelism must be positive, not {budget} and {parallelism}")
-    search = _Search(Encoding(tuple(fields)), seed)
+    search = _Search(Encoding(tuple(fields)), seed, methods)
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     while len(history) < budget:
         batch = search.batch(min(parallelism, budget - len(history)))
@@ -136,7 +140,8 @@ class _Wanted:
 
 
 class _Search:
-    def __init__(self, encoding: Encoding, seed: int) -> None:
+    def __init__(self, encoding: Encoding, seed: int, portfolio: Sequence[SearchMethod]) -> None:
+        self._portfolio = portfolio
         self._encoding = encoding
         self._seed = seed
         self._rng = np.random.default_rng([seed, 99])
@@ -157,7 +162,7 @@ class _Search:
         if made:
             return list(made.values())
         if self._methods is None:
-            self._methods = proposers(self._history, self._encoding.nominal, (self._seed,))
+            self._methods = proposers(self._portfolio, self._history, self._encoding.nominal, (self._seed,))
         idle = 0
         while len(made) < size and idle < _REPEATS:
             owner = self._methods[self._turn % len(self._methods)]

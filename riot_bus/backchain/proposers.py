@@ -1,12 +1,16 @@
-"""Search methods that share one history: each proposes the next vector in [0, 1]^n, and is told what came of it."""
+"""Search methods that share one history: each proposes the next vector in [0, 1]^n, and is told what came of it.
+
+Methods of others are found by the entry points `riot_bus.search`; `riot_bus.testing.search` tests them.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -15,7 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.backchain.fir import Floats
 
-__all__ = ["Evolution", "Forest", "History", "Proposer", "Simplex", "proposers"]
+__all__ = ["PORTFOLIO", "Evolution", "Forest", "History", "Proposer", "SearchMethod", "Simplex", "proposers"]
 
 _TREES = 40
 _CANDIDATES = 300
@@ -40,21 +44,29 @@ class History:
 
 
 class Proposer(Protocol):
-    """A search method."""
+    """A search method at work."""
 
     def ask(self) -> Floats | None:
-        """Return the next vector to try, or None while the answer to an earlier one is needed."""
+        """Return the next vector to try, shape (n,) in [0, 1]; None while the answer to an earlier one is needed."""
         ...
 
     def tell(self, vector: Floats, value: float) -> None:
-        """Take the answer to a vector that this method asked for."""
+        """Take the answer to a vector that this method asked for; smaller is better."""
         ...
+
+
+SearchMethod = Callable[[History, "Floats", np.random.Generator], Proposer]
+"""Makes a search method from the history, which grows by itself, the nominal vector, shape (n,), and random numbers.
+
+One with an attribute `least_size` is left out where there are fewer dimensions.
+"""
 
 
 class Simplex:
     """Nelder-Mead from the best points of the history; begins again when it has shrunk."""
 
-    def __init__(self, history: History, rng: np.random.Generator) -> None:
+    def __init__(self, history: History, nominal: Floats, rng: np.random.Generator) -> None:
+        del nominal
         self._history = history
         self._rng = rng
         self._steps: Generator[Floats, float, None] | None = None
@@ -134,7 +146,8 @@ class Simplex:
 class Forest:
     """Expected improvement of an extra-trees surrogate over mutations of the elite and random points."""
 
-    def __init__(self, history: History, rng: np.random.Generator) -> None:
+    def __init__(self, history: History, nominal: Floats, rng: np.random.Generator) -> None:
+        del nominal
         self._history = history
         self._rng = rng
 
@@ -179,7 +192,11 @@ class Forest:
 class Evolution:
     """CMA-ES that restarts alternately from the nominal point and at random, with growing population."""
 
-    def __init__(self, nominal: Floats, rng: np.random.Generator, *, patience: int = 12) -> None:
+    least_size: ClassVar[int] = 2
+    """CMA-ES adapts a covariance, which needs two dimensions."""
+
+    def __init__(self, history: History, nominal: Floats, rng: np.random.Generator, *, patience: int = 12) -> None:
+        del history
         self._nominal = nominal
         self._rng = rng
         self._patience = patience
@@ -229,11 +246,31 @@ class Evolution:
         )
 
 
-def proposers(history: History, nominal: Floats, seeds: Sequence[int]) -> list[Proposer]:
-    """Return the methods of the portfolio, each with its own random numbers."""
-    rngs = [np.random.default_rng([*seeds, number]) for number in range(3)]
-    found: list[Proposer] = [Simplex(history, rngs[0]), Forest(history, rngs[1])]
-    # CMA-ES adapts a covariance, which needs two dimensions.
-    if len(nominal) > 1:
-        found.append(Evolution(nominal, rngs[2]))
+PORTFOLIO: tuple[SearchMethod, ...] = (Simplex, Forest, Evolution)
+"""The methods that take turns unless others are named."""
+
+
+def proposers(
+    methods: Sequence[SearchMethod], history: History, nominal: Floats, seeds: Sequence[int]
+) -> list[Proposer]:
+    """Return the methods of a portfolio at work, each with its own random numbers.
+
+    Args:
+        methods: In the order of their turns.
+        history: What they share.
+        nominal: The nominal vector, shape (n,).
+        seeds: Seeds of all random numbers.
+
+    Raises:
+        ConfigError: All of them need more dimensions.
+    """
+    size = len(nominal)
+    found = [
+        method(history, nominal, np.random.default_rng([*seeds, number]))
+        for number, method in enumerate(methods)
+        if size >= getattr(method, "least_size", 1)
+    ]
+    if not found:
+        text = f"no search method is left for {size} field{'s' if size > 1 else ''}"
+        raise ConfigError(text, where="--search", hint="name one that needs fewer, such as simplex")
     return found

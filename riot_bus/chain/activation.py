@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.backchain.activation import Evaluation
-from riot_bus.backchain.activation import activate as search
+from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.axes import choose_axes
 from riot_bus.backchain.encoding import SearchField
+from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.backchain.region import Region, map_region
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.logs import internal_name
@@ -27,6 +27,7 @@ from riot_bus.findings.records import (
 )
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.reader import read_log
+from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
@@ -112,18 +113,20 @@ class _System:
         return Evaluation(least_distance(self.rule, outcome.observed, self.record.scale), failed)
 
 
-def activation(step: StepRun, folder: Path, *, budget: int = 200) -> ActivationRecord:
+def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = ()) -> ActivationRecord:
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
     Args:
         step: The running step.
         folder: The finding.
         budget: Runs of the whole system for the search.
+        search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
 
     Raises:
-        ConfigError: A step before has not been done.
+        ConfigError: A step before has not been done, or there is no such method.
         InconclusiveError: No external field is permeable, so there is nothing to search.
     """
+    portfolio = [SEARCHES.load(name, where="--search") for name in search] or PORTFOLIO
     FieldsRecord.load(folder)
     permeable = PermeabilityRecord.load(folder)
     if not permeable.permeable:
@@ -138,12 +141,13 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200) -> ActivationR
     def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
         return system.run(points, "search")
 
-    result = search(
+    result = activate(
         fields,
         evaluate,
         seed=step.workspace.seed,
         budget=budget,
         parallelism=system.runner.parallelism,
+        methods=portfolio,
         progress=step.progress,
     )
     replays, messages = 0, 0

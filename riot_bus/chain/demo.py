@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.chain.analyze import Analysis, analyze
 from riot_bus.chain.robustness import test_unit, tested
 from riot_bus.log.info import log_info
-from riot_bus.report import finding_view as story
+from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -65,13 +65,13 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
 
 
 def _progress(analysis: Analysis) -> tuple[int, int]:
-    told = story.load(analysis.folder)
+    told = view.load(analysis.folder)
     activated = told.activation is not None and told.activation.found is not None
     return sum(record is not None for _, record in told.steps) + activated, told.finding.occurrences
 
 
 def _figures(analysis: Analysis) -> dict[str, Any]:
-    one = story.load(analysis.folder)
+    one = view.load(analysis.folder)
     region = one.activation.region if one.activation else None
     return {
         "seed": one.finding.seed,

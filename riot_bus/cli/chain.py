@@ -102,7 +102,8 @@ def _command(step: ChainStep) -> Callable[..., None]:
 
     def command(finding: Path, *, jobs: int, form: StreamFormat, **options: Any) -> None:
         with _of_finding(finding, jobs, form) as (workspace, folder):
-            record = workspace.carry_out(step, folder, **options)
+            given = {name: () if value is None else value for name, value in options.items()}
+            record = workspace.carry_out(step, folder, **given)
         _show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
 
     named = inspect.Parameter.KEYWORD_ONLY
@@ -112,8 +113,11 @@ def _command(step: ChainStep) -> Callable[..., None]:
             inspect.Parameter(
                 one.name,
                 named,
-                default=one.default,
-                annotation=Annotated[type(one.default), typer.Option(help=one.help, min=one.min)],
+                default=None if one.default == () else one.default,
+                annotation=Annotated[
+                    list[str] | None if one.default == () else type(one.default),
+                    typer.Option(help=one.help, min=one.min),
+                ],
             )
             for one in step.options
         ),

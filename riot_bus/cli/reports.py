@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -20,13 +21,35 @@ def register(app: typer.Typer) -> None:
         app.command()(command)
 
 
-def report(finding: Finding = DEFAULT_OUT) -> None:
-    """Write one self-contained HTML page about a finding."""
+def report(
+    finding: Finding = DEFAULT_OUT,
+    *,
+    form: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="html, text, json, or a format of another package.")
+    ] = "html",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Where to write it. [default: report.html in the finding's folder; text and json: stdout]",
+        ),
+    ] = None,
+) -> None:
+    """Report a finding, as one self-contained HTML page unless asked otherwise."""
     from riot_bus.chain.workspace import open_finding
-    from riot_bus.report.page import write_report
+    from riot_bus.plugins import REPORTS
+    from riot_bus.report.finding_view import load
+    from riot_bus.report.formats import write_file
 
+    made = REPORTS.load(form, where="--format")()
     folder, _ = open_finding(finding)
-    typer.echo(str(write_report(folder)))
+    content = made.render(load(folder))
+    if out is None and not made.file:
+        typer.echo(content, nl=False)
+    else:
+        typer.echo(str(write_file(content, out or folder / made.file)))
 
 
 def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:

@@ -22,13 +22,13 @@ class StepOption(NamedTuple):
 
     Attributes:
         name: Name of the argument of the step's function; the option is called `--name`.
-        default: Its value if it is not given; decides the type: int, float, str or bool.
+        default: Its value if it is not given; decides the type: int, float, str, bool, or () for texts, repeatable.
         help: What it means, in a line.
         min: Smallest value.
     """
 
     name: str
-    default: bool | int | float | str
+    default: bool | int | float | str | tuple[()]
     help: str
     min: int | None = None
 
@@ -112,7 +112,10 @@ ACTIVATE = ChainStep(
     "Drive the external inputs until the whole system fails.",
     "riot_bus.findings.records:ActivationRecord",
     "riot_bus.chain.activation:activation",
-    (StepOption("budget", 200, "Runs of the whole system for the search.", min=1),),
+    (
+        StepOption("budget", 200, "Runs of the whole system for the search.", min=1),
+        StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
+    ),
     whole_system=True,
 )
 

@@ -33,31 +33,31 @@ class DiagramBox:
     state: State
 
 
-def links(story: FindingView) -> list[DiagramBox]:
+def links(view: FindingView) -> list[DiagramBox]:
     """Return the boxes from the nominal log to the activation."""
-    finding = story.finding
+    finding = view.finding
     done: dict[str, tuple[str, str]] = {
         "test": (plural(finding.messages, "message"), f"{finding.modified} modified"),
     }
-    if story.minimal:
-        done["minimize"] = (f"{plural(len(story.minimal.kept), 'message')} needed", f"of {story.minimal.before}")
-    if story.fields:
-        names = [one.name for one in story.fields.fields]
-        done["relevance"] = (f"{len(names)} of {len(story.fields.considered)}", _short(", ".join(map(_leaf, names))))
-    if story.rule:
-        text = clean(story.rule.text, limit=400)
-        for name in story.rule.scale:
+    if view.minimal:
+        done["minimize"] = (f"{plural(len(view.minimal.kept), 'message')} needed", f"of {view.minimal.before}")
+    if view.fields:
+        names = [one.name for one in view.fields.fields]
+        done["relevance"] = (f"{len(names)} of {len(view.fields.considered)}", _short(", ".join(map(_leaf, names))))
+    if view.rule:
+        text = clean(view.rule.text, limit=400)
+        for name in view.rule.scale:
             text = text.replace(name, _leaf(name))
-        done["rules"] = (_short(text), f"{plural(len(story.rule.samples), 'sample')}")
-    if story.permeability:
-        reaching = story.permeability.permeable
-        tested = {edge.external for edge in story.permeability.edges}
+        done["rules"] = (_short(text), f"{plural(len(view.rule.samples), 'sample')}")
+    if view.permeability:
+        reaching = view.permeability.permeable
+        tested = {edge.external for edge in view.permeability.edges}
         done["permeability"] = (f"{len(reaching)} of {len(tested)} reach it", _short(", ".join(map(_leaf, reaching))))
-    if story.activation:
-        again = f"{story.activation.replays_failed} of {plural(story.activation.replays, 'replay')}"
-        runs = plural(story.activation.runs, "system run")
-        done["activate"] = (again if story.activation.found else "not reached", runs)
-    done |= {step.name: (_short(clean(record.summary)), "") for step, record in story.further}
+    if view.activation:
+        again = f"{view.activation.replays_failed} of {plural(view.activation.replays, 'replay')}"
+        runs = plural(view.activation.runs, "system run")
+        done["activate"] = (again if view.activation.found else "not reached", runs)
+    done |= {step.name: (_short(clean(record.summary)), "") for step, record in view.further}
     start = DiagramBox(
         "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"
     )
@@ -66,9 +66,9 @@ def links(story: FindingView) -> list[DiagramBox]:
             clean(step.title),
             done.get(step.name, (f"riot {step.name}", "")),
             _effort(record),
-            _state(story, step.name, record),
+            _state(view, step.name, record),
         )
-        for step, record in story.steps
+        for step, record in view.steps
     ]
 
 
@@ -76,10 +76,10 @@ def _effort(record: Artefact | None) -> str:
     return f"{plural(record.trials, 'trial')}, {seconds(record.seconds)}" if record else ""
 
 
-def _state(story: FindingView, step: str, record: Artefact | None) -> State:
+def _state(view: FindingView, step: str, record: Artefact | None) -> State:
     if record:
         return "done"
-    return "next" if story.next_step == step else "open"
+    return "next" if view.next_step == step else "open"
 
 
 def _leaf(name: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
 import platform
 from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
@@ -16,6 +15,7 @@ from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import format as words
 from riot_bus.report.diagram import links
 from riot_bus.report.finding_view import FindingView, Severity, load
+from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.statements import not_tried, statements
 from riot_bus.vocabulary.errors import MissingExtraError
@@ -23,7 +23,7 @@ from riot_bus.vocabulary.errors import MissingExtraError
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["PAGE", "write_report"]
+__all__ = ["PAGE", "HtmlReport", "write_report"]
 
 PAGE = "report.html"
 
@@ -50,13 +50,28 @@ def write_report(directory: Path, *, open_questions: Sequence[str] = ()) -> Path
         ConfigError: `finding.json` is missing or unusable.
         MissingExtraError: jinja2 or matplotlib is not installed.
     """
-    story = load(directory)
-    html = _environment().get_template("report.html.j2").render(_context(story, open_questions))
-    path = directory / PAGE
-    partial = path.with_suffix(".partial")
-    partial.write_text(html, encoding="utf-8")
-    os.replace(partial, path)
-    return path
+    return write_file(HtmlReport(open_questions).render(load(directory)), directory / PAGE)
+
+
+class HtmlReport:
+    """The report format `html`: one page that needs no network.
+
+    Args:
+        open_questions: What else was not tried; listed at the end.
+    """
+
+    file = PAGE
+
+    def __init__(self, open_questions: Sequence[str] = ()) -> None:
+        self._open_questions = open_questions
+
+    def render(self, view: FindingView) -> str:
+        """Return the page.
+
+        Raises:
+            MissingExtraError: jinja2 or matplotlib is not installed.
+        """
+        return _environment().get_template("report.html.j2").render(_context(view, self._open_questions))
 
 
 def _environment() -> Environment:
@@ -104,50 +119,50 @@ def _link(name: str) -> str | None:
     return "./" + quote(str(path), errors="replace")
 
 
-def _context(story: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
+def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
     from markupsafe import Markup
 
     css = (_TEMPLATES / "report.css").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii")
-    plot = rule_plot(story.rule) if story.rule else None
-    activation, nominal = story.activation, story.permeability.nominal if story.permeability else {}
+    plot = rule_plot(view.rule) if view.rule else None
+    activation, nominal = view.activation, view.permeability.nominal if view.permeability else {}
     maps = (
         region_plots(activation.points, activation.region, nominal=nominal) if activation and activation.region else []
     )
     return {
-        "story": story,
-        "finding": story.finding,
-        "meaning": _MEANING[story.severity],
+        "view": view,
+        "finding": view.finding,
+        "meaning": _MEANING[view.severity],
         "css": Markup(css),  # noqa: S704 - our own file
         "digest": digest,
-        "links": links(story),
+        "links": links(view),
         "rule_plot": plot and {"svg": Markup(plot.svg), "caption": plot.caption},  # noqa: S704 - serialised from a tree
         "maps": [{"svg": Markup(one.svg), "caption": one.caption} for one in maps],  # noqa: S704 - as above
-        "messages": _messages(story),
-        "trees": _trees(story),
-        "paths": _paths(story),
+        "messages": _messages(view),
+        "trees": _trees(view),
+        "paths": _paths(view),
         "nominal": nominal,
-        "statements": statements(story),
-        "gaps": not_tried(story, open_questions=open_questions),
+        "statements": statements(view),
+        "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
-        "files": [name for name in _SHARED if (story.directory / name).is_file()],
+        "files": [name for name in _SHARED if (view.directory / name).is_file()],
         "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
     }
 
 
-def _messages(story: FindingView) -> list[tuple[str, list[FieldRecord]]]:
+def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:
     """Return the topics of the minimal messages with their relevant fields."""
-    topics = story.minimal.topics if story.minimal else ()
-    fields = story.fields.fields if story.fields else ()
+    topics = view.minimal.topics if view.minimal else ()
+    fields = view.fields.fields if view.fields else ()
     return [
         (topic, [one for one in fields if one.name == topic or one.name.startswith((f"{topic}:", f"len({topic}:"))])
         for topic in topics[:_ROWS]
     ]
 
 
-def _trees(story: FindingView) -> list[dict[str, Any]]:
+def _trees(view: FindingView) -> list[dict[str, Any]]:
     """Return per internal field the external ones that reach it, and those that do not."""
-    edges: Iterable[EdgeRecord] = story.permeability.edges if story.permeability else ()
+    edges: Iterable[EdgeRecord] = view.permeability.edges if view.permeability else ()
     grouped: dict[str, list[EdgeRecord]] = {}
     for edge in edges:
         grouped.setdefault(edge.internal, []).append(edge)
@@ -161,10 +176,10 @@ def _trees(story: FindingView) -> list[dict[str, Any]]:
     ]
 
 
-def _paths(story: FindingView) -> list[str]:
+def _paths(view: FindingView) -> list[str]:
     """Return the ways on the bus from the unit's topics outwards, as indented lines."""
     lines: list[str] = []
-    roots = story.permeability.tree if story.permeability else []
+    roots = view.permeability.tree if view.permeability else []
     waiting: list[tuple[Any, int]] = [(node, 0) for node in reversed(roots)]
     while waiting and len(lines) < _PATHS:
         node, depth = waiting.pop()

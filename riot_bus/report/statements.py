@@ -21,33 +21,33 @@ class Statement:
     confidence: str
 
 
-def statements(story: FindingView) -> list[Statement]:
+def statements(view: FindingView) -> list[Statement]:
     """Return the claims of the finished steps."""
     found = [
         Statement(
-            f"{clean(story.finding.component)} {story.failure}",
-            f"seen in {plural(story.finding.occurrences, 'trial')} of the test with this signature",
-            "observed" if story.fields is None else "observed; repeated below",
+            f"{clean(view.finding.component)} {view.failure}",
+            f"seen in {plural(view.finding.occurrences, 'trial')} of the test with this signature",
+            "observed" if view.fields is None else "observed; repeated below",
         )
     ]
-    if story.minimal:
-        kept = plural(len(story.minimal.kept), "message")
+    if view.minimal:
+        kept = plural(len(view.minimal.kept), "message")
         needed = "each of those kept was left out once, and the failure went away"
         found.append(
             Statement(
-                f"{kept} of {story.minimal.before} suffice for the failure",
-                needed if story.minimal.one_minimal else "the search ended before each of them was left out once",
-                "minimal as to single messages" if story.minimal.one_minimal else "perhaps fewer would do",
+                f"{kept} of {view.minimal.before} suffice for the failure",
+                needed if view.minimal.one_minimal else "the search ended before each of them was left out once",
+                "minimal as to single messages" if view.minimal.one_minimal else "perhaps fewer would do",
             )
         )
-    return found + _fields(story) + _rule(story) + _outside(story)
+    return found + _fields(view) + _rule(view) + _outside(view)
 
 
-def _fields(story: FindingView) -> list[Statement]:
-    if story.fields is None:
+def _fields(view: FindingView) -> list[Statement]:
+    if view.fields is None:
         return []
     found = []
-    for one in story.fields.fields[:20]:
+    for one in view.fields.fields[:20]:
         proof = one.certificate
         low, _ = exact_interval(proof.confirmed_failing, proof.repeats)
         clear, _ = exact_interval(proof.confirmed_passing, proof.repeats)
@@ -59,13 +59,13 @@ def _fields(story: FindingView) -> list[Statement]:
         found.append(
             Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
         )
-    rest = len(story.fields.considered) - len(story.fields.fields)
+    rest = len(view.fields.considered) - len(view.fields.fields)
     if rest > 0:
         found.append(
             Statement(
                 f"the other {plural(rest, 'field')} of these messages do not matter",
-                f"{plural(story.fields.straight, 'trial')} in a row with all of them varied, none changed the outcome",
-                f"95 %: they change the outcome at most {share(story.fields.bound)} of the time",
+                f"{plural(view.fields.straight, 'trial')} in a row with all of them varied, none changed the outcome",
+                f"95 %: they change the outcome at most {share(view.fields.bound)} of the time",
             )
         )
     return found
@@ -76,23 +76,23 @@ def _proportion(what: ProportionRecord) -> tuple[str, str]:
     return of, f"95 %: {share_interval(what.low, what.high)}"
 
 
-def _rule(story: FindingView) -> list[Statement]:
-    if story.rule is None:
+def _rule(view: FindingView) -> list[Statement]:
+    if view.rule is None:
         return []
     return [
-        Statement("what the rule calls a failure, fails (precision)", *_proportion(story.rule.precision)),
-        Statement("what fails, the rule calls a failure (recall)", *_proportion(story.rule.recall)),
+        Statement("what the rule calls a failure, fails (precision)", *_proportion(view.rule.precision)),
+        Statement("what fails, the rule calls a failure (recall)", *_proportion(view.rule.recall)),
     ]
 
 
-def _outside(story: FindingView) -> list[Statement]:
+def _outside(view: FindingView) -> list[Statement]:
     found: list[Statement] = []
-    if story.permeability:
-        reaching = [edge for edge in story.permeability.edges if edge.permeable]
+    if view.permeability:
+        reaching = [edge for edge in view.permeability.edges if edge.permeable]
         found += [
             Statement(
                 f"{clean(edge.external)} reaches {clean(edge.internal)}",
-                f"{plural(story.permeability.runs, 'run')} of the whole system with random inputs; "
+                f"{plural(view.permeability.runs, 'run')} of the whole system with random inputs; "
                 f"explains {share(edge.strength)} of the variance",
                 f"p = {number(edge.p_value)}; strength 95 %: {share_interval(edge.low, edge.high)}",
             )
@@ -102,11 +102,11 @@ def _outside(story: FindingView) -> list[Statement]:
             found.append(
                 Statement(
                     "no external field that was tested reaches a relevant one",
-                    f"{plural(story.permeability.runs, 'run')} of the whole system with random inputs",
+                    f"{plural(view.permeability.runs, 'run')} of the whole system with random inputs",
                     "absence of evidence: a weak or rare effect can be missed",
                 )
             )
-    activation = story.activation
+    activation = view.activation
     if activation and activation.found:
         low, high = exact_interval(activation.replays_failed, activation.replays)
         replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
@@ -127,24 +127,24 @@ def _outside(story: FindingView) -> list[Statement]:
     return found
 
 
-def not_tried(story: FindingView, *, open_questions: Sequence[str] = ()) -> list[str]:
+def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[str]:
     """Return what a reader must not conclude from the page.
 
     Args:
-        story: The finding.
+        view: The finding.
         open_questions: What the caller knows to be open.
     """
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
-    gaps += [f"The step `{step.name}` has not been run." for step, record in story.steps if record is None]
-    gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in story.broken.items()]
-    if story.fields:
+    gaps += [f"The step `{step.name}` has not been run." for step, record in view.steps if record is None]
+    gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
+    if view.fields:
         gaps.append("The relevant fields and the rule are about values, not about the order or timing of messages.")
-    if story.permeability and story.permeability.pruned:
+    if view.permeability and view.permeability.pruned:
         gaps.append(
-            f"{plural(len(story.permeability.pruned), 'external field')} not driven, for want of a path to the unit "
-            "on the bus: " + ", ".join(clean(name, limit=80) for name in story.permeability.pruned[:12])
+            f"{plural(len(view.permeability.pruned), 'external field')} not driven, for want of a path to the unit "
+            "on the bus: " + ", ".join(clean(name, limit=80) for name in view.permeability.pruned[:12])
         )
-    if story.activation and story.activation.region:
+    if view.activation and view.activation.region:
         gaps.append(
             "The crash region is a box in two external fields: failures outside of it, or by others, may exist."
         )

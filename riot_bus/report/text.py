@@ -7,7 +7,7 @@ from pathlib import Path
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.report.format import clean, number, plural, seconds, share, share_interval
 
-__all__ = ["summary"]
+__all__ = ["TextReport", "summary"]
 
 
 def summary(directory: Path) -> str:
@@ -19,23 +19,35 @@ def summary(directory: Path) -> str:
     Raises:
         ConfigError: `finding.json` is missing or unusable.
     """
-    story = load(directory)
-    head = f"{clean(story.finding.id, limit=40)}  [{story.severity}]  "
-    lines = [head + "".join(part.text for part in story.verdict())]
-    lines += [f"  {label:<10}{text}" for label, text in _facts(story)]
-    return "\n".join(lines)
+    return TextReport().render(load(directory)).rstrip("\n")
 
 
-def _facts(story: FindingView) -> list[tuple[str, str]]:
-    finding = story.finding
+class TextReport:
+    """The report format `text`: a few lines for a console."""
+
+    file = ""
+
+    def render(self, view: FindingView) -> str:
+        """Return the lines; nothing in them can move the terminal's cursor."""
+        return "\n".join(_lines(view)) + "\n"
+
+
+def _lines(view: FindingView) -> list[str]:
+    head = f"{clean(view.finding.id, limit=40)}  [{view.severity}]  "
+    verdict = head + "".join(part.text for part in view.verdict())
+    return [verdict, *(f"  {label:<10}{text}" for label, text in _facts(view))]
+
+
+def _facts(view: FindingView) -> list[tuple[str, str]]:
+    finding = view.finding
     log = f"{plural(finding.messages, 'message')} ({finding.modified} modified)"
-    if story.minimal:
-        log += f" -> {len(story.minimal.kept)} needed"
+    if view.minimal:
+        log += f" -> {len(view.minimal.kept)} needed"
     facts = [("signature", clean(finding.signature, limit=160)), ("log", log)]
-    if story.fields:
-        facts.append(("fields", ", ".join(clean(one.name, limit=80) for one in story.fields.fields[:8]) or "none"))
-    if story.rule:
-        precision, recall = story.rule.precision, story.rule.recall
+    if view.fields:
+        facts.append(("fields", ", ".join(clean(one.name, limit=80) for one in view.fields.fields[:8]) or "none"))
+    if view.rule:
+        precision, recall = view.rule.precision, view.rule.recall
         facts.append(
             (
                 "rule",
@@ -43,18 +55,18 @@ def _facts(story: FindingView) -> list[tuple[str, str]]:
                 f"recall {share(recall.value)} ({share_interval(recall.low, recall.high)})",
             )
         )
-    region = story.activation.region if story.activation else None
+    region = view.activation.region if view.activation else None
     if region:
         x_name, y_name = clean(region.x, limit=80), clean(region.y, limit=80)
         facts.append(("region", f"{number(region.x_min)} <= {x_name} <= {number(region.x_max)}"))
         facts.append(("", f"{number(region.y_min)} <= {y_name} <= {number(region.y_max)}"))
-    facts += [(clean(step.name, limit=9), clean(record.summary, limit=160)) for step, record in story.further]
-    done = [record for _, record in story.steps if record]
+    facts += [(clean(step.name, limit=9), clean(record.summary, limit=160)) for step, record in view.further]
+    done = [record for _, record in view.steps if record]
     trials = sum(record.trials for record in done)
     spent = seconds(sum(record.seconds for record in done))
     facts.append(("effort", f"{plural(trials, 'trial')}, {spent}, seed {finding.seed}"))
-    facts += [("unusable", f"{name}: {clean(reason)}") for name, reason in story.broken.items()]
-    facts.append(("again", story.command("reproduce")))
-    if story.next_step:
-        facts.append(("next", story.command(story.next_step)))
+    facts += [("unusable", f"{name}: {clean(reason)}") for name, reason in view.broken.items()]
+    facts.append(("again", view.command("reproduce")))
+    if view.next_step:
+        facts.append(("next", view.command(view.next_step)))
     return facts

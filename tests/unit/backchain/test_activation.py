@@ -7,6 +7,7 @@ import pytest
 
 from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
+from riot_bus.backchain.proposers import Simplex
 from riot_bus.vocabulary.errors import MissingExtraError
 
 
@@ -125,3 +126,33 @@ def test_missing_extra_is_named(monkeypatch, module, package):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingExtraError, match=package):
         activate(rover_fields(), lambda points: rover(points, zone=100.0), seed=0, budget=60)
+
+
+class Corner:
+    """A search method of somebody else's: goes straight to the upper corner."""
+
+    def __init__(self, history, nominal, rng):
+        self.asked = []
+        self.size = len(nominal)
+
+    def ask(self):
+        if self.asked:
+            return None
+        self.asked.append(np.ones(self.size))
+        return self.asked[0]
+
+    def tell(self, vector, value):
+        pass
+
+
+def test_the_methods_that_are_named_do_the_search():
+    fields = rover_fields()
+    probes = 1 + 4 * len(fields)
+    corner = {field.name: pytest.approx(field.high) for field in fields}
+
+    def far(points):
+        return [Evaluation(1.0, failed=False) for _ in points]
+
+    for methods, found in (([Corner], True), ([Simplex], False)):
+        result = activate(fields, far, seed=0, budget=probes + 1, methods=methods)
+        assert (dict(result.history[probes][0]) == corner) == found

@@ -160,3 +160,11 @@ def test_the_steps_before_are_needed(tmp_path: Path) -> None:
     write_minimal(one)
     with pytest.raises(ConfigError, match=r"fields\.json is not there yet"):
         activation(one.run(), one.folder)
+
+
+def test_a_search_method_that_does_not_exist_is_named_before_anything_is_read(tmp_path: Path) -> None:
+    nothing: Any = None
+    with pytest.raises(ConfigError) as raised:
+        activation(nothing, tmp_path, search=["simplx"])
+    assert "--search: unknown search method 'simplx'" in str(raised.value)
+    assert "did you mean 'simplex'" in str(raised.value)

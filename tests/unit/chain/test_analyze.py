@@ -9,7 +9,7 @@ from riot_bus.chain.demo import demo, find_example
 from riot_bus.events import AnalysisFinished, FindingWritten, StepFinished, StepStarted, StepStopped
 from riot_bus.findings.records import Artefact
 from riot_bus.findings.steps import STEPS, ChainStep
-from riot_bus.report import finding_view as story
+from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import MODE, SPEED, SYSTEM, bench, never_hangs, write_fields, write_finding, write_minimal
 from tests.unit.chain.test_minimize import failing
@@ -52,7 +52,7 @@ def test_a_step_that_can_say_nothing_ends_the_chain_and_the_report_is_written(tm
     assert done.report.is_file()
     (stopped,) = one.told(StepStopped)
     assert (stopped.step, stopped.text, stopped.folder) == ("rules", done.stopped, str(one.folder))
-    assert story.load(one.folder).next_step == "rules"
+    assert view.load(one.folder).next_step == "rules"
 
 
 def test_without_external_topics_the_chain_ends_with_the_rule(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from riot_bus import plugins
 from riot_bus.chain.analyze import analyze
 from riot_bus.cli.main import make_app
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
-from riot_bus.report import finding_view as story
+from riot_bus.report import finding_view as view
 from riot_bus.report.page import write_report
 from riot_bus.report.text import summary
 from riot_bus.vocabulary.errors import ConfigError
@@ -110,12 +110,12 @@ def test_the_table_costs_nothing_to_import() -> None:
 
 def test_a_step_of_another_package_runs_after_ours_and_is_in_the_report(installed: Path, one: Bench) -> None:
     assert further_steps() == ["size"]
-    assert story.load(one.folder).further == ()
+    assert view.load(one.folder).further == ()
     assert "size" not in summary(one.folder)
     analyze(one.workspace, one.folder, further=[find_step("size")])
-    (found,) = story.load(one.folder).further
+    (found,) = view.load(one.folder).further
     assert found[0].name == "size"
-    told = story.load(one.folder)
+    told = view.load(one.folder)
     assert told.next_step == "permeability"  # not ours alone
     page = write_report(one.folder).read_text()
     assert "<h2>size of the minimal log</h2>" in page
@@ -164,7 +164,7 @@ def test_a_step_that_cannot_be_used_is_told_and_spoils_no_report(
     (name,) = further_steps()
     with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
         find_step(name)
-    assert f"step {name}" in story.load(one.folder).broken
+    assert f"step {name}" in view.load(one.folder).broken
     assert "cannot be used" in write_report(one.folder).read_text()
 
 

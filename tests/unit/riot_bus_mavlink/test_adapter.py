@@ -189,3 +189,10 @@ def test_names_that_differ_by_case_alone_are_told_apart():
     assert describe_named("ODOMETRY", registry).name == "mavlink/ODOMETRY"
     with pytest.raises(ConfigError, match="unknown message type 'odometry'"):
         describe_named("odometry", registry)
+
+
+def test_a_file_that_is_refused_changes_nothing(tmp_path):
+    adapter = MavlinkAdapter()
+    with pytest.raises(ConfigError, match="cannot be read"):
+        adapter.load([tmp_path / "missing.xml"])
+    assert adapter.type_named("mavlink/HEARTBEAT") is not None

@@ -1,0 +1,30 @@
+"""One finding as JSON, for programs: all records in one document."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["JsonReport"]
+
+
+class JsonReport:
+    """The report format `json`; its keys are described in docs/findings.md."""
+
+    file = ""
+
+    def render(self, view: FindingView) -> str:
+        """Return the records by step, null for those that are missing, and what follows from them."""
+        document = {
+            "version": 1,
+            "folder": str(view.directory),
+            "severity": view.severity,
+            "verdict": "".join(part.text for part in view.verdict()),
+            "next": view.next_step,
+            "steps": {step.name: record and record.model_dump(mode="python") for step, record in view.steps},
+            "unusable": dict(view.broken),
+        }
+        return json.dumps(document, indent=1, default=str) + "\n"

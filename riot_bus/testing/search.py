@@ -1,0 +1,112 @@
+"""What every search method has to hold, as tests to inherit: for authors of methods for `riot activate --search`.
+
+    class TestMine(SearchConformance):
+        method = MyMethod
+
+Needs pytest: pip install 'riot-bus[testing]'.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pytest
+
+from riot_bus.backchain.proposers import History, proposers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from riot_bus.backchain.fir import Floats
+    from riot_bus.backchain.proposers import Proposer, SearchMethod
+
+__all__ = ["SearchConformance"]
+
+_SIZES = (1, 3)  # dimensions
+_PROBES = (-0.2, 0.2, -0.35, 0.35)  # how far the first vectors are from the nominal one, along each axis
+_ROUNDS = 60
+
+
+class SearchConformance:
+    """What holds for a search method: it stays in bounds, repeats itself for equal seeds, and gets nearer.
+
+    Before it is asked, the history has the nominal vector and four probes along each axis, as in a real search.
+
+    Attributes:
+        method: What makes the method: the class, or a `staticmethod` of a function.
+        rounds: So many answers suffice for an easy function.
+    """
+
+    method: ClassVar[SearchMethod]
+    rounds: ClassVar[int] = _ROUNDS
+
+    @pytest.mark.parametrize("size", _SIZES)
+    def test_it_stays_in_bounds(self, size: int) -> None:
+        """Vectors have the shape (n,), are finite and within [0, 1], also where the best is in a corner."""
+        for vector in self._vectors(size, lambda vector: float(vector.sum())):
+            assert np.shape(vector) == (size,)
+            assert ((vector >= 0) & (vector <= 1)).all(), vector
+
+    @pytest.mark.parametrize("size", _SIZES)
+    def test_it_gives_as_many_as_are_asked_for(self, size: int) -> None:
+        """There is a next vector whenever all answers are there, and later ones do not change earlier ones."""
+        pairs = [(vector, vector.copy()) for vector in self._vectors(size, _bowl)]
+        assert len(pairs) == self.rounds
+        assert all(np.array_equal(vector, then) for vector, then in pairs)
+
+    @pytest.mark.parametrize("size", _SIZES)
+    def test_it_is_deterministic_by_seed(self, size: int) -> None:
+        """Equal seeds and answers give equal vectors."""
+        one, other = list(self._vectors(size, _bowl, seed=7)), list(self._vectors(size, _bowl, seed=7))
+        assert all(map(np.array_equal, one, other))
+
+    @pytest.mark.parametrize("size", _SIZES)
+    def test_it_gets_nearer_than_its_start(self, size: int) -> None:
+        """On a bowl, it finds less than three quarters of the value at the nominal vector."""
+        found = [_bowl(vector) for vector in self._vectors(size, _bowl)]
+        assert min(found) < 0.75 * _bowl(np.full(size, 0.5))
+
+    @pytest.mark.parametrize("answer", [math.nan, math.inf, -math.inf, 1e300, 0.0])
+    def test_any_answer_is_survived(self, answer: float) -> None:
+        """Whatever it is told, it goes on, in bounds."""
+        vectors = list(self._vectors(2, lambda vector: answer))
+        assert len(vectors) == self.rounds
+        assert all(((vector >= 0) & (vector <= 1)).all() for vector in vectors)
+
+    def test_several_may_be_out_at_once(self) -> None:
+        """It gives more vectors before an answer comes, or None; answers may come in any order."""
+        history, (method,) = self._begun(2, _bowl, 3)
+        for _ in range(self.rounds // 4):
+            out = [vector for vector in (method.ask() for _ in range(4)) if vector is not None]
+            assert out
+            for vector in reversed(out):
+                history.add(vector, _bowl(vector))
+                method.tell(vector, _bowl(vector))
+
+    def _vectors(self, size: int, value: Callable[[Floats], float], *, seed: int = 0) -> Iterator[Floats]:
+        """Yield what the method proposes when each of its vectors is answered at once."""
+        if size < getattr(type(self).method, "least_size", 1):
+            pytest.skip(f"it needs more than {size} dimensions")
+        history, (method,) = self._begun(size, value, seed)
+        for _ in range(self.rounds):
+            vector = method.ask()
+            assert vector is not None, "it waits though all answers are there"
+            yield vector
+            answer = value(vector)
+            if math.isfinite(answer):  # the history has no others
+                history.add(vector, answer)
+            method.tell(vector, answer)
+
+    def _begun(self, size: int, value: Callable[[Floats], float], seed: int) -> tuple[History, list[Proposer]]:
+        history, nominal = History(), np.full(size, 0.5)
+        for vector in nominal + np.vstack([np.zeros(size), *(reach * np.eye(size) for reach in _PROBES)]):
+            answer = value(vector)
+            history.add(vector, answer if math.isfinite(answer) else 1.0)
+        return history, proposers([type(self).method], history, nominal, [seed])
+
+
+def _bowl(vector: Floats) -> float:
+    """Return the squared distance to a vector that no probe comes near."""
+    return float(((vector - 0.83) ** 2).sum())

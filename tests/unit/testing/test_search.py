@@ -1,0 +1,104 @@
+"""The shipped search methods hold what methods promise; broken ones are found out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from riot_bus.backchain.proposers import PORTFOLIO, Evolution, Forest, Simplex, proposers
+from riot_bus.backchain.proposers import History as Evaluations
+from riot_bus.plugins import SEARCHES
+from riot_bus.testing.search import SearchConformance
+from riot_bus.vocabulary.errors import ConfigError
+
+pytest.importorskip("sklearn")
+pytest.importorskip("cmaes")
+
+
+class TestSimplex(SearchConformance):
+    method = Simplex
+
+
+class TestForest(SearchConformance):
+    method = Forest
+    rounds = 20
+
+
+class TestEvolution(SearchConformance):
+    method = Evolution
+    rounds = 160
+
+
+class Guess:
+    """Draws vectors from a bowl around the best one."""
+
+    def __init__(self, history, nominal, rng):
+        self.history, self.rng = history, rng
+
+    def ask(self):
+        best = self.history.vectors[self.history.ranked()[0]]
+        return np.clip(best + self.rng.normal(scale=0.05, size=len(best)), 0.0, 1.0)
+
+    def tell(self, vector, value):
+        pass
+
+
+class TestGuess(SearchConformance):
+    method = Guess
+    rounds = 200
+
+
+class Outside(Guess):
+    def ask(self):
+        return super().ask() + 1.0
+
+
+class Restless(Guess):
+    def ask(self):
+        return np.clip(super().ask() + np.random.default_rng().normal(scale=1e-6), 0.0, 1.0)
+
+
+class Lazy(Guess):
+    def ask(self):
+        return self.rng.normal(loc=0.5, scale=0.01, size=len(self.history.vectors[0]))
+
+
+class Stuck(Guess):
+    def ask(self):
+        return super().ask() if len(self.history.vectors) < 20 else None
+
+
+class Fragile(Guess):
+    def tell(self, vector, value):
+        assert value == value
+
+
+@pytest.mark.parametrize(
+    ("method", "test"),
+    [
+        (Outside, "test_it_stays_in_bounds"),
+        (Restless, "test_it_is_deterministic_by_seed"),
+        (Lazy, "test_it_gets_nearer_than_its_start"),
+        (Stuck, "test_it_gives_as_many_as_are_asked_for"),
+    ],
+)
+def test_broken_methods_are_found(method, test):
+    broken = type("Broken", (SearchConformance,), {"method": method})()
+    with pytest.raises(AssertionError):
+        getattr(broken, test)(3)
+
+
+def test_a_fragile_method_is_found():
+    with pytest.raises(AssertionError):
+        type("Broken", (SearchConformance,), {"method": Fragile})().test_any_answer_is_survived(float("nan"))
+
+
+def test_the_shipped_methods_are_plug_ins():
+    assert [SEARCHES.load(name) for name in ("simplex", "forest", "evolution")] == list(PORTFOLIO)
+
+
+def test_methods_for_more_fields_are_left_out():
+    nominal = np.full(1, 0.5)
+    assert [type(each) for each in proposers(PORTFOLIO, Evaluations(), nominal, [0])] == [Simplex, Forest]
+    with pytest.raises(ConfigError, match="no search method is left for 1 field"):
+        proposers([Evolution], Evaluations(), nominal, [0])
