@@ -107,6 +107,7 @@ def _injection(row: Mapping[str, Any], where: str) -> Injection:
             values["value"] = Formula(**value) if "text" in value else Signal(**value)
         elif isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
             values["value"] = ast.literal_eval(value)
+        values["options"] = tuple((str(name), value) for name, value in values.get("options", ()))
         return Injection(**values)
     except (TypeError, ValueError, SyntaxError) as error:
         raise ConfigError(f"this injection cannot be used: {error}", where=where) from None

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import re
 from collections import Counter
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from riot_bus.inject.formula import evaluate, parse_formula
-from riot_bus.pipeline.event import Change
+from riot_bus.inject.faults import fault_of
+from riot_bus.inject.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate
@@ -19,17 +17,15 @@ from riot_bus.vocabulary.selector import key_matches
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from riot_bus.inject.faults import FaultKind
     from riot_bus.pipeline.event import Event
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Injector", "fit_value", "set_elements"]
+__all__ = ["Injector"]
 
 _LOG = logging.getLogger(__name__)
-_ALL_ELEMENTS = 1 << 20
 _CACHED_KEYS = 1 << 16
-_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
 
 
 class Injector:
@@ -57,11 +53,12 @@ class Injector:
         """How often each injection (by number) was carried out."""
         self.skipped: Counter[str] = Counter()
         self.problems: dict[str, PayloadError] = {}
+        self._faults: list[FaultKind] = []
         for number, each in enumerate(self.injections):
-            if each.fault == "set" and (each.field is None or each.value is None):
-                raise ConfigError("this injection sets nothing", where=f"inject[{number}]", hint="give field and value")
-            if isinstance(each.value, Formula):
-                parse_formula(each.value.text)
+            try:
+                self._faults.append(fault_of(each))
+            except ConfigError as error:
+                raise ConfigError(error.message, where=error.where or f"inject[{number}]", hint=error.hint) from None
         self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
         self._registry: TypeRegistry | None = None
         self._routes: dict[str, list[int]] = {}
@@ -91,7 +88,7 @@ class Injector:
                 chance = injection.probability
                 if chance < 1.0 and self._draw(number, event.digest, event.index) >= chance:
                     continue
-                _apply(injection, event)
+                self._faults[number].apply(event)
             except PayloadError as error:
                 self._skip(event.topic, error)
             else:
@@ -107,7 +104,13 @@ class Injector:
             return None
         injection = self.injections[numbers[0]]
         value, path = injection.value, injection.field
-        if path is None or value is None or isinstance(value, Signal | Formula) or "[*]" in path:
+        if (
+            injection.fault != "set"
+            or path is None
+            or value is None
+            or isinstance(value, Signal | Formula)
+            or "[*]" in path
+        ):
             return None
         if injection != Injection(injection.topic, path, value, seed=injection.seed):
             return None  # it has conditions
@@ -149,90 +152,3 @@ def _in_window(injection: Injection, event: Event) -> bool:
         and injection.first <= event.index
         and (injection.last is None or event.index <= injection.last)
     )
-
-
-def _apply(injection: Injection, event: Event) -> None:
-    match injection.fault:
-        case "drop":
-            event.drop()
-        case "delay":
-            event.delay(injection.delay)
-        case "duplicate":
-            event.duplicate(injection.copies)
-        case "set" if injection.field is not None and injection.value is not None:
-            _set(event, injection.field, _value(injection.value, injection.field, event))
-
-
-def _value(value: Scalar | Signal | Formula, path: str, event: Event) -> Scalar:
-    if isinstance(value, Signal):
-        return value.value(event.index)
-    if not isinstance(value, Formula):
-        return value
-    kind = event.type
-    if kind is None:
-        return event.read(path)  # raises the right error
-    original = event.original.payload
-    return evaluate(value, lambda each: kind.read(original, each))
-
-
-def _set(event: Event, path: str, value: Scalar) -> None:
-    if "[*]" not in path:
-        event.set(path, fit_value(value, event.read(path)))
-        return
-    kind = event.type
-    if kind is None:
-        event.read(path)  # raises the right error
-        return
-    event.patched(set_elements(kind, event.payload, path, value), Change(event.interceptor, "set", path, None, value))
-
-
-def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
-    """Return a payload with the fields set that a path with `[*]` stands for.
-
-    Raises:
-        PayloadError: There are no such fields (but for arrays that are empty), they are too many, or the value does not
-            fit.
-    """
-    fields, lengths = _patterns(path)
-    changes = {}
-    for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS):
-        if fields.fullmatch(leaf.path):
-            changes[leaf.path] = fit_value(value, leaf.value)
-        elif isinstance(leaf.value, int) and leaf.value > _ALL_ELEMENTS and lengths.fullmatch(leaf.path):
-            raise PayloadError(f"{leaf.value} elements are more than the {_ALL_ELEMENTS} that can be set", where=path)
-    if not changes:
-        _check_elements(kind, payload, path)
-    return kind.rebuild(payload, changes)
-
-
-@lru_cache(maxsize=256)
-def _patterns(path: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
-    """Return what matches the fields that a path with `[*]` stands for, and what matches the lengths of its arrays."""
-    escaped = re.escape(path).replace(r"\[\*\]", r"\[\d+\]")
-    places = re.finditer(r"\\\[\\d\+\\\]", escaped)
-    arrays = "|".join(escaped[: place.start()] for place in places)
-    return re.compile(escaped), re.compile(rf"len\((?:{arrays})\)")
-
-
-def _check_elements(kind: MessageType, payload: bytes, path: str) -> None:
-    """Raise PayloadError unless a path stands for no fields because an array is empty."""
-    array, star, rest = path.partition("[*]")
-    while star:
-        if not kind.read(payload, f"len({array})"):
-            return
-        more, star, rest = rest.partition("[*]")
-        array = f"{array}[0]{more}"
-    kind.read(payload, array)
-
-
-def fit_value(value: Scalar, before: Scalar) -> Scalar:
-    """Bring a plan's value into the field's kind: `"nan"` is a number where the field is one."""
-    if isinstance(before, float):
-        if isinstance(value, str) and value.strip().lower() in _NUMBERS:
-            return float(value)
-        return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
-    if isinstance(before, bool):
-        return bool(value) if isinstance(value, int) else value
-    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
-        return int(value)
-    return value

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from riot_bus.inject.formula import evaluate, join_path, parse_formula
-from riot_bus.inject.interceptor import fit_value, set_elements
+from riot_bus.inject.values import fit_value, set_elements
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Formula
 from riot_bus.vocabulary.selector import parse_selector

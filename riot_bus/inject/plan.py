@@ -22,16 +22,23 @@ import math
 import tomllib
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
+from riot_bus.plugin_options import instance_of, options_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Scalar
+
+if TYPE_CHECKING:
+    from collections.abc import Container
+
+    from riot_bus.inject.faults import FaultKind
 
 __all__ = ["parse_plan", "plan_to_toml", "read_plan"]
 
@@ -61,13 +68,13 @@ class _Formula(BaseModel):
 
 
 class _Inject(BaseModel):
-    model_config = _STRICT
+    model_config = ConfigDict(extra="allow", strict=True)  # a kind of fault may have options of its own
     topic: Annotated[str, Field(min_length=1)]
     field: Annotated[str, Field(min_length=1)] | None = None
     value: bool | int | float | str | _Bytes | None = None
     signal: _Signal | None = None
     formula: str | _Formula | None = None
-    fault: Literal["set", "drop", "delay", "duplicate"] = "set"
+    fault: str = "set"
     start: _Seconds = 0.0
     end: _Seconds | None = None
     first: Annotated[int, Field(ge=0)] = 0
@@ -77,25 +84,6 @@ class _Inject(BaseModel):
     delay: _Seconds = 0.0
     copies: Annotated[int, Field(ge=1)] = 1
     seed: int | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> _Inject:
-        if self.fault == "set":
-            if self.field is None:
-                raise ValueError("which field is to be set? add field = \"...\", or fault = 'drop', 'delay', ...")
-            if [self.value, self.signal, self.formula].count(None) != 2:
-                raise ValueError("give either value, signal or formula")
-        elif (self.field, self.value, self.signal, self.formula) != (None, None, None, None):
-            raise ValueError(f"fault = {self.fault!r} takes no field, value, signal or formula")
-        if (self.fault == "delay") != (self.delay > 0):
-            raise ValueError("delay = SECONDS (> 0) belongs to fault = 'delay', and only there")
-        if self.fault != "duplicate" and "copies" in self.model_fields_set:
-            raise ValueError("copies belongs to fault = 'duplicate'")
-        if self.end is not None and self.end <= self.start:
-            raise ValueError(f"end = {self.end} is not later than start = {self.start}")
-        if self.last is not None and self.last < self.first:
-            raise ValueError(f"last = {self.last} is before first = {self.first}")
-        return self
 
 
 class _Plan(BaseModel):
@@ -152,13 +140,48 @@ def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
                 lines.append(f"signal = {{ {inside} }}")
             elif isinstance(value, Formula):
                 lines.append(f"formula = {{ text = {_toml(value.text)}, base = {_toml(value.base)} }}")
+            elif field.name == "options":
+                lines += [f"{name} = {_toml(each)}" for name, each in injection.options]
             elif value is not None and (value != field.default or field.name == "value"):
                 lines.append(f"{field.name} = {_toml(value)}")
         blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 
 
+def _check(entry: _Inject, where: str) -> dict[str, Scalar]:
+    """Check what a table says as a whole; return the options that are its kind's own."""
+    declared = options_of(_class(entry.fault, f"{where}.fault"))
+    own = dict(entry.model_extra or {})
+    for key in own.keys() - declared.keys():
+        hint = did_you_mean(key, [*_Inject.model_fields, *declared])
+        raise ConfigError(f"unknown key {key!r}", where=f"{where}.{key}", hint=hint)
+    problem = _problem(entry, declared)
+    if problem:
+        raise ConfigError(problem, where=where)
+    return own
+
+
+def _problem(entry: _Inject, declared: Container[str]) -> str | None:
+    given = entry.model_fields_set
+    if entry.fault == "set" and entry.field is None:
+        return "which field is to be set? add field = \"...\", or fault = 'drop', 'delay', ..."
+    if "value" in declared and [entry.value, entry.signal, entry.formula].count(None) != 2:
+        return "give either value, signal or formula"
+    if "field" not in declared and given & {"field", "value", "signal", "formula"}:
+        return f"fault = {entry.fault!r} takes no field, value, signal or formula"
+    if ("delay" in declared) != (entry.delay > 0):
+        return "delay = SECONDS (> 0) belongs to fault = 'delay', and only there"
+    if "copies" in given and "copies" not in declared:
+        return "copies belongs to fault = 'duplicate'"
+    if entry.end is not None and entry.end <= entry.start:
+        return f"end = {entry.end} is not later than start = {entry.start}"
+    if entry.last is not None and entry.last < entry.first:
+        return f"last = {entry.last} is before first = {entry.first}"
+    return None
+
+
 def _injection(entry: _Inject, seed: int, where: str) -> Injection:
+    further = _check(entry, where)
     selector = parse_selector(entry.topic)
     if selector.topic != entry.topic:
         raise ConfigError(
@@ -185,7 +208,7 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
         value = _formula(entry.formula, where)
     else:
         value = bytes.fromhex(entry.value.hex) if isinstance(entry.value, _Bytes) else entry.value
-    return Injection(
+    made = Injection(
         topic=entry.topic,
         field=entry.field,
         value=value,
@@ -199,7 +222,19 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
         delay=entry.delay,
         copies=entry.copies,
         seed=seed if entry.seed is None else entry.seed,
+        options=tuple(sorted(further.items())),
     )
+    kind = fault_class(entry.fault)
+    values = {name: getattr(made, name) for name in ATTRIBUTES if name in options_of(kind)}
+    instance_of(kind, values | further, lambda key: f"{where}.{key}" if key else where)
+    return made
+
+
+def _class(name: str, where: str) -> type[FaultKind]:
+    try:
+        return fault_class(name)
+    except ConfigError as error:
+        raise ConfigError(error.message, where=where, hint=error.hint) from None
 
 
 def _formula(written: str | _Formula, where: str) -> Formula:
@@ -228,10 +263,7 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
         return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
     given = first["input"]
     shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
-    hint = None
-    if first["type"] == "literal_error":
-        hint = did_you_mean(str(given), ("set", "drop", "delay", "duplicate"))
-    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where, hint=hint)
+    return ConfigError(first["msg"].removeprefix("Value error, ") + shown, where=where)
 
 
 def _toml(value: Any) -> str:

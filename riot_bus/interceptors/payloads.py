@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
-from riot_bus.inject.interceptor import fit_value
+from riot_bus.inject.values import fit_value
 from riot_bus.interceptors.per_topic import PerTopic
 from riot_bus.pipeline.event import Change
 from riot_bus.vocabulary.errors import ConfigError, PayloadError

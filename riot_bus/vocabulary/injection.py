@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
@@ -63,7 +63,7 @@ class Injection:
         topic: Topic name or key expression of the messages.
         field: Field path that is set; None for a timing fault.
         value: Value that is set, or a `Signal` or `Formula` that gives one per message.
-        fault: What happens to a selected message.
+        fault: What happens to a selected message: `set`, `drop`, `delay`, `duplicate`, or a kind of another package.
         start: Earliest time, seconds since the first message that the pipeline saw.
         end: Latest time (exclusive), seconds; None for ever.
         first: First per-topic message index.
@@ -73,12 +73,13 @@ class Injection:
         delay: Seconds, for `fault = "delay"`.
         copies: Extra copies, for `fault = "duplicate"`.
         seed: Seed of the choice.
+        options: Names and values of further options, for kinds of faults of other packages.
     """
 
     topic: str
     field: str | None = None
     value: Scalar | Signal | Formula | None = None
-    fault: Literal["set", "drop", "delay", "duplicate"] = "set"
+    fault: str = "set"
     start: float = 0.0
     end: float | None = None
     first: int = 0
@@ -88,3 +89,4 @@ class Injection:
     delay: float = 0.0
     copies: int = 1
     seed: int = 0
+    options: tuple[tuple[str, Scalar], ...] = ()

@@ -5,9 +5,10 @@ import struct
 
 import pytest
 
-from riot_bus.inject import interceptor as module
+from riot_bus.inject import values as module
 from riot_bus.inject.apply import inject_log
-from riot_bus.inject.interceptor import Injector, set_elements
+from riot_bus.inject.interceptor import Injector
+from riot_bus.inject.values import set_elements
 from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.types.json_type import JsonType

@@ -1,0 +1,161 @@
+"""Kinds of faults: what happens to a message that an injection selects; found by the entry points `riot_bus.faults`.
+
+A kind is a class whose fields are the keys that a plan's table takes for it. `field`, `value`, `delay` and `copies` are
+attributes of the injection, all others are among its `options`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+from pydantic import Field
+
+from riot_bus.inject.formula import evaluate, parse_formula
+from riot_bus.inject.values import fit_value, set_elements
+from riot_bus.pipeline.event import Change
+from riot_bus.plugin_options import options_of
+from riot_bus.plugins import FAULTS
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Formula, Signal
+
+if TYPE_CHECKING:
+    from riot_bus.pipeline.event import Event
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.message import Scalar
+
+__all__ = [
+    "ATTRIBUTES",
+    "DelayFault",
+    "DropFault",
+    "DuplicateFault",
+    "FaultKind",
+    "SetFault",
+    "fault_class",
+    "fault_of",
+]
+
+ATTRIBUTES = ("field", "value", "delay", "copies")
+"""Options that an `Injection` has attributes for."""
+
+
+class FaultKind(Protocol):
+    """What is done to each message that an injection selects."""
+
+    def apply(self, event: Event) -> None:
+        """Do it.
+
+        Raises:
+            PayloadError: It cannot be done to this message, which is passed as it is.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SetFault:
+    """Set a field.
+
+    Attributes:
+        field: Path of the field; with `[*]` of many.
+        value: What it is set to.
+    """
+
+    field: str
+    value: Any
+
+    def __post_init__(self) -> None:
+        if self.field is None or self.value is None:
+            raise ConfigError("this injection sets nothing", hint="give field and value")
+        if isinstance(self.value, Formula):
+            parse_formula(self.value.text)
+
+    def apply(self, event: Event) -> None:
+        """Set it."""
+        path, value = self.field, _value(self.value, self.field, event)
+        if "[*]" not in path:
+            event.set(path, fit_value(value, event.read(path)))
+            return
+        kind = event.type
+        if kind is None:
+            event.read(path)  # raises the right error
+            return
+        payload = set_elements(kind, event.payload, path, value)
+        event.patched(payload, Change(event.interceptor, "set", path, None, value))
+
+
+@dataclass(frozen=True, slots=True)
+class DropFault:
+    """Drop the message."""
+
+    def apply(self, event: Event) -> None:
+        """Drop it."""
+        event.drop()
+
+
+@dataclass(frozen=True, slots=True)
+class DelayFault:
+    """Deliver the message later.
+
+    Attributes:
+        delay: How much later, seconds.
+    """
+
+    delay: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+    def apply(self, event: Event) -> None:
+        """Delay it."""
+        event.delay(self.delay)
+
+
+@dataclass(frozen=True, slots=True)
+class DuplicateFault:
+    """Deliver the message more than once.
+
+    Attributes:
+        copies: How many more times.
+    """
+
+    copies: Annotated[int, Field(ge=1)] = 1
+
+    def apply(self, event: Event) -> None:
+        """Copy it."""
+        event.duplicate(self.copies)
+
+
+@cache
+def fault_class(name: str) -> type[FaultKind]:
+    """Return a kind of fault by its name; raises ConfigError if there is none that can be used."""
+    kind = FAULTS.load(name)
+    if not isinstance(kind, type) or not callable(getattr(kind, "apply", None)):
+        hint = "its entry point has to name a class with a method apply(self, event)"
+        raise ConfigError(f"fault kind {name!r} cannot be used", where=FAULTS.targets()[name], hint=hint)
+    return kind
+
+
+def fault_of(injection: Injection) -> FaultKind:
+    """Return the fault of an injection, ready to be applied.
+
+    Raises:
+        ConfigError: There is no such kind, or it refuses its options.
+    """
+    kind = fault_class(injection.fault)
+    declared = options_of(kind)
+    values = {name: getattr(injection, name) for name in ATTRIBUTES if name in declared} | dict(injection.options)
+    try:
+        return kind(**values)
+    except TypeError as error:
+        text = f"fault kind {injection.fault!r} does not take these options: {error}"
+        raise ConfigError(text, hint=f"its options: {', '.join(declared) or 'none'}") from error
+
+
+def _value(value: Scalar | Signal | Formula, path: str, event: Event) -> Scalar:
+    if isinstance(value, Signal):
+        return value.value(event.index)
+    if not isinstance(value, Formula):
+        return value
+    kind = event.type
+    if kind is None:
+        return event.read(path)  # raises the right error
+    original = event.original.payload
+    return evaluate(value, lambda each: kind.read(original, each))

@@ -1,0 +1,70 @@
+"""Values of plans, fitted to the fields that they are for; and setting many elements of arrays at once."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.errors import PayloadError
+
+if TYPE_CHECKING:
+    from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.message import Scalar
+
+__all__ = ["fit_value", "set_elements"]
+
+_ALL_ELEMENTS = 1 << 20
+_NUMBERS = {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}
+
+
+def set_elements(kind: MessageType, payload: bytes, path: str, value: Scalar) -> bytes:
+    """Return a payload with the fields set that a path with `[*]` stands for.
+
+    Raises:
+        PayloadError: There are no such fields (but for arrays that are empty), they are too many, or the value does not
+            fit.
+    """
+    fields, lengths = _patterns(path)
+    changes = {}
+    for leaf in kind.leaves(payload, elements=_ALL_ELEMENTS):
+        if fields.fullmatch(leaf.path):
+            changes[leaf.path] = fit_value(value, leaf.value)
+        elif isinstance(leaf.value, int) and leaf.value > _ALL_ELEMENTS and lengths.fullmatch(leaf.path):
+            raise PayloadError(f"{leaf.value} elements are more than the {_ALL_ELEMENTS} that can be set", where=path)
+    if not changes:
+        _check_elements(kind, payload, path)
+    return kind.rebuild(payload, changes)
+
+
+@lru_cache(maxsize=256)
+def _patterns(path: str) -> tuple[re.Pattern[str], re.Pattern[str]]:
+    """Return what matches the fields that a path with `[*]` stands for, and what matches the lengths of its arrays."""
+    escaped = re.escape(path).replace(r"\[\*\]", r"\[\d+\]")
+    places = re.finditer(r"\\\[\\d\+\\\]", escaped)
+    arrays = "|".join(escaped[: place.start()] for place in places)
+    return re.compile(escaped), re.compile(rf"len\((?:{arrays})\)")
+
+
+def _check_elements(kind: MessageType, payload: bytes, path: str) -> None:
+    """Raise PayloadError unless a path stands for no fields because an array is empty."""
+    array, star, rest = path.partition("[*]")
+    while star:
+        if not kind.read(payload, f"len({array})"):
+            return
+        more, star, rest = rest.partition("[*]")
+        array = f"{array}[0]{more}"
+    kind.read(payload, array)
+
+
+def fit_value(value: Scalar, before: Scalar) -> Scalar:
+    """Bring a plan's value into the field's kind: `"nan"` is a number where the field is one."""
+    if isinstance(before, float):
+        if isinstance(value, str) and value.strip().lower() in _NUMBERS:
+            return float(value)
+        return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
+    if isinstance(before, bool):
+        return bool(value) if isinstance(value, int) else value
+    if isinstance(before, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
