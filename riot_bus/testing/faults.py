@@ -1,0 +1,70 @@
+r"""What every kind of fault has to hold, as tests to inherit: for authors of kinds for injection plans.
+
+    class TestMine(FaultConformance):
+        table = 'fault = "mine"\nstrength = 3'
+
+Needs pytest: pip install 'riot-bus[testing]'.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, ClassVar
+
+from riot_bus.inject.interceptor import Injector
+from riot_bus.inject.plan import parse_plan, plan_to_toml
+from riot_bus.testing.interceptors import InterceptorBench
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.injection import Injection
+
+__all__ = ["FaultConformance"]
+
+_COUNT = 60
+
+
+class FaultConformance:
+    """What holds for a kind of fault: it does something, to the selected messages alone, and always the same.
+
+    Attributes:
+        table: The keys of an `[[inject]]` table but for `topic`, as TOML; messages are JSON with a number `x`.
+    """
+
+    table: ClassVar[str]
+
+    def test_it_does_something(self) -> None:
+        """What is delivered is not what was sent."""
+        assert self._delivered() != self._delivered("[[inject]]\ntopic = 'other'\n" + self.table)
+
+    def test_messages_that_are_not_selected_keep_their_bytes(self) -> None:
+        """Another topic, and times and numbers outside of the window."""
+        plan = f"[[inject]]\ntopic = 'a'\nfirst = {_COUNT}\n{self.table}"
+        assert self._delivered(plan) == self._delivered("[[inject]]\ntopic = 'other'\n" + self.table)
+
+    def test_it_repeats_itself(self) -> None:
+        """Equal messages, plans and seeds give equal results, with a probability, too."""
+        for more in ("", "probability = 0.5\n"):
+            plan = f"[[inject]]\ntopic = 'a'\n{more}{self.table}"
+            assert self._delivered(plan) == self._delivered(plan)
+
+    def test_its_plan_survives_being_written(self) -> None:
+        """`plan_to_toml` and back gives the same injection."""
+        assert parse_plan(plan_to_toml(self._injections()), name="written") == self._injections()
+
+    def test_a_message_that_it_cannot_change_is_passed_on(self) -> None:
+        """Whatever the payload, nothing but PayloadError is raised: the message passes, or is dropped on purpose."""
+        with InterceptorBench(Injector(self._injections())) as bench:
+            for number, payload in enumerate((b"", b"{", b"\x00" * 64, b"[1]", b'{"y": 1}')):
+                bench.feed(number * 0.01, payload)
+            assert not bench.errors, bench.errors
+
+    def _injections(self) -> tuple[Injection, ...]:
+        return parse_plan(f"[[inject]]\ntopic = 'a'\n{self.table}", name="table")
+
+    def _delivered(self, plan: str | None = None) -> list[tuple[int, bytes]]:
+        injections = self._injections() if plan is None else parse_plan(plan, name="plan")
+        with InterceptorBench(Injector(injections, seed=7)) as bench:
+            for number in range(_COUNT):
+                bench.feed(number * 0.01, json.dumps({"x": number}).encode())
+            assert not bench.errors, bench.errors
+            return [(each.due, each.message.payload) for each in bench.delivered]

@@ -1,0 +1,128 @@
+"""A bench for interceptors, and what every interceptor has to hold, as tests to inherit.
+
+    class TestMine(InterceptorConformance):
+        def make(self):
+            return Mine(every=3)
+
+Needs pytest: pip install 'riot-bus[testing]'.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Self
+
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from riot_bus.pipeline.runner import Emission, Result
+
+__all__ = ["START", "InterceptorBench", "InterceptorConformance"]
+
+START = 1_700_000_000_000_000_000
+"""When the first message of a bench comes, nanoseconds since the epoch."""
+
+_ODD_PAYLOADS = (b"", b"\x00" * 64, b"{", b'{"x": "text"}', b"[1, 2]", b'{"x": 1e999}', b"\xff\xfe\xfd")
+
+
+class InterceptorBench:
+    """Feeds messages to interceptors, without a bus; a context manager.
+
+    Args:
+        interceptors: Carried out in this order.
+
+    Example:
+        >>> from riot_bus.interceptors.losses import Drop
+        >>> with InterceptorBench(Drop(every=2)) as bench:
+        ...     _ = bench.feed_all([0.0, 0.1, 0.2, 0.3])
+        ...     bench.times()
+        [0.0, 0.2]
+    """
+
+    def __init__(self, *interceptors: object) -> None:
+        self.pipeline = Pipeline(interceptors, registry=TypeRegistry(), start=START)
+        self.delivered: list[Emission] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.pipeline.close()
+
+    def feed(
+        self, seconds: float = 0.0, payload: bytes | Mapping[str, Any] = b'{"x": 1.5}', key: str = "a", **more: Any
+    ) -> Result:
+        """Feed one message; return what became of it.
+
+        Args:
+            seconds: When it comes, since the first one.
+            payload: Bytes, or an object that is sent as JSON.
+            key: Key of the message.
+            more: Further attributes of the message.
+        """
+        data = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
+        result = self.pipeline.feed(Message(START + round(seconds * 1e9), key, data, **more))
+        self.delivered += result.emissions
+        return result
+
+    def feed_all(self, times: Iterable[float], **more: Any) -> list[Result]:
+        """Feed a message at each of these times, in seconds; see `feed`."""
+        return [self.feed(seconds, **more) for seconds in times]
+
+    def times(self) -> list[float]:
+        """When what was delivered falls due, seconds, in order of arrival."""
+        return [(emission.due - START) / 1e9 for emission in self.delivered]
+
+    def payloads(self) -> list[bytes]:
+        """What was delivered, in order of arrival."""
+        return [emission.message.payload for emission in self.delivered]
+
+    @property
+    def errors(self) -> list[str]:
+        """What interceptors raised, but for PayloadError: that a message lacks a field is no mistake of theirs."""
+        texts = (each.first for each in self.pipeline.errors.values())
+        return [text for text in texts if "PayloadError" not in text.splitlines()[-1]]
+
+
+class InterceptorConformance:
+    """What holds for an interceptor: it survives any message, is accounted for, and repeats itself."""
+
+    def make(self) -> object:
+        """Return a new interceptor with options of your choice."""
+        raise NotImplementedError
+
+    def test_any_payload_is_survived(self) -> None:
+        """Whatever comes, it raises nothing but PayloadError; one that raises is left out for that message."""
+        with InterceptorBench(self.make()) as bench:
+            for number, payload in enumerate(_ODD_PAYLOADS):
+                bench.feed(number * 0.01, payload, key=f"k{number % 2}")
+                bench.feed(number * 0.01, b"", key="gone", kind="delete")
+            assert not bench.errors, bench.errors
+
+    def test_every_message_is_accounted_for(self) -> None:
+        """Delivered = seen - dropped + copies + added, by topic."""
+        with InterceptorBench(self.make()) as bench:
+            bench.feed_all([number * 0.01 for number in range(200)])
+            for topic, counts in bench.pipeline.counts.items():
+                assert counts.delivered == counts.seen - counts.dropped + counts.copies + counts.added, topic
+
+    def test_nothing_is_delivered_before_it_comes(self) -> None:
+        """Messages may be late, never early."""
+        with InterceptorBench(self.make()) as bench:
+            for number in range(100):
+                result = bench.feed(number * 0.01)
+                assert all(emission.due >= START + number * 10_000_000 for emission in result.emissions)
+
+    def test_equal_messages_get_equal_results(self) -> None:
+        """Two new ones do the same with the same messages: what is random comes from a seed."""
+        found = []
+        for _ in range(2):
+            with InterceptorBench(self.make()) as bench:
+                for number in range(200):
+                    bench.feed(number * 0.01, {"x": number})
+                found.append([(each.due, each.message.payload) for each in bench.delivered])
+        assert found[0] == found[1]
