@@ -63,20 +63,16 @@ def messages_to_file(
     salvage: bool,
 ) -> Loss:
     """Write a log's messages in a format of other tools, and say so; return what of the log could not be read."""
-    from riot_bus.log.archives import archive_endings, export_archive
+    from riot_bus.log.archives import export_archive
     from riot_bus.vocabulary.errors import ConfigError
 
     adapters = _adapters(definitions)
-    endings = archive_endings(adapters)
     if out.suffix in _TABLES:
         if fields:
             raise ConfigError("--topics is not for tables", where=str(out), hint="name columns by --field")
         raise ConfigError("no column is wanted", where=str(out), hint="name one: --field /odom:pose.pose.position.x")
     if fields:
         raise ConfigError("--field is for tables", where=str(out), hint="choose messages by --topics")
-    if not endings:
-        hint = "pip install 'riot-bus[mavlink]' for .tlog"
-        raise ConfigError(f"messages cannot be written to a file {out.suffix!r}", where=str(out), hint=hint)
     done = export_archive(log, out, adapters, topics=topics, start=span[0], end=span[1], force=force, salvage=salvage)
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"file": str(out), "messages": done.messages, "skipped": done.skipped}))

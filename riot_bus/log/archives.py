@@ -138,7 +138,7 @@ def _owner(file: Path, adapters: Sequence[Adapter]) -> ConvertsFiles:
         if isinstance(each, ConvertsFiles) and file.suffix in each.archives:
             return each
     known = archive_endings(adapters)
-    hint = did_you_mean(file.suffix, known) or "is the adapter that knows it installed?"
+    hint = did_you_mean(file.suffix, known) or "its adapter is not installed; .tlog: pip install 'riot-bus[mavlink]'"
     raise ConfigError(f"unknown kind of file {file.suffix!r}", where=str(file), hint=hint)
 
 

@@ -64,9 +64,8 @@ def _head(found: SystemDraft, origin: str) -> str:
         'name = "ros2"',
         f'segments = ["{OUTSIDE}", "{INSIDE}"]',
         '# sources = ["src/**/*.py"]   # FILL IN: the code under test; without it, stored trials outlive its changes',
+        f'adapters = ["{"ros2dds" if found.bridged else "ros2"}"]',
     ]
-    if found.bridged:
-        lines.append('adapters = ["ros2dds"]')
     if found.unknown:
         lines.append("# FILL IN: no definition of these types was found, so their fields are unknown:")
         lines += [f"#   {toml_comment(name)}" for name in found.unknown]

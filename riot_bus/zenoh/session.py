@@ -165,6 +165,8 @@ def canonical(expressions: Sequence[str]) -> list[str]:
             result.append(str(zenoh.KeyExpr.autocanonize(text)))
         except zenoh.ZError as error:
             hint = "write chunks joined by '/', with * for one chunk and ** for any number, such as 'robot/*/odom'"
+            if text.startswith("/"):
+                hint += "; for names of ROS 2 topics: pip install 'riot-bus[ros2]'"
             raise ConfigError(f"{text!r} is not a key expression: {reason(error)}", hint=hint) from error
     return list(dict.fromkeys(result))
 
