@@ -42,6 +42,8 @@ class CaseTemplate:
         system: Path of the system file; likewise.
     """
 
+    __test__ = False  # not a pytest class
+
     injections: tuple[Injection, ...]
     signature: str | None = None
     unit: str | None = None

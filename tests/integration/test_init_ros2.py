@@ -13,19 +13,11 @@ from riot_bus.sut.context import open_system
 from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
-from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.third_party.sdk import RosNode
 
 pytestmark = pytest.mark.integration
 
 TWIST = "geometry_msgs::msg::dds_::Twist_/RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcdddde6fb8d2a"
-
-
-@pytest.fixture(scope="session")
-def python() -> Path:
-    interpreter, problem = install()
-    if interpreter is None:
-        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
-    return interpreter
 
 
 @contextlib.contextmanager

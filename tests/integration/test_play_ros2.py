@@ -24,7 +24,7 @@ from riot_bus_ros2.gid import gid_of
 from riot_bus_ros2.store import TypeStore
 from tests.bags import LATCHED, STRING_HASH, STRING_KEY, VOLATILE, write_bag
 from tests.integration.play_tools import BEGIN, MS, SECOND, Listener, play, write
-from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.third_party.sdk import RosNode
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -54,15 +54,6 @@ THEIRS = {name: [path.replace("[", ".").replace("]", "") for path in paths] for 
 def router() -> Iterator[str]:
     with ZenohProcess("router") as process:
         yield process.locators[0]
-
-
-@pytest.fixture(scope="session")
-def python() -> Path:
-    """An interpreter that has zenoh-ros2-sdk."""
-    interpreter, problem = install()
-    if interpreter is None:
-        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
-    return interpreter
 
 
 def definitions(*type_names: str) -> dict[str, str]:

@@ -15,19 +15,10 @@ from rosbags.highlevel import AnyReader
 from riot_bus.log.reader import read_log
 from riot_bus.zenoh.session import wait_until
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess
-from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.third_party.sdk import RosNode
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture(scope="module")
-def python() -> Path:
-    """An interpreter that has zenoh-ros2-sdk."""
-    interpreter, problem = install()
-    if interpreter is None:
-        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
-    return interpreter
 
 
 def test_a_node_is_recorded_as_a_bag(python: Path, tmp_path: Path) -> None:

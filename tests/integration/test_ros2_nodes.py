@@ -20,7 +20,7 @@ from riot_bus_ros2.store import TypeStore
 from riot_bus_ros2.tokens import Node, NodeEndpoint, build_token
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
-from tests.integration.third_party.sdk import RosNode, install
+from tests.integration.third_party.sdk import RosNode
 from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
@@ -42,15 +42,6 @@ class EveryFifth:
         if self.seen % 5 == 0:
             event.set("position[0]", math.nan)
 """
-
-
-@pytest.fixture(scope="module")
-def python() -> Path:
-    """An interpreter that has zenoh-ros2-sdk."""
-    interpreter, problem = install()
-    if interpreter is None:
-        pytest.skip(f"zenoh-ros2-sdk cannot be installed: {problem}")
-    return interpreter
 
 
 def node(python: Path, endpoint: str, folder: Path, name: str) -> RosNode:

@@ -17,7 +17,6 @@ from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode
-from tests.interop import SDK, require
 
 pytestmark = pytest.mark.integration
 
@@ -48,12 +47,6 @@ field = "data"
 value = "another map"
 where = "data == 'map 2'"
 """
-
-
-@pytest.fixture(scope="session")
-def python() -> Path:
-    """An interpreter that has zenoh-ros2-sdk."""
-    return require(SDK)
 
 
 def environment(router: RouterProcess, segment: str, mode: str) -> dict[str, str]:
