@@ -10,6 +10,7 @@ Needs Python 3.11 or newer and nothing else. The environment is only built anew 
 
 import hashlib
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,7 @@ ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / "bin"
 STAMP = ENVIRONMENT / "bootstrap.stamp"
 
-NOTHING_COLLECTED = 5  # pytest's exit code: the options chose no test of this phase
+FAILED, INTERRUPTED, NOTHING_COLLECTED = 1, 2, 5  # exit codes of pytest; the last one: no test of this phase is chosen
 WAITING_WORKERS = 6  # integration tests mostly wait, so that more of them than processors run well together
 
 
@@ -55,18 +56,21 @@ def test(options: list[str]) -> int:
     interop()
     pytest = [str(BIN / "python"), "-m", "pytest"]
     workers = len(os.sched_getaffinity(0))
-    cover = ["--cov", "--cov-branch", "--cov-report="]
+    cover = [] if options else ["--cov", "--cov-branch", "--cov-report="]  # a choice of tests covers what it covers
     phases = [
         ["--phase=pure", f"-n{workers}", "--dist=worksteal", *cover],
         ["--phase=processes", f"-n{max(WAITING_WORKERS, workers)}", "--dist=worksteal"],
         ["--phase=alone"],
     ]
-    codes = [subprocess.run([*pytest, *phase, *options], check=False).returncode for phase in phases]
-    ran = [code for code in codes if code != NOTHING_COLLECTED]
-    worst = max(ran, default=NOTHING_COLLECTED)
-    whole = not options  # a choice of tests covers what it covers
-    covered = subprocess.run([str(BIN / "python"), str(ROOT / "tests/coverage_by_room.py")], check=False).returncode
-    return worst or (covered if whole else 0)
+    signal.signal(signal.SIGINT, lambda *_: None)  # pytest ends itself in order, and then we do
+    codes = []
+    for phase in phases:
+        codes.append(subprocess.run([*pytest, *phase, *options], check=False).returncode)
+        if codes[-1] == INTERRUPTED or (codes[-1] == FAILED and {"-x", "--exitfirst"} & set(options)):
+            return codes[-1]
+    if cover:
+        codes.append(subprocess.run([str(BIN / "python"), str(ROOT / "tests/coverage_by_room.py")]).returncode)
+    return max((code for code in codes if code != NOTHING_COLLECTED), default=NOTHING_COLLECTED)
 
 
 def main() -> None:
