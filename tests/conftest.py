@@ -9,15 +9,16 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from tests.tiers import ALL
+from tests.tiers import ALL, scaled
 
 ROOT = Path(__file__).parent
 PHASES = ("pure", "processes", "alone")
 """Unit and property tests; integration tests, several at once; those that want the machine for themselves."""
 
 # What fails prints its example; the database would make one run depend on another.
-settings.register_profile("gate", database=None, print_blob=True)
-settings.load_profile("gate")
+settings.register_profile("nightly", database=None, print_blob=True)
+settings.register_profile("gate", settings.get_profile("nightly"), max_examples=scaled(100))
+settings.load_profile("nightly" if ALL else "gate")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

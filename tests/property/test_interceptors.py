@@ -21,6 +21,7 @@ from riot_bus.pipeline.runner import Counts, Pipeline
 from riot_bus.types.model import wrap_integer
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.message import Message
+from tests.tiers import scaled
 
 TOPICS = ("a", "b/c", "d")
 SECOND = 10**9
@@ -369,7 +370,7 @@ def test_every_shipped_interceptor_is_tried():
 
 
 @pytest.mark.parametrize("name", sorted(OPTIONS))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=scaled(30))
 @given(data=st.data())
 def test_whatever_comes_passes_and_is_counted(make, name, data):
     log, targets = log_of(data.draw(ROWS)), data.draw(TARGETS)
@@ -393,7 +394,7 @@ def test_whatever_comes_passes_and_is_counted(make, name, data):
 
 
 @pytest.mark.parametrize("name", sorted(OPTIONS))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=scaled(30))
 @given(data=st.data())
 def test_seed_and_content_decide_and_not_the_order_of_topics(make, name, data):
     rows, targets = data.draw(ROWS), data.draw(TARGETS)
@@ -429,7 +430,7 @@ def test_another_seed_draws_other_numbers(rows, seed):
 
 
 @pytest.mark.parametrize("name", ["freeze", "throttle", "drop", "jitter", "corrupt", "truncate"])
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=scaled(30))
 @given(data=st.data())
 def test_a_message_on_two_ways_is_one_message(make, name, data):
     """What was split for another interceptor's sake meets the same fate on each way."""
