@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
-__all__ = ["ALL", "scaled"]
+import pytest
+
+__all__ = ["ALL", "folded", "scaled"]
+
+CaseT = TypeVar("CaseT")
+TestT = TypeVar("TestT", bound=Callable[..., None])
 
 ALL = bool(os.environ.get("RIOT_ALL_TESTS"))
 """Whether everything is wanted; `bootstrap.py test --all` sets RIOT_ALL_TESTS."""
@@ -15,3 +25,36 @@ def scaled(full: int, *, gate: int | None = None) -> int:
     if ALL:
         return full
     return gate if gate is not None else -(-full // 4)
+
+
+def folded(
+    argument: str, cases: Iterable[CaseT], *, by: Callable[[CaseT], str], name: Callable[[CaseT], str] = str
+) -> Callable[[TestT], TestT]:
+    """Run a test with each of many cases, an item for each group of them; what fails names its case.
+
+    The gate takes a quarter of the cases, always the same ones: their names' checksums decide.
+
+    Args:
+        argument: Of the test, which takes a case.
+        cases: All of them.
+        by: Returns the group of a case, which is the item's id.
+        name: Returns the name of a case, which should not change.
+    """
+    groups: defaultdict[str, list[CaseT]] = defaultdict(list)
+    for case in cases:
+        if ALL or zlib.crc32(name(case).encode()) % 4 == 0:
+            groups[by(case)].append(case)
+
+    def decorate(test: TestT) -> TestT:
+        @functools.wraps(test)
+        def run(**arguments: object) -> None:
+            for case in groups[arguments.pop(argument)]:
+                try:
+                    test(**arguments, **{argument: case})
+                except BaseException as error:
+                    error.add_note(f"{argument}: {name(case)}")
+                    raise
+
+        return pytest.mark.parametrize(argument, list(groups))(run)
+
+    return decorate

@@ -26,9 +26,12 @@ from tests.ros2_messages import (
     value_at,
     with_value,
 )
+from tests.tiers import folded
 
 ROS2 = Ros2Adapter()
 EVERYTHING = 10_000
+
+each_type = folded("name", NAMES, by=lambda name: name.partition("/")[0])
 
 
 def test_these_are_all_types():
@@ -36,7 +39,7 @@ def test_these_are_all_types():
     assert len(NAMES) > 160
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_type
 def test_every_type_round_trips(name):
     kind = ROS2.type_named(name)
     for seed in range(4):
@@ -51,7 +54,7 @@ def test_every_type_round_trips(name):
         assert [(leaf.path, leaf.value) for leaf in kind.leaves(big, elements=EVERYTHING)] == expected
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_type
 def test_a_patch_changes_exactly_the_bytes_of_its_field(name):
     kind, rng = ROS2.type_named(name), random.Random(name)
     document = random_document(name, rng)
@@ -77,7 +80,7 @@ def test_a_patch_changes_exactly_the_bytes_of_its_field(name):
         assert decode(name, kind.patch(little, {leaf.path: value})) == expected
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_type
 @pytest.mark.parametrize("little", [True, False])
 def test_rebuilding_agrees_with_the_codec(name, little):
     kind, rng = ROS2.type_named(name), random.Random(f"{name} {little}")
@@ -107,7 +110,7 @@ def test_rebuilding_agrees_with_the_codec(name, little):
         assert kind.rebuild(trailing, {}) == trailing
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_type
 def test_new_elements_of_empty_sequences_are_zero(name):
     kind = ROS2.type_named(name)
     empty = encode(name, random_document(name, random.Random(name), longest=0))
@@ -159,7 +162,7 @@ int16[3] few
 MIXED_STORE = TypeStore(parse_msg(MIXED, "pkg/msg/Mixed"))
 
 
-@pytest.mark.parametrize("seed", range(60))
+@folded("seed", range(60), by=lambda seed: f"{seed // 20 * 20} and more")
 def test_what_follows_moves_as_it_is(seed):
     """Text that is no UTF-8, odd booleans, padding that is no zero, opaque parts and trailing bytes survive."""
     rng = random.Random(seed)

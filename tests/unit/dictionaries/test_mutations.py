@@ -20,12 +20,16 @@ from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Scalar
-from tests.tiers import scaled
+from tests.tiers import folded, scaled
 from tests.unit.dictionaries.sound import ADAPTER, MAVLINK, SOUND, accept, blank, sound, type_named
 
 DICTIONARY = load_dictionary()
 MUTATIONS = [mutation for name in SOUND for mutation in DICTIONARY.mutations_for(name)]
 _ALL = 1 << 17
+
+each_mutation = folded(
+    "mutation", MUTATIONS, by=lambda each: each.type, name=lambda each: f"{each.type}: {each.reason}"
+)
 
 
 def fields(kind: MessageType, payload: bytes) -> dict[str, Scalar]:
@@ -76,7 +80,7 @@ def test_all_types_have_a_sound_message_here() -> None:
     assert common <= packages
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda each: f"{each.type}: {each.reason}"[:90])
+@each_mutation
 def test_mutation_contradicts_a_sound_message_and_changes_nothing_else(mutation: Mutation) -> None:
     kind, before = type_named(mutation.type), sound(mutation.type)
     assert not mutation.breaks(kind, before), "the message that is to be contradicted is not sound"
@@ -87,7 +91,7 @@ def test_mutation_contradicts_a_sound_message_and_changes_nothing_else(mutation:
     accept(mutation.type, after)
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda each: f"{each.type}: {each.reason}"[:90])
+@each_mutation
 def test_injections_of_a_mutation_do_the_same(mutation: Mutation) -> None:
     kind, before = type_named(mutation.type), sound(mutation.type)
     registry = TypeRegistry([MAVLINK, ADAPTER], declared={"a": mutation.type})

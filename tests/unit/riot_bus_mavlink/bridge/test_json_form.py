@@ -14,6 +14,7 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.bridge.json_form import JsonForm
 from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import pack_frame, parse_frame, trimmed
+from tests.tiers import folded
 from tests.unit.riot_bus_mavlink.bridge.frames import frame_of, unknown_frame
 
 ALL = load_dialect("all")
@@ -48,7 +49,7 @@ def test_the_form_of_mavlink2rest() -> None:
     assert FORM.document(unknown_frame()) is None
 
 
-@pytest.mark.parametrize("message", list(ALL.messages.values()), ids=lambda each: str(each.name))
+@folded("message", ALL.messages.values(), by=lambda each: each.name[0], name=lambda each: each.name)
 def test_every_message_comes_back(message: Any) -> None:
     payload = bytes((7 * place + 65) % 90 + 1 for place in range(message.size))
     raw = pack_frame(message.id, payload, message.crc_extra, version=2, sequence=0, system=3, component=4)
