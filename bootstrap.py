@@ -62,7 +62,8 @@ def test(options: list[str]) -> int:
         ["--phase=processes", f"-n{max(WAITING_WORKERS, workers)}", "--dist=worksteal"],
         ["--phase=alone"],
     ]
-    signal.signal(signal.SIGINT, lambda *_: None)  # pytest ends itself in order, and then we do
+    # Pytest ends itself in order, then we do. A background job of a shell ignores Ctrl-C, which tests would inherit.
+    signal.signal(signal.SIGINT, lambda *_: None)
     codes = []
     for phase in phases:
         codes.append(subprocess.run([*pytest, *phase, *options], check=False).returncode)

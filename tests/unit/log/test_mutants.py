@@ -12,7 +12,7 @@ from tests.log_mutants import mutants
 from tests.tiers import scaled
 
 ROOT = Path(__file__).parents[3]
-PROCESSES = 8
+PROCESSES = 16
 LEAST = 200
 
 
