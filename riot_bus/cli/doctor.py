@@ -64,7 +64,7 @@ def doctor(
 
 def interceptors(*, form: Format = OutputFormat.TEXT) -> None:
     """List the interceptors that `riot router --interceptor` knows by name, and their options."""
-    from riot_bus.control.router_options import interceptor_list
+    from riot_bus.interceptors.catalogue import interceptor_list
 
     found = interceptor_list()
     if form is OutputFormat.JSON:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "RouterOptions",
-    "interceptor_list",
     "interceptors_of",
     "intercepts",
     "load_router",
@@ -81,29 +80,6 @@ def intercepts(settings: RouterSettings, options: RouterOptions) -> bool:
     """Return whether something is intercepted from the beginning."""
     wanted = (settings.intercept, settings.services, settings.interceptors, options.interceptors, options.inject)
     return any(wanted) or bool(options.carried)
-
-
-def interceptor_list() -> list[dict[str, Any]]:
-    """Return the interceptors that are known by name, and their options, as JSON values."""
-    from riot_bus.interceptors.catalogue import describe
-
-    return [
-        {
-            "name": each.name,
-            "summary": each.summary,
-            "options": [
-                {
-                    "name": option.name,
-                    "type": option.type,
-                    "doc": option.doc,
-                    "required": option.default in (MISSING, None),
-                    "default": None if option.default in (MISSING, None) else str(option.default),
-                }
-                for option in each.options
-            ],
-        }
-        for each in describe()
-    ]
 
 
 def interceptors_of(settings: RouterSettings, options: RouterOptions) -> list[object]:

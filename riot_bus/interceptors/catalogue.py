@@ -19,7 +19,7 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Description", "Option", "build", "describe", "names"]
+__all__ = ["Description", "Option", "build", "describe", "interceptor_list", "names"]
 
 _CONDITIONS = {"from": "source", "to": "target"} | {
     each.name: each.name for each in dataclasses.fields(When) if each.name not in ("source", "target")
@@ -131,3 +131,24 @@ def _find(use: str, where: str | None, root: Path | None = None) -> type:
     if not inspect.isclass(kind):
         raise ConfigError(f"interceptor {use!r} is not a class", where=INTERCEPTORS.targets()[use])
     return kind
+
+
+def interceptor_list() -> list[dict[str, Any]]:
+    """Return the interceptors that are known by name, and their options, as JSON values."""
+    return [
+        {
+            "name": each.name,
+            "summary": each.summary,
+            "options": [
+                {
+                    "name": option.name,
+                    "type": option.type,
+                    "doc": option.doc,
+                    "required": option.default in (REQUIRED, None),
+                    "default": None if option.default in (REQUIRED, None) else str(option.default),
+                }
+                for option in each.options
+            ],
+        }
+        for each in describe()
+    ]

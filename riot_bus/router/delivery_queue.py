@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.router.advanced.publisher_proxies import PublisherProxies
     from riot_bus.router.advanced.publisher_state import PublisherState
     from riot_bus.router.audience import Inner
-    from riot_bus.router.pipeline_executor import PipelineExecutor, Worker
+    from riot_bus.router.pipeline_executor import PipelineExecutor, PipelineWorker
     from riot_bus.router.recorder import Recorder
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
@@ -103,7 +103,7 @@ class DeliveryQueue:
                 held[self._topic(key)] += number
         return held
 
-    def send(self, message: Message, holder: Worker | None = None) -> None:
+    def send(self, message: Message, holder: PipelineWorker | None = None) -> None:
         """Take a whole message through the pipeline and deliver it.
 
         Args:
@@ -115,7 +115,7 @@ class DeliveryQueue:
             holder.flush()  # what came before goes out before
         self.deliver(result)
 
-    def take(self, sample: zenoh.Sample, segment: str, holder: Worker) -> None:
+    def take(self, sample: zenoh.Sample, segment: str, holder: PipelineWorker) -> None:
         """Take a sample of a key that has advanced publishers through the pipeline, and deliver it."""
         assert self.advanced is not None
         message = self.advanced.take(segment, sample)
@@ -125,7 +125,7 @@ class DeliveryQueue:
             finally:
                 self.advanced.through(message)
 
-    def replay(self, message: Message, holder: Worker) -> Result:
+    def replay(self, message: Message, holder: PipelineWorker) -> Result:
         """Take a message of a history through the pipeline; it shall be stored, not heard.
 
         What interceptors make of it for other keys is published, since nobody stores those.
@@ -148,7 +148,7 @@ class DeliveryQueue:
             for emission in result.emissions:
                 self.recorder.delivered(emission.message, emission.changes)
 
-    def result(self, message: Message, holder: Worker | None, targets: tuple[str, ...] | None = None) -> Result:
+    def result(self, message: Message, holder: PipelineWorker | None, targets: tuple[str, ...] | None = None) -> Result:
         """Take a whole message through the pipeline, and leave to the caller what is to be done then.
 
         Args:
@@ -169,7 +169,7 @@ class DeliveryQueue:
             result = Result(message, (Emission(message.time, event.message, message, changes),), changes)
         return result
 
-    def feed(self, key: str, arrival: Arrival, holder: Worker) -> bytes | bool | None:
+    def feed(self, key: str, arrival: Arrival, holder: PipelineWorker) -> bytes | bool | None:
         """Take what arrived through the pipeline, and deliver what has to be taken apart.
 
         Returns:

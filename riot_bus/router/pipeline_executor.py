@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["BUDGET_S", "PipelineExecutor", "Worker", "end_interceptors"]
+__all__ = ["BUDGET_S", "PipelineExecutor", "PipelineWorker", "end_interceptors"]
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 0.1
@@ -28,7 +28,7 @@ BUDGET_S = 1.0
 """How long an interceptor may take for one message before it is bypassed."""
 
 
-class Worker(Protocol):
+class PipelineWorker(Protocol):
     """Whose thread runs the pipeline."""
 
     def take_over(self) -> None:
@@ -53,7 +53,7 @@ class PipelineExecutor:
         self._budget_s = budget_s
         self._lock = threading.Lock()
         self._thread_id = 0
-        self._holder: Worker | None = None
+        self._holder: PipelineWorker | None = None
         self._route: Route | None = None
         self._stop = threading.Event()
         self._watch: threading.Thread | None = None
@@ -79,7 +79,7 @@ class PipelineExecutor:
         arrival: Arrival | None = None,
         segment: str = "",
         targets: tuple[str, ...] = (),
-        holder: Worker | None = None,
+        holder: PipelineWorker | None = None,
     ) -> tuple[Event, Result | None]:
         """Run one message through the pipeline.
 
@@ -139,7 +139,7 @@ class PipelineExecutor:
             finally:
                 lock.release()
 
-    def call(self, stage: Stage, hook: str, *arguments: object, holder: Worker) -> None:
+    def call(self, stage: Stage, hook: str, *arguments: object, holder: PipelineWorker) -> None:
         """Call a method of an interceptor, such as `joined`, unless it has gone.
 
         Raises:

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from riot_bus_mavlink.links.end import End, Host
     from riot_bus_mavlink.tlog import TlogRecord
 
-__all__ = ["LogSink", "LogSource"]
+__all__ = ["TelemetryLogSink", "TelemetryLogSource"]
 
 _READ = 1 << 16
 _AT_ONCE = 256
 
 
-class LogSource:
+class TelemetryLogSource:
     """Sends the frames of a log as if they came now, in the log's own time.
 
     What is in the log is taken as it was received; frames that jump back in time come at once.
@@ -114,7 +114,7 @@ class LogSource:
             self._file = None
 
 
-class LogSink:
+class TelemetryLogSink:
     """Appends all that is sent to it, each frame with its time.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus_mavlink.bridge.url import LinkKind
-from riot_bus_mavlink.links.logs import LogSink, LogSource
+from riot_bus_mavlink.links.logs import TelemetryLogSink, TelemetryLogSource
 from riot_bus_mavlink.links.serial_port import SerialLink
 from riot_bus_mavlink.links.tcp import TcpClient, TcpServer
 from riot_bus_mavlink.links.udp import UdpClient, UdpServer
@@ -24,8 +24,8 @@ _LINKS: dict[LinkKind, Callable[[LinkSpec, Host], Link]] = {
     LinkKind.TCP_SERVER: TcpServer,
     LinkKind.TCP_CLIENT: TcpClient,
     LinkKind.SERIAL: SerialLink,
-    LinkKind.LOG_READER: LogSource,
-    LinkKind.LOG_WRITER: LogSink,
+    LinkKind.LOG_READER: TelemetryLogSource,
+    LinkKind.LOG_WRITER: TelemetryLogSink,
 }
 
 

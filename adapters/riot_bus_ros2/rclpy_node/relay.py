@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from .calls import DomainClient, Server
 from .frames import BridgeFrameKind
-from .snapshot import DomainGraph
+from .snapshot import GraphSnapshot
 from .topics import Publisher, Subscription, Topics
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ class Relay:
     # -- the graph ----------------------------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        graph, changed = DomainGraph(self._node), 0.0
+        graph, changed = GraphSnapshot(self._node), 0.0
         last: dict[str, Any] = {}
         told: dict[int, int] = {}
         while not self._stopping.is_set():

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-__all__ = ["BRIDGES", "DomainGraph"]
+__all__ = ["BRIDGES", "GraphSnapshot"]
 
 BRIDGES = "riot_bridge_"
 """How the names of the nodes of bridges begin."""
@@ -23,7 +23,7 @@ _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 _PATIENCE_S = 1.0  # the name of a node may be known later than its endpoints
 
 
-class DomainGraph:
+class GraphSnapshot:
     """Looks at the graph.
 
     Args:

@@ -28,7 +28,7 @@ class Worker:
     """Does jobs one after another, at once or later.
 
     A job may feed the pipeline: when an interceptor blocks, another thread does the whole job again, and the blocked
-    one ends when it comes back (`pipeline_executor.Worker`). So such a job must change nothing before it has fed.
+    one ends when it comes back (`PipelineWorker`). So such a job must change nothing before it has fed.
 
     Args:
         name: Name of the thread.

@@ -9,7 +9,6 @@ from riot_bus.control.component import client_cfg
 from riot_bus.control.router_flags import RouterFlags
 from riot_bus.control.router_options import (
     RouterOptions,
-    interceptor_list,
     interceptors_of,
     parse_types,
     plan_of,
@@ -45,12 +44,6 @@ def test_interceptors_of_file_and_options_are_in_order_and_get_the_seed() -> Non
     assert [each.when.seed for each in made if isinstance(each, Selective)] == [3, 7, 7]
     with pytest.raises(ConfigError, match=r"router\.interceptors\[0\]"):
         interceptors_of(RouterSettings(interceptors=({"use": "dorp"},)), RouterOptions())
-
-
-def test_every_shipped_interceptor_is_listed_with_its_options() -> None:
-    found = {each["name"]: each for each in interceptor_list()}
-    assert {"drop", "delay"} <= found.keys()
-    assert all(each["summary"] for each in found.values())
 
 
 def test_a_plan_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus.interceptors.catalogue import build, describe, names
+from riot_bus.interceptors.catalogue import build, describe, interceptor_list, names
 from riot_bus.interceptors.losses import Drop
 from riot_bus.interceptors.timing import Delay
 from riot_bus.pipeline.conditions import Selective, When
@@ -149,3 +149,9 @@ def test_a_broken_one_does_not_hide_the_others(installed):
     found = {each.name: each for each in describe()}
     assert "cannot be loaded" in found["broken"].summary
     assert found["drop"].options
+
+
+def test_every_shipped_interceptor_is_listed_with_its_options() -> None:
+    found = {each["name"]: each for each in interceptor_list()}
+    assert {"drop", "delay"} <= found.keys()
+    assert all(each["summary"] for each in found.values())
