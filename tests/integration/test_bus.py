@@ -200,7 +200,7 @@ class Sleepy:
 
 
 def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
-    count = scaled(20_000)
+    count = 20_000
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus, pair(bus) as (source, _):
         source.do("flood", key="cut/x", count=count, congestion="DROP")
         assert wait_until(lambda: bus.losses.reasons.get("no room", 0) > 0, 10), bus.counts()
@@ -212,7 +212,7 @@ def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
 
 
 def test_block_publishers_wait_for_a_slow_interceptor() -> None:
-    count = scaled(15_000)
+    count = 15_000
     with (
         Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus,
         Puppet(bus.endpoint("system")) as source,

@@ -127,11 +127,11 @@ def test_files_that_may_not_be_larger_are_followed_by_others(router: str, tmp_pa
     with recorder("big/**", "-e", router, "-o", str(path), *options) as process, Puppet(router) as source:
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (200_000, 200_000))
         source.do("flood", key="big/x", count=1000, padding=1000)
-        assert wait_until(lambda: len(list(tmp_path.iterdir())) > 1, 20)
+        assert wait_until(lambda: len(list(tmp_path.iterdir())) > 1, 60)
         with open_client(router) as client:
             put(client, "big/end", b"end")
         assert wait_until(
-            lambda: any(b"end" in recorded(file) for file in sorted(tmp_path.iterdir())), 20, interval=0.05
+            lambda: any(b"end" in recorded(file) for file in sorted(tmp_path.iterdir())), 60, interval=0.05
         )
         process.send_signal(signal.SIGINT)
         code, result, err = ended(process)

@@ -55,6 +55,7 @@ def processes(endpoint, names, *options):
             process.stderr.close()
 
 
+@pytest.mark.load  # drives 40 times as fast as real time
 def test_the_whole_system_drives_and_stops_cleanly():
     names = ["planner", "mapper", "controller", "operator_", "sim"]
     seen = {"/plan": 0, "/cmd_vel": 0, "/odom": 0}
