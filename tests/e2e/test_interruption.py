@@ -15,7 +15,7 @@ from e2e_support import belonging_to, command, environment
 
 from riot_bus.zenoh.session import wait_until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 PRESS = Path(__file__).resolve().parents[1] / "systems" / "press"
 
