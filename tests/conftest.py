@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from coverage import Coverage
 from hypothesis import settings
 
 from tests.tiers import ALL, scaled
@@ -48,6 +50,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = chosen
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Measure coverage while tests of a measured room run, and only then: it makes each test take twice as long."""
+    coverage = Coverage.current()
+    if coverage is None or _room(item.path) in _measured(coverage):
+        return (yield)
+    coverage.stop()
+    try:
+        return (yield)
+    finally:
+        coverage.start()
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say loudly, once, which foreign programs were not there."""
     reasons: Counter[str] = Counter()
@@ -59,6 +74,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("NOT TESTED", sep="!", red=True, bold=True)
         for reason, count in sorted(reasons.items()):
             terminalreporter.write_line(f"NOT TESTED: {reason} ({count} tests skipped)", red=True)
+
+
+def _room(path: Path) -> str:
+    """Return the room that a test file is about: tests/unit/ROOM/..., tests/property/test_ROOM.py."""
+    kind, name, *_ = path.relative_to(ROOT).parts
+    return name if kind == "unit" else name.removeprefix("test_").removesuffix(".py")
+
+
+def _measured(coverage: Coverage) -> list[str]:
+    return [name.rpartition(".")[2] for name in coverage.get_option("run:source_pkgs") or ()]
 
 
 def _in_gate(item: pytest.Item) -> bool:
