@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
@@ -131,7 +130,7 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
         signature=failure.violation.signature,
         details=tuple(failure.details),
         occurrences=failure.occurrences,
-        injections=tuple(asdict(injection) for injection in failure.injections),
+        injections=tuple(injection.row() for injection in failure.injections),
         messages=len(prefix),
         modified=len(originals),
         seed=workspace.seed,

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +51,7 @@ class CaseTemplate:
 
     def digest(self) -> str:
         """Return a hash of what decides the outcome."""
-        text = json.dumps([[asdict(each) for each in self.injections], self.signature], sort_keys=True, default=repr)
+        text = json.dumps([[each.row() for each in self.injections], self.signature], sort_keys=True, default=repr)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def anywhere(self) -> CaseTemplate:
@@ -107,12 +107,20 @@ def _injection(row: Mapping[str, Any], where: str) -> Injection:
     try:
         if isinstance(value, dict):
             values["value"] = Formula(**value) if "text" in value else Signal(**value)
-        elif isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
-            values["value"] = ast.literal_eval(value)
-        values["options"] = tuple((str(name), value) for name, value in values.get("options", ()))
+        else:
+            values["value"] = _scalar(value)
+        values["options"] = tuple((str(name), _scalar(value)) for name, value in values.get("options", ()))
         return Injection(**values)
     except (TypeError, ValueError, SyntaxError) as error:
         raise ConfigError(f"this injection cannot be used: {error}", where=where) from None
+
+
+def _scalar(value: Any) -> Any:
+    if isinstance(value, dict | list):
+        raise TypeError(f"{value!r} is no single value")
+    if isinstance(value, str) and re.match(r"b['\"]", value):  # bytes, as Python writes them
+        return ast.literal_eval(value)
+    return value
 
 
 def _certificates(record: FieldsRecord) -> tuple[Injection, ...]:

@@ -1,12 +1,12 @@
 """Kinds of faults: what happens to a message that an injection selects; found by the entry points `riot_bus.faults`.
 
 A kind is a class whose fields are the keys that a plan's table takes for it. `field`, `value`, `delay` and `copies` are
-attributes of the injection, all others are among its `options`.
+attributes of the injection, all others are among its `options`. What tells which messages are meant is the plan's.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
@@ -15,14 +15,13 @@ from pydantic import Field
 from riot_bus.inject.formula import evaluate, parse_formula
 from riot_bus.inject.values import fit_value, set_elements
 from riot_bus.pipeline.event import Change
-from riot_bus.plugin_options import options_of
+from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.injection import Formula, Signal
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
-    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Scalar
 
 __all__ = [
@@ -38,6 +37,8 @@ __all__ = [
 
 ATTRIBUTES = ("field", "value", "delay", "copies")
 """Options that an `Injection` has attributes for."""
+
+_DEFAULTS = {each.name: each.default for each in fields(Injection)} | {"signal": None, "formula": None}
 
 
 class FaultKind(Protocol):
@@ -130,6 +131,10 @@ def fault_class(name: str) -> type[FaultKind]:
     if not isinstance(kind, type) or not callable(getattr(kind, "apply", None)):
         hint = "its entry point has to name a class with a method apply(self, event)"
         raise ConfigError(f"fault kind {name!r} cannot be used", where=FAULTS.targets()[name], hint=hint)
+    for option, (_, default) in options_of(kind).items():
+        if option in _DEFAULTS and (option not in ATTRIBUTES or default not in (REQUIRED, _DEFAULTS[option])):
+            text = f"fault kind {name!r} cannot be used: {option!r} is a key of every injection, not its own"
+            raise ConfigError(text, where=FAULTS.targets()[name], hint="give this option another name")
     return kind
 
 

@@ -24,7 +24,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
@@ -52,6 +52,9 @@ class _Bytes(BaseModel):
     hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
 
 
+_Written = bool | int | float | str | _Bytes
+
+
 class _Signal(BaseModel):
     model_config = _STRICT
     center: _Finite
@@ -71,7 +74,7 @@ class _Inject(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True)  # a kind of fault may have options of its own
     topic: Annotated[str, Field(min_length=1)]
     field: Annotated[str, Field(min_length=1)] | None = None
-    value: bool | int | float | str | _Bytes | None = None
+    value: _Written | None = None
     signal: _Signal | None = None
     formula: str | _Formula | None = None
     fault: str = "set"
@@ -158,7 +161,19 @@ def _check(entry: _Inject, where: str) -> dict[str, Scalar]:
     problem = _problem(entry, declared)
     if problem:
         raise ConfigError(problem, where=where)
-    return own
+    return {key: _option(value, f"{where}.{key}") for key, value in own.items()}
+
+
+def _option(value: Any, where: str) -> Scalar:
+    try:
+        return _scalar(TypeAdapter[_Written](_Written).validate_python(value, strict=True))
+    except ValidationError:
+        hint = "write a number, true, false, a text, or {hex = ...} for bytes"
+        raise ConfigError(f"an option is one value (found {value!r})", where=where, hint=hint) from None
+
+
+def _scalar(value: _Written) -> Scalar:
+    return bytes.fromhex(value.hex) if isinstance(value, _Bytes) else value
 
 
 def _problem(entry: _Inject, declared: Container[str]) -> str | None:
@@ -207,7 +222,7 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
     elif entry.formula is not None:
         value = _formula(entry.formula, where)
     else:
-        value = bytes.fromhex(entry.value.hex) if isinstance(entry.value, _Bytes) else entry.value
+        value = None if entry.value is None else _scalar(entry.value)
     made = Injection(
         topic=entry.topic,
         field=entry.field,

@@ -6,8 +6,8 @@ This is data only; `riot_bus.inject` reads plans and carries them out.
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
@@ -90,3 +90,10 @@ class Injection:
     copies: int = 1
     seed: int = 0
     options: tuple[tuple[str, Scalar], ...] = ()
+
+    def row(self) -> dict[str, Any]:
+        """Return it as findings and digests hold it: without `options` if there are none, as before there were any."""
+        row = asdict(self)
+        if not self.options:
+            del row["options"]
+        return row

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -78,7 +78,7 @@ class TestCase:
         digest = hashlib.sha256()
         for message in self.messages:
             digest.update(message.digest())
-        rest = {"seed": self.seed, "injections": [asdict(injection) for injection in self.injections]}
+        rest = {"seed": self.seed, "injections": [injection.row() for injection in self.injections]}
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
         return digest.hexdigest()[:32]
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,14 @@ INJECTIONS = (
     Injection("a", "len(xs)", Formula("2 * n", base="part")),
     Injection("b", "data", b"\x00\xff"),
     Injection("b", fault="drop"),
+    Injection("b", fault="mine", options=(("blob", b"\x00"), ("factor", 2.0))),
 )
 
 
 def finding(folder: Path, *injections: Injection) -> Path:
     record = FindingRecord(
         id="crash-unit-1", system="s", system_file="/s/riot.toml", unit="unit", component="unit", monitor="crash",
-        signature="crash:unit:main.py:3", injections=tuple(asdict(each) for each in injections),
+        signature="crash:unit:main.py:3", injections=tuple(each.row() for each in injections),
     )  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     record.save(folder)
@@ -113,6 +113,7 @@ def test_what_is_no_test_case(tmp_path: Path) -> None:
         ({"topc": "a"}, "unknown key 'topc'"),
         ({"field": "v"}, "this injection cannot be used"),
         ({"topic": "a", "value": {"x": 1}}, "this injection cannot be used"),
+        ({"topic": "a", "fault": "mine", "options": [["x", [1]]]}, "this injection cannot be used"),
         ({"topic": "a", "value": "b'\\x"}, "this injection cannot be used"),
     ],
 )

@@ -1,7 +1,8 @@
 import pytest
 
+from riot_bus.pipeline import runner
 from riot_bus.pipeline.event import Change
-from riot_bus.pipeline.runner import Counts, Pipeline
+from riot_bus.pipeline.runner import AbandonedError, Counts, Pipeline
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.message import Message
@@ -172,3 +173,101 @@ def test_two_of_a_kind_have_different_names():
 def test_object_without_message_is_refused():
     with pytest.raises(ConfigError, match="no method message"):
         pipeline(object())
+
+
+def test_replacing_starts_the_new_ones_stops_the_old_ones_and_leaves_those_that_stay():
+    calls = []
+
+    def hooked(name):
+        def note(hook):
+            return lambda self, *_: calls.append(f"{name} {hook}")
+
+        return type(name, (), {hook: note(hook) for hook in ("load", "start", "stop")} | {"message": lambda *_: None})()
+
+    stays, goes, comes = hooked("stays"), hooked("goes"), hooked("comes")
+    run = pipeline(stays, goes)
+    run.feed(message())
+    calls.clear()
+    run.replace([comes, stays])
+    assert calls == ["comes load", "goes stop", "comes start"]
+
+
+def test_an_abandoned_interceptor_is_bypassed_and_stays_so_when_others_are_replaced():
+    seen, others = [], []
+
+    def hangs(event):
+        seen.append(event)
+        assert run.abandon(run.current, "too slow", "file:1")
+        assert not run.abandon(run.current, "too slow", "file:1")
+
+    slow, other = act(hangs), act(others.append)
+    run = pipeline(slow, other)
+    with pytest.raises(AbandonedError, match="came back too late"):
+        run.feed(message())
+    assert others == []
+    run.feed(message())
+    run.replace([slow])
+    run.call(run.stages[0], "stop")
+    run.feed(message())
+    assert (len(seen), len(others)) == (1, 1)
+    assert run.errors["Act"].first == "file:1: too slow"
+
+
+@pytest.mark.parametrize("name", ["targets", "branches"])
+def test_interceptors_cannot_set_where_a_message_goes(name):
+    run = pipeline(act(lambda event: setattr(event, name, ("b",))))
+    result = run.feed(message(), targets=("a", "b"))
+    assert [emission.targets for emission in result.emissions] == [None]
+    assert "cannot be set" in run.errors["Act"].first
+
+
+def test_ctrl_c_while_a_log_is_worked_on_is_no_error_of_an_interceptor():
+    def interrupted(event):
+        raise KeyboardInterrupt
+
+    run = pipeline(act(interrupted))
+    with pytest.raises(KeyboardInterrupt):
+        run.feed(message())
+    assert run.errors == {}
+
+
+def test_rewriters_are_carried_out_in_order_and_told_how_often():
+    told = []
+
+    def rewriting(text):
+        return act(
+            lambda event: None,
+            rewriter=lambda self, kind, key, payload: lambda each: each + text,
+            rewrote=lambda self, key, count: told.append((text, key, count)),
+        )
+
+    run = pipeline(rewriting(b"1"), rewriting(b"2"), act(lambda event: None, topics="elsewhere"), provenance=False)
+    run.start()
+    assert run.rewriter("a", b"")(b"0") == b"012"
+    run.rewrote("a", 5)
+    assert told == [(b"1", "a", 5), (b"2", "a", 5)]
+    assert run.counts["a"] == Counts(seen=5, changed=5, delivered=5)
+    run.replace([rewriting(b"1"), act(lambda event: None)])
+    assert run.rewriter("a", b"") is None  # the other one needs events
+    assert run.rewriter("nobody/looks", b"") is None
+
+
+def test_what_is_kept_by_key_and_topic_is_bounded(monkeypatch):
+    monkeypatch.setattr(runner, "_CACHED_KEYS", 2)
+    monkeypatch.setattr(runner, "MOST_TOPICS", 3)
+    run = pipeline()
+    for number in range(6):
+        run.feed(message(f"k{number}"))
+        assert len(run._routes) <= 2
+    assert {topic: counts.seen for topic, counts in run.counts.items()} == {
+        "k0": 1, "k1": 1, "k2": 1, runner.OTHER_TOPICS: 3,
+    }  # fmt: skip
+
+
+def test_types_are_looked_up_again_when_they_have_been_forgotten():
+    run = pipeline()
+    before = run.route("a")
+    assert run.route("a") is before
+    run.forget()
+    assert run.route("a") is not before
+    assert run.route("a").counts is before.counts

@@ -64,6 +64,14 @@ def test_digest_follows_whatever_decides_the_outcome() -> None:
     assert len({case.digest(), *(other.digest() for other in others)}) == 5
 
 
+def test_digests_of_stored_trials_stay_and_options_of_faults_count() -> None:
+    plain = (Injection("a", "x", 1.0), Injection("a", fault="drop"))
+    assert TestCase((), plain, 3).digest() == "0977dd7218231dfb36cacf327ff70941"  # campaigns of earlier versions resume
+    assert "options" not in plain[0].row()
+    cases = [TestCase((), (Injection("a", fault="f", options=(("n", number),)),)) for number in range(3)]
+    assert len({case.digest() for case in cases}) == 3
+
+
 def test_failing_as() -> None:
     failed = Outcome(Verdict.FAIL, (Violation("crash", "a", "s"), Violation("hang", "b", "t")))
     assert failed.failed_as("t")
