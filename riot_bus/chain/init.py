@@ -5,11 +5,7 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.component import client_cfg
-from riot_bus.graph.survey import survey
-from riot_bus.sut.scaffold import sketch_json, sketch_toml
 from riot_bus.sut.system import SystemFile
-from riot_bus.sut.system_draft import sketch
 from riot_bus.types.capabilities import ListensToLinks
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
@@ -51,6 +47,11 @@ def init_ros2(
         ConfigError: The file is there already, or a node was named that was not seen.
         EnvironmentFaultError: Nobody answers, or no nodes were seen.
     """
+    from riot_bus.control.component import client_cfg
+    from riot_bus.graph.survey import survey
+    from riot_bus.sut.scaffold import sketch_json, sketch_toml
+    from riot_bus.sut.system_draft import sketch
+
     check_path(path, force=force)
     registry = TypeRegistry(load_adapters(["ros2"]))
     seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))

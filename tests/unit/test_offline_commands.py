@@ -10,6 +10,8 @@ import pytest
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
+from riot_bus_mavlink.tlog import tlog_record
+from tests.unit.riot_bus_mavlink.bridge.frames import frame_of
 
 LIVE = ("agent", "bridge", "control", "doctor", "graph", "play", "record", "router", "zenoh")
 PROGRAM = f"""
@@ -29,6 +31,7 @@ def log(tmp_path: Path) -> Path:
     with LogWriter(tmp_path / "in.mcap") as writer:
         for number in range(5):
             writer.write(Message(10**9 + number, "a", b'{"x": 1}', encoding="application/json"))
+    (tmp_path / "in.tlog").write_bytes(b"".join(tlog_record(10**18, frame_of(sequence=n).raw) for n in range(5)))
     return tmp_path / "in.mcap"
 
 
@@ -39,7 +42,7 @@ def log(tmp_path: Path) -> Path:
         ["types", "{log}"],
         ["export", "{log}", "--field", "a:x", "-o", "{out}.csv"],
         ["edit", "{log}", "{out}.mcap", "--set", "a:x = 2", "--interceptor", "drop every=2"],
-        ["init", "--help"],
+        ["init", "--mavlink", "{folder}/in.tlog?rate=0", "--seconds", "0.5", "-o", "{out}.toml"],
         ["findings", "{folder}"],
         ["interceptors"],
     ],
