@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
     from riot_bus.findings.steps import STEPS, ChainStep, find_step
     from riot_bus.inject.apply import inject_log
+    from riot_bus.interceptors.parsing import from_text
     from riot_bus.log.editing.edit import edit
     from riot_bus.log.editing.options import EditOptions
     from riot_bus.log.reader import LogReader
@@ -49,7 +50,8 @@ _LOGS = {
     "iter_columns": "log.tables.table",
 }
 _TYPES = {"TypeRegistry": "types.registry", "load_adapters": "types.registry"}
-_BUSES = {"Bus": "router.bus", "Pipeline": "pipeline.runner", "open_client": "zenoh.client"}
+_BUSES = {"Bus": "router.bus", "open_client": "zenoh.client"}
+_INTERCEPTORS = {"Pipeline": "pipeline.runner", "from_text": "interceptors.parsing"}
 _RECORDING = {
     "CaptureOptions": "record.options",
     "CaptureService": "record.service",
@@ -77,7 +79,7 @@ _ERRORS = {
     "PayloadError": "vocabulary.errors",
     "RiotError": "vocabulary.errors",
 }
-_PLACES = _MESSAGES | _LOGS | _TYPES | _BUSES | _RECORDING | _FAULTS | _CHAIN | _ERRORS
+_PLACES = _MESSAGES | _LOGS | _TYPES | _BUSES | _INTERCEPTORS | _RECORDING | _FAULTS | _CHAIN | _ERRORS
 
 __all__ = [
     "STEPS",
@@ -108,6 +110,7 @@ __all__ = [
     "columns",
     "edit",
     "find_step",
+    "from_text",
     "inject_log",
     "iter_columns",
     "load_adapters",
