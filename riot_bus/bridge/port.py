@@ -7,6 +7,7 @@ import logging
 import threading
 from typing import TYPE_CHECKING, Any, Self
 
+from riot_bus.bridge.token_table import TokenTable
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning, pin
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.router.audience import Take
+    from riot_bus.types.port import Closeable
     from riot_bus.zenoh import api as zenoh
 
 __all__ = [
@@ -31,7 +33,6 @@ __all__ = [
 ]
 
 _LOG = logging.getLogger(__name__)
-_ANSWER_S = 2.0
 _AT_ONCE = 64
 _CHANNEL = 4096  # messages
 _HEARTBEAT_S = 0.5
@@ -205,6 +206,8 @@ class SegmentPort:
         self._session = session
         self.endpoint = endpoint
         self.zid = str(session.info.zid())
+        self._tokens: dict[str, TokenTable] = {}
+        self._watching = threading.Lock()
         begin_pinning(session)
 
     def publisher(
@@ -286,32 +289,18 @@ class SegmentPort:
         """Show a liveliness token."""
         return Inlet(self._session.liveliness().declare_token(token))
 
-    def watch(self, expression: str, take: Callable[[str, bool], None]) -> Inlet:
+    def watch(self, expression: str, take: Callable[[str, bool], None]) -> Closeable:
         """Follow the liveliness tokens of a key expression, our own among them.
 
         Args:
-            expression: Which.
-            take: Called with a token and whether it is there, on a thread of Zenoh's; with those that are there already
-                before this returns, and perhaps once more.
+            expression: Which; what is watched through one port is equal or has no key in common.
+            take: Called with a token and whether it is there, once per change: with those that are there already
+                before this returns, with others on a thread of Zenoh's; must not wait.
         """
-        from riot_bus.zenoh import api as zenoh
-
-        def receive(sample: zenoh.Sample) -> None:
-            kind: Any = sample.kind
-            take(str(sample.key_expr), int(kind) == 0)
-
-        def answered(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                receive(reply.ok)
-
-        # Both are called on the thread that reads the link: what goes after an answer is heard after it.
-        told, liveliness = threading.Event(), self._session.liveliness()
-        heard: Any = zenoh.handlers.Callback(receive, indirect=False)
-        listener = Inlet(liveliness.declare_subscriber(expression, heard, history=True))
-        answer: Any = zenoh.handlers.Callback(answered, drop=told.set, indirect=False)
-        liveliness.get(expression, answer, timeout=_ANSWER_S)
-        told.wait(2 * _ANSWER_S)
-        return listener
+        with self._watching:
+            if expression not in self._tokens:
+                self._tokens[expression] = TokenTable(self._session, expression)
+        return self._tokens[expression].follow(take)
 
     def serve(self, key: str, take: Callable[[Question], None]) -> Inlet:
         """Answer the questions of others.

@@ -47,20 +47,19 @@ class Announcements:
         """Take in who is there, now and later.
 
         Args:
-            session: A session of the network.
+            session: A session of the network; if we wait, a client that nothing else has told these tokens.
             wait: Return once present tokens are known, and their owners have been asked for unknown types; with those
                 who say nothing, this takes two seconds.
         """
         liveliness = session.liveliness()
         self._learner.sessions.append(session)
-        # On the thread that reads the link, for then the end of an answer comes after all that was heard before it:
-        # zenoh 1.10.2 may leave out of the answer what the session has heard of.
+        # On the thread that reads the link, for then a query ends after all that was there before has been heard. Its
+        # answers are not looked at: zenoh 1.10.2 may leave some out, and others may be gone by now.
         heard: Any = library_of(session).handlers.Callback(self._take, indirect=False)
         for adapter in self._registry.metadata_adapters():
             self._listeners.append(liveliness.declare_subscriber(adapter.tokens, heard, history=True))
-            for reply in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():  # what goes now is heard
-                if reply.ok is not None:
-                    self._take(reply.ok)
+            for _ in liveliness.get(adapter.tokens, timeout=_ANSWER_S) if wait else ():
+                pass
         if wait:
             wait_until(self._learner.idle, _TOLD_S, interval=_LOOK_S)
 

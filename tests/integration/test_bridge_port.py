@@ -133,6 +133,25 @@ def test_tokens_that_are_there_are_told_before_watch_returns(
     watching.close()
 
 
+def test_who_stops_watching_tokens_is_told_no_more_and_others_are(
+    ports: tuple[SegmentPort, SegmentPort, SegmentPort],
+) -> None:
+    one, other, _ = ports
+    former: list[tuple[str, bool]] = []
+    latter: list[tuple[str, bool]] = []
+    first = other.watch("@x/*", lambda *change: former.append(change))
+    second = other.watch("@x/*", lambda *change: latter.append(change))
+    token = one.announce("@x/a")
+    assert wait_until(lambda: len(latter) == 1, WAIT_S)
+    first.close()
+    first.close()
+    token.close()
+    assert wait_until(lambda: len(latter) == 2, WAIT_S)
+    second.close()
+    assert former == [("@x/a", True)]
+    assert latter == [("@x/a", True), ("@x/a", False)]
+
+
 def test_nobody_there_is_an_error() -> None:
     with pytest.raises(EnvironmentFaultError):
         open_port([free_endpoint()])
