@@ -40,16 +40,12 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
             )
             holds = concrete(candidate).holds(columns)
             values = candidate.feature.values(columns)
-            if values is None:
-                continue
+            assert values is not None  # only numbers have thresholds
             inner = values[rest & failed & holds & ~elsewhere].tolist()
             outer = values[rest & ~failed & ~holds].tolist()
             outer = [value for value in outer if value == value]  # without NaN
-            if not inner or not outer:
-                continue
-            up = candidate.operator == ">"
-            inside, outside = (min(inner), max(outer)) if up else (max(inner), min(outer))
-            if (outside < inside) is up and outside != inside:
+            if inner and outer:
+                inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
                 term[place] = replace(candidate, outside=outside, inside=inside)
     return replace(learnt, terms=tuple(tuple(term) for term in terms))
 
@@ -85,8 +81,7 @@ def probe_threshold(
         return None
     columns = columns_of(table.variables, options)
     values = candidate.feature.values(columns)
-    if values is None:
-        return None
+    assert values is not None  # only numbers have thresholds
     free = _only(learnt, place).predict(columns)
     reached = [
         (value, option)
@@ -203,9 +198,4 @@ def _factors(first: str, second: str, target: int) -> list[dict[str, Number]]:
 def _ratio(value: Number, by: Number) -> Number:
     if not by:
         return value
-    if isinstance(value, int) and isinstance(by, int):
-        return value // by
-    try:
-        return value / by
-    except OverflowError:
-        return math.inf
+    return value // by if isinstance(value, int) and isinstance(by, int) else value / by

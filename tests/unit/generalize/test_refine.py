@@ -1,0 +1,193 @@
+"""Trials that narrow one threshold, for each kind of feature, against rules that are known."""
+
+import math
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import pytest
+
+from riot_bus.generalize.beam import Learnt
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.refine import probe_threshold, widen
+from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.sampling import Assignment, Variable, columns_of
+from riot_bus.generalize.table import Candidate, Table, concrete
+from riot_bus.vocabulary.trial import Scalar
+
+LONG, FLOAT = "int64", "float64"
+
+
+def table_of(names: dict[str, Scalar], rows: Sequence[Assignment], fails: Callable[[Assignment], bool]) -> Table:
+    kinds = {bool: "bool", int: LONG, float: FLOAT, str: "string"}
+    table = Table([Variable(name, kinds[type(value)], value) for name, value in names.items()])
+    table.add(rows, [fails(row) for row in rows])
+    return table
+
+
+def learnt(table: Table, *terms: Sequence[Candidate]) -> Learnt:
+    return widen(table, Learnt(tuple(map(tuple, terms)), 0.0, 0))
+
+
+def threshold(feature: Feature, operator: str, outside: Scalar, inside: Scalar) -> Candidate:
+    return Candidate(feature, operator, 1.0, outside, inside)
+
+
+def value_of(table: Table, feature: Feature, row: Assignment) -> float:
+    values = feature.values(columns_of(table.variables, [row]))
+    assert values is not None
+    return values.tolist()[0]
+
+
+def narrow(
+    table: Table, candidate: Candidate, *others: Candidate, fails: Callable[[Assignment], bool], most: int = 400
+) -> tuple[Candidate, int]:
+    """Probe the threshold of a term until nothing is left to ask; each trial has to lie between the known values."""
+    chance = random.Random(0)
+    rest = Rule((tuple(map(concrete, others)),))
+    for turn in range(most):
+        rule = Learnt(((candidate, *others),), 0.0, 0)
+        question = probe_threshold(table, rule, (0, 0), chance, turn=turn)
+        if question is None:
+            return candidate, turn
+        value = value_of(table, candidate.feature, question)
+        low, high = sorted((candidate.outside, candidate.inside))  # type: ignore[type-var]
+        assert low < value < high  # type: ignore[operator]
+        assert rest.predict(columns_of(table.variables, [question])).all()
+        table.add([question], [fails(question)])
+        candidate = replace(candidate, **{"inside" if fails(question) else "outside": value})
+    return candidate, most
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [("mul", 4194304), ("mul", 1_000_003), ("add", 777), ("sub", -31), ("maxabs", 4000), ("minabs", 4000)],
+)
+@pytest.mark.parametrize("operator", ["<", ">"])
+def test_thresholds_of_integers_become_exact(kind: str, limit: int, operator: str) -> None:
+    feature = Feature(kind, ("x", "y"))
+    literal = Literal(feature, operator, limit)
+    rows: list[Assignment] = [{"x": x, "y": y} for x in (-90_000, -7, 3, 90_000) for y in (-80_000, 5, 80_000)]
+    table = table_of({"x": 1, "y": 1}, rows, lambda row: False)
+
+    def fails(row: Assignment) -> bool:
+        return bool(literal.holds(columns_of(table.variables, [row]))[0])
+
+    table = table_of({"x": 1, "y": 1}, rows, fails)
+    values = [value_of(table, feature, row) for row in rows]
+    inner = [value for value, row in zip(values, rows, strict=True) if fails(row)]
+    outer = [value for value, row in zip(values, rows, strict=True) if not fails(row)]
+    ends = (max(outer), min(inner)) if operator == ">" else (min(outer), max(inner))
+    found, trials = narrow(table, threshold(feature, operator, *ends), fails=fails)
+    assert trials < 120
+    assert (found.outside, found.inside) == (limit, limit + (1 if operator == ">" else -1))
+
+
+@pytest.mark.parametrize("kind", ["mul", "add", "sub", "div", "hypot", "maxabs", "minabs"])
+def test_thresholds_of_floats_are_narrowed(kind: str) -> None:
+    feature = Feature(kind, ("x", "y"))
+    literal = Literal(feature, ">", 3.5)
+    rows: list[Assignment] = [{"x": x, "y": y} for x in (-50.0, 0.5, 60.0) for y in (0.25, 1.0, 40.0)]
+    table = table_of({"x": 1.0, "y": 1.0}, rows, lambda row: False)
+
+    def fails(row: Assignment) -> bool:
+        return bool(literal.holds(columns_of(table.variables, [row]))[0])
+
+    table = table_of({"x": 1.0, "y": 1.0}, rows, fails)
+    values = [value_of(table, feature, row) for row in rows]
+    inside = min(value for value, row in zip(values, rows, strict=True) if fails(row))
+    outside = max(value for value, row in zip(values, rows, strict=True) if not fails(row))
+    found, _ = narrow(table, threshold(feature, ">", outside, inside), fails=fails, most=60)
+    assert isinstance(found.outside, float)
+    assert isinstance(found.inside, float)
+    assert found.outside <= 3.5 < found.inside
+    assert found.inside - found.outside < 1e-3
+
+
+def test_a_sum_that_wraps_is_narrowed() -> None:
+    feature = Feature("wrap8", ("x", "y"))
+    table = Table([Variable("x", "uint8", 1), Variable("y", "uint8", 1)])
+
+    def fails(row: Assignment) -> bool:
+        return value_of(table, feature, row) > 77
+
+    rows: list[Assignment] = [{"x": 3, "y": 2}, {"x": 100, "y": 100}, {"x": 255, "y": 2}]
+    table.add(rows, [fails(row) for row in rows])
+    found, _ = narrow(table, threshold(feature, ">", 5, 200), fails=fails)
+    assert concrete(found).text() == "(x + y) % 2**8 > 77"
+
+
+def test_the_rest_of_the_term_holds_in_a_probe_and_other_terms_do_not() -> None:
+    def fails(row: Assignment) -> bool:
+        x, y = row["x"], row["y"]
+        assert isinstance(x, int)
+        assert isinstance(y, int)
+        return (x > 500 and row["on"] is True) or y > 1000
+
+    rows: list[Assignment] = [
+        {"x": x, "y": y, "on": on} for x in (0, 100, 900) for y in (0, 10, 2000) for on in (True, False)
+    ]
+    table = table_of({"x": 0, "y": 0, "on": True}, rows, fails)
+    x, y, on = (Feature("raw", (name,)) for name in ("x", "y", "on"))
+    rule = learnt(
+        table,
+        [threshold(x, ">", 100, 900), Candidate(on, "==", 1.0, inside=True)],
+        [threshold(y, ">", 10, 2000)],
+    )
+    chance = random.Random(1)
+    for turn in range(9):
+        question = probe_threshold(table, rule, (0, 0), chance, turn=turn)
+        assert question is not None
+        assert question["on"] is True
+        assert question["y"] in (0, 10)
+    found, _ = narrow(table, *rule.terms[0], fails=fails)
+    assert concrete(found).text() == "x > 500"
+
+
+def test_values_that_are_no_numbers_are_stepped_over() -> None:
+    rows: list[Assignment] = [
+        {"x": x, "y": y} for x in (math.nan, math.inf, 0.0, 10.0) for y in (0.0, 2.0, math.nan)
+    ]
+    feature = Feature("add", ("x", "y"))
+
+    def fails(row: Assignment) -> bool:
+        return row["x"] + row["y"] > 3.5  # type: ignore[operator]
+
+    table = table_of({"x": 0.0, "y": 0.0}, rows, fails)
+    found, _ = narrow(table, threshold(feature, ">", 2.0, 10.0), fails=fails, most=40)
+    assert concrete(found).text() == "x + y > 3.5"
+
+
+def test_what_has_no_threshold_or_an_exact_one_needs_no_trial() -> None:
+    rows: list[Assignment] = [{"x": 4, "mode": "a"}, {"x": 5, "mode": "b"}]
+    table = table_of({"x": 5, "mode": "b"}, rows, lambda row: row["mode"] == "b")
+    x, mode = Feature("raw", ("x",)), Feature("raw", ("mode",))
+    chance = random.Random(0)
+    for candidate in (Candidate(mode, "==", 1.0, inside="b"), threshold(x, ">", 4, 5)):
+        rule = learnt(table, [candidate])
+        assert rule.terms == ((candidate,),)
+        assert probe_threshold(table, rule, (0, 0), chance, turn=0) is None
+
+
+def test_no_trial_is_made_where_the_rest_of_the_term_never_held() -> None:
+    rows: list[Assignment] = [{"x": 4, "y": 0}, {"x": 90, "y": 0}]
+    table = table_of({"x": 90, "y": 0}, rows, lambda row: row["x"] == 90)
+    never = threshold(Feature("raw", ("y",)), ">", 5, 6)
+    rule = learnt(table, [threshold(Feature("raw", ("x",)), ">", 4, 90), never])
+    assert rule.terms[0][0] == threshold(Feature("raw", ("x",)), ">", 4, 90)
+    assert probe_threshold(table, rule, (0, 0), random.Random(0), turn=0) is None
+
+
+def test_an_interval_ends_at_samples_that_this_literal_alone_decides_about() -> None:
+    rows: list[Assignment] = [
+        {"x": 10, "on": True},
+        {"x": 60, "on": False},  # passes for another reason
+        {"x": 90, "on": True},
+        {"x": 400, "on": True},
+    ]
+    table = table_of({"x": 400, "on": True}, rows, lambda row: row["on"] is True and row["x"] > 20)  # type: ignore[operator]
+    on = Candidate(Feature("raw", ("on",)), "==", 1.0, inside=True)
+    rule = learnt(table, [threshold(Feature("raw", ("x",)), ">", 60, 90), on])
+    assert (rule.terms[0][0].outside, rule.terms[0][0].inside) == (10, 90)
+    assert concrete(rule.terms[0][0]).operator in (">", ">=")
