@@ -95,7 +95,10 @@ def fit(value: Scalar, type_: str) -> Scalar | None:
     if type_.startswith("float"):
         if isinstance(value, str | bytes):
             return None
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            return None
         if type_ == "float32" and math.isfinite(number):
             if abs(number) > _FLOAT32_MAX:
                 return None

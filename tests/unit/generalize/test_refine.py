@@ -146,9 +146,7 @@ def test_the_rest_of_the_term_holds_in_a_probe_and_other_terms_do_not() -> None:
 
 
 def test_values_that_are_no_numbers_are_stepped_over() -> None:
-    rows: list[Assignment] = [
-        {"x": x, "y": y} for x in (math.nan, math.inf, 0.0, 10.0) for y in (0.0, 2.0, math.nan)
-    ]
+    rows: list[Assignment] = [{"x": x, "y": y} for x in (math.nan, math.inf, 0.0, 10.0) for y in (0.0, 2.0, math.nan)]
     feature = Feature("add", ("x", "y"))
 
     def fails(row: Assignment) -> bool:
