@@ -93,12 +93,8 @@ def _simplest(low: Number, high: Number, integer: bool) -> Number:  # noqa: FBT0
     options: list[Number] = [low, high]
     exponent = len(str(int(top))) - 1 if integer else math.floor(math.log10(top))
     for digits in range(1, 18):
-        power = exponent - digits + 1
-        if integer and power < 0:
-            break
+        power = exponent - digits + 1  # of integers at least 0: with 0, all in the interval are options
         unit = 10**power if integer else float(f"1e{max(power, -320)}")
-        if not unit:
-            break
         first = -(-low // unit)
         count = 0
         while count < 10 and (first + count) * unit <= high * (1 + 1e-15 if not integer else 1):

@@ -112,7 +112,7 @@ def fit(value: Scalar, type_: str) -> Scalar | None:
 def interesting(variable: Variable) -> list[Scalar]:
     """Return the distinct known values of a variable: failing, passing, dictionary, edges of the type, some nominal."""
     limits = integer_range(variable.type)
-    edges: list[Scalar] = []
+    edges: list[Scalar]
     if limits is not None:
         edges = [0, 1, *limits, limits[1] // 2, *([-1] if limits[0] else [])]
     elif variable.type.startswith("float"):
@@ -121,7 +121,7 @@ def interesting(variable: Variable) -> list[Scalar]:
         edges = [False, True]
     elif variable.type == "string":
         edges = [""]
-    elif variable.type == "bytes":
+    else:
         edges = [b""]
     known = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
     held = [value for value in (fit(value, variable.type) for value in known) if value is not None]
@@ -130,10 +130,7 @@ def interesting(variable: Variable) -> list[Scalar]:
 
 def _spread(values: Sequence[Scalar]) -> list[Scalar]:
     """Return up to seven of the values, the smallest and largest among them."""
-    try:
-        ordered = sorted({scalar_key(value): value for value in values}.values())
-    except TypeError:
-        ordered = list(values)
+    ordered = sorted({scalar_key(value): value for value in values}.values())  # type: ignore[type-var]
     count = min(7, len(ordered))
     return [ordered[index * (len(ordered) - 1) // max(count - 1, 1)] for index in range(count)]
 

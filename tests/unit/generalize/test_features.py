@@ -70,6 +70,17 @@ def test_strings_are_not_numbers() -> None:
     assert numeric(np.array([2**70, 1], dtype=object)).tolist() == [2**70, 1]  # type: ignore[union-attr]
 
 
+def test_a_column_of_mixed_numbers_is_as_exact_as_they_allow() -> None:
+    mixed = numeric(np.array([1, 2.5, True], dtype=object))
+    assert mixed is not None
+    assert mixed.tolist() == [1.0, 2.5, 1.0]
+    whole = numeric(np.array([1, True, -(2**63)], dtype=object))
+    assert whole is not None
+    assert whole.dtype == np.int64
+    assert numeric(np.array([None, 1], dtype=object)) is None
+    assert numeric(np.array([1 + 2j])) is None
+
+
 def test_bad_features_are_refused() -> None:
     with pytest.raises(ConfigError, match="did you mean"):
         Feature("hypo", ("x", "y"))
@@ -94,6 +105,10 @@ def test_features_of_types() -> None:
     [
         (-5, 3, 0),
         (4194000, 4194310, 4194304),
+        (2**63 + 11, 2**63 + 12, 2**63 + 11),
+        (5e-324, 1e-323, 5e-324),
+        (9.0, 11.0, 10.0),
+        (4, 5, 4),
         (300, 60000, 1024),
         (999999, 1000000, 1000000),
         (-2147483700, -2147483640, -2147483648),

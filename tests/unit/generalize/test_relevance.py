@@ -119,3 +119,11 @@ def test_a_failure_that_needs_nothing_has_no_fields() -> None:
 def test_names_must_differ() -> None:
     with pytest.raises(ValueError, match="distinct"):
         relevant_fields([FieldSpace("x", 1, 2, ()), FieldSpace("x", 1, 2, ())], Recorder(lambda q: True), seed=0)
+
+
+def test_a_passing_base_is_left_after_eight_draws_with_other_causes() -> None:
+    causes = [FieldSpace(f"y{index}", 0, None, tuple(range(20))) for index in range(60)]
+    ask = Recorder(lambda q: q["x"] == 5 or any(q[field.name] == 7 for field in causes))
+    result = relevant_fields([FieldSpace("x", 5, 0, (5,)), *causes], ask, seed=0)
+    assert result.fields[0].name == "x"
+    assert 8 <= len(result.fields) - 1 < 60

@@ -165,3 +165,8 @@ def test_hostile_json_is_refused(source: str | bytes) -> None:
 def test_missing_columns_are_named() -> None:
     with pytest.raises(ConfigError, match="map_updates:y"):
         PAPER.predict({X: np.array([1])})
+
+
+def test_a_rule_without_columns_has_no_rows() -> None:
+    assert Rule(()).predict({}).shape == (0,)
+    assert Rule(((),)).predict({}).shape == (0,)

@@ -1,5 +1,6 @@
 import math
 import random
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -161,6 +162,12 @@ def test_a_failure_everywhere_is_no_error() -> None:
     assert learned.rule.text() == "always"
     assert learned.precision.rate == learned.balanced_accuracy == 1.0
     assert learned.trials <= 30
+
+
+def test_a_rule_is_learnt_without_the_package_that_bounds_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "threadpoolctl", None)
+    learned = learn_rule([SPEED], Recorder(lambda v: v["speed"] > 3.5), seed=1, budget=120, validation=30)
+    assert learned.rule.text() == "speed > 3.5"
 
 
 def test_types() -> None:
