@@ -55,3 +55,10 @@ def test_large_trees_are_cut_and_say_so():
     text = tree.text()
     assert "cut" in text
     assert len(text.splitlines()) <= 500
+
+
+def test_a_tree_of_one_topic_is_cut_at_its_root(graph):
+    tree = graph.backtrack_tree("map", {"goal"}, most=1)
+    assert tree.cut
+    assert tree.hops == ()
+    assert tree.text() == "map [cut]"

@@ -153,6 +153,12 @@ def test_redrawn_correlations_equal_those_of_built_designs():
     np.testing.assert_allclose(fast, slow, rtol=1e-9)
 
 
+def test_when_every_field_shows_the_search_is_over():
+    result = analyse(make_runs(4, lambda held, rng: held[0] + 0.1 * rng.normal(size=SAMPLES), fields=1))
+    assert names(result) == {"ext0"}
+    assert len(result.edges) == 1
+
+
 def test_no_runs_and_bad_numbers():
     assert analyse([]).edges == ()
     with pytest.raises(ValueError, match="positive"):

@@ -95,3 +95,51 @@ def test_equal_seeds_give_equal_regions_and_bad_numbers_are_refused():
     )
     with pytest.raises(ValueError, match="tolerance"):
         map_region(start, AXES, ask, seed=3, tolerance=0.0)
+
+
+def test_progress_counts_points_up_to_the_budget():
+    told = []
+    start = {"goal.x": 0.0, "goal.y": -90.0}
+    ask = zone(0.0, np.random.default_rng(0))
+    found = map_region(
+        start, AXES, ask, seed=0, budget=9, tolerance=5.0, parallelism=4, progress=lambda *words: told.append(words)
+    )
+    assert [done for done, _, _ in told][-1] == 9 == len(found.samples) - 1
+    assert {total for _, total, _ in told} == {9}
+    assert all(text for _, _, text in told)
+
+
+def test_a_zone_beside_the_end_of_a_range_ends_there():
+    def corner(points):
+        return [one["goal.x"] > 4990 and one["goal.y"] > 4000 for one in points]
+
+    found = map_region({"goal.x": 4995.0, "goal.y": 4500.0}, AXES, corner, seed=1, tolerance=5.0)
+    assert (found.x_max, found.y_max) == (5000, 5000)
+    assert found.x_min == pytest.approx(4990, abs=5)
+    assert found.y_min == pytest.approx(4000, abs=5)
+
+
+def test_a_zone_that_ends_just_before_the_end_of_a_range_is_probed_up_to_there():
+    asked = []
+
+    def ask(points):
+        asked.extend(points)
+        return [4000 < one["goal.x"] < 4998 and abs(one["goal.y"]) < 500 for one in points]
+
+    found = map_region({"goal.x": 4500.0, "goal.y": 0.0}, AXES, ask, seed=1, tolerance=5.0)
+    assert found.x_max == pytest.approx(4998, abs=5)
+    assert max(one["goal.x"] for one in asked) == 5000
+    assert found.good
+
+
+def test_an_edge_that_never_comes_to_rest_ends_with_the_rounds():
+    rng = np.random.default_rng(7)
+
+    def shaking(points):
+        return [
+            abs(one["goal.x"]) < rng.uniform(50, 200) and abs(one["goal.y"]) < rng.uniform(50, 200) for one in points
+        ]
+
+    found = map_region({"goal.x": 0.0, "goal.y": 0.0}, AXES, shaking, seed=0, budget=2000, tolerance=1.0)
+    assert not found.good
+    assert len(found.samples) < 2000

@@ -10,8 +10,9 @@ import pytest
 from riot_bus.campaign.campaign import run_campaign
 from riot_bus.campaign.schedule import Schedule, targets_of
 from riot_bus.campaign.store import StoredRunner, TrialStore
+from riot_bus.campaign.targets import Target
 from riot_bus.campaign.triage import finding_id
-from riot_bus.inject.dictionary import load_dictionary
+from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.message import Message
@@ -94,6 +95,31 @@ def test_unit_that_sometimes_fails_nominally_is_inconclusive() -> None:
     answers = iter([Outcome(Verdict.PASS), Outcome(Verdict.FAIL, (CRASH,))])
     with pytest.raises(InconclusiveError):
         campaign(Pure(lambda case: next(answers)))
+
+
+def test_progress_counts_trials_and_failures() -> None:
+    told: list[tuple[int, int, str]] = []
+    nominal = [Outcome(Verdict.PASS), Outcome(Verdict.PASS)]
+    run_campaign(
+        LOG,
+        schedule(),
+        Pure(lambda case: nominal.pop() if nominal else Outcome(Verdict.FAIL, (CRASH,))),
+        seed=0,
+        trials=6,
+        modified=lambda log, case: 1,
+        progress=lambda *words: told.append(words),
+    )
+    assert [done for done, _, _ in told] == [4, 6]
+    assert {total for _, total, _ in told} == {6}
+    assert told[-1][2] == "6 failing, 1 distinct"
+
+
+def test_a_field_without_exceptional_values_is_never_drawn() -> None:
+    targets = {"cmd": [Target("cmd", "speed", "float64", 20), Target("cmd", "mode", "string", 20)]}
+    dictionary = Dictionary()
+    dictionary.add('type = "float64"\n[[entry]]\nvalue = nan\nreason = "r"', where="mine.toml")
+    only = Schedule(targets, dictionary, seed=0)
+    assert {one.field for trial in range(30) for one in only.injections(trial)} == {"speed"}
 
 
 def test_store_resumes_and_survives_a_cut_line(tmp_path: Path) -> None:

@@ -153,3 +153,17 @@ def test_types_that_describe_themselves() -> None:
     assert one.injections(0, 2, seed=0) == [Injection("image", "h", Formula("h + 1"), last=2)]
     other = [Message(n, "image", b'{"x": 1}') for n in range(3)]
     assert groups_of(other, TypeRegistry(), mine) == {}
+
+
+def test_messages_that_are_cut_off_have_no_mutations() -> None:
+    messages, registry = log("/plan")
+    cut = [message.with_(payload=message.payload[:6]) for message in messages]
+    assert groups_of(cut, registry, SHIPPED) == {}
+
+
+def test_own_mutations_that_name_fields_are_made() -> None:
+    messages, registry = log("/odom")
+    mutation = '{ set = { "twist.twist.linear.x" = nan }, reason = "r" }'
+    mine = f'[[message]]\ntype = "nav_msgs/msg/Odometry"\nmutations = [{mutation}]'
+    ((one,),) = groups_of(messages, registry, own(mine))["/odom"].values()
+    assert [each.field for each in one.injections(0, 3, seed=0)] == ["twist.twist.linear.x"]

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.findings.records import (
+    STEP_OF,
+    ActivationRecord,
+    Artefact,
+    CampaignRecord,
+    EdgeRecord,
+    PermeabilityRecord,
+)
+from riot_bus.vocabulary.errors import ConfigError
+
+CAMPAIGN = CampaignRecord(unit="planner", fingerprint="f", failing=2, findings=("a",), seed=3, trials=40)
+
+
+def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+    assert not CampaignRecord.exists(tmp_path)
+    assert CAMPAIGN.save(tmp_path) == tmp_path / "campaign.json"
+    assert CampaignRecord.exists(tmp_path)
+    assert CampaignRecord.load(tmp_path) == CAMPAIGN
+    assert [path.name for path in tmp_path.iterdir()] == ["campaign.json"]
+
+
+def test_a_missing_record_names_the_step_that_writes_it(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="not there yet") as caught:
+        ActivationRecord.load(tmp_path)
+    assert caught.value.where == str(tmp_path)
+    assert "riot activate" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"version": 2, "unit": "u", "fingerprint": "f"}', '{"unit": "u"}'])
+def test_a_record_that_cannot_be_used_is_an_error_that_says_which(tmp_path: Path, text: str) -> None:
+    (tmp_path / "campaign.json").write_text(text)
+    with pytest.raises(ConfigError, match="cannot be used") as caught:
+        CampaignRecord.load(tmp_path)
+    assert caught.value.where == str(tmp_path / "campaign.json")
+    assert "riot test" in str(caught.value.hint)
+
+
+def test_fields_of_a_later_release_are_passed_over(tmp_path: Path) -> None:
+    path = CAMPAIGN.save(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "later": 1}))
+    assert CampaignRecord.load(tmp_path) == CAMPAIGN
+
+
+def test_each_record_is_written_by_a_step() -> None:
+    assert {kind.FILE for kind in Artefact.__subclasses__()} == set(STEP_OF)
+
+
+def test_a_replay_rate_needs_replays() -> None:
+    activation = ActivationRecord(found={"x": 1.0}, runs=8, best_distance=-1.0)
+    assert activation.replay_rate is None
+    assert activation.model_copy(update={"replays": 4, "replays_failed": 3}).replay_rate == 0.75
+
+
+def test_fields_that_reach_any_relevant_one_are_told_once_strongest_first() -> None:
+    def edge(external: str, internal: str, strength: float, *, permeable: bool = True) -> EdgeRecord:
+        return EdgeRecord(
+            external=external,
+            internal=internal,
+            permeable=permeable,
+            strength=strength,
+            low=0.0,
+            high=1.0,
+            lag_s=0.1,
+            p_value=0.01,
+        )
+
+    edges = (edge("a", "x", 0.2), edge("b", "x", 0.5), edge("a", "y", 0.7), edge("c", "x", 0.9, permeable=False))
+    assert PermeabilityRecord(edges=edges, runs=4).permeable == ("a", "b")
