@@ -130,7 +130,7 @@ def interesting(variable: Variable) -> list[Scalar]:
 
 def _spread(values: Sequence[Scalar]) -> list[Scalar]:
     """Return up to seven of the values, the smallest and largest among them."""
-    ordered = sorted({scalar_key(value): value for value in values}.values())  # type: ignore[type-var]
+    ordered = sorted({scalar_key(value): value for value in values}.values())
     count = min(7, len(ordered))
     return [ordered[index * (len(ordered) - 1) // max(count - 1, 1)] for index in range(count)]
 
