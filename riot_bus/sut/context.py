@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,11 +46,11 @@ class Context:
     def fingerprint(self) -> str:
         """Return a hash of the system file and of the sources that it names; trials are only reused while it holds."""
         digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode())
-        for pattern in (*self.file.system.sources, *self.file.monitor_files):
-            for path in sorted(self.file.root.glob(pattern)):
-                if path.is_file():
-                    digest.update(str(path.relative_to(self.file.root)).encode())
-                    digest.update(path.read_bytes())
+        sources = [path for pattern in self.file.system.sources for path in sorted(self.file.root.glob(pattern))]
+        for path in (*sources, *(self.file.root / name for name in self.file.monitor_files)):
+            if path.is_file():
+                digest.update(os.path.relpath(path, self.file.root).encode())
+                digest.update(path.read_bytes())
         return digest.hexdigest()[:16]
 
 

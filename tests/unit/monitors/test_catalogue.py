@@ -8,6 +8,7 @@ import pytest
 
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.invariants import Range, Values
+from riot_bus.sut.context import open_system
 from riot_bus.sut.system import load_system
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -75,8 +76,6 @@ def test_one_of_another_package_is_named_like_a_shipped_one(tmp_path: Path, plug
 
 
 def test_the_fingerprint_of_a_system_covers_its_monitors(tmp_path: Path) -> None:
-    from riot_bus.sut.context import open_system
-
     (tmp_path / "at_most.py").write_text(FILE)
     path = tmp_path / "riot.toml"
     path.write_text(SYSTEM)
@@ -87,3 +86,14 @@ def test_the_fingerprint_of_a_system_covers_its_monitors(tmp_path: Path) -> None
     assert open_system(path).fingerprint() == before
     (tmp_path / "at_most.py").write_text(FILE.replace("> self.count", ">= self.count"))
     assert open_system(path).fingerprint() != before, "the monitor judges otherwise now"
+
+
+def test_one_in_a_file_elsewhere_is_covered_as_well(tmp_path: Path) -> None:
+    file = tmp_path / "of [others]" / "at_most.py"
+    file.parent.mkdir()
+    file.write_text(FILE)
+    path = tmp_path / "riot.toml"
+    path.write_text(SYSTEM.replace("at_most.py", str(file)))
+    before = open_system(path).fingerprint()
+    file.write_text(FILE.replace("> self.count", ">= self.count"))
+    assert open_system(path).fingerprint() != before
