@@ -106,7 +106,6 @@ def test_progress_counts_trials_and_failures() -> None:
         Pure(lambda case: nominal.pop() if nominal else Outcome(Verdict.FAIL, (CRASH,))),
         seed=0,
         trials=6,
-        modified=lambda log, case: 1,
         progress=lambda *words: told.append(words),
     )
     assert [done for done, _, _ in told] == [4, 6]

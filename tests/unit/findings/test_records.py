@@ -6,9 +6,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.findings.records import (
-    STEP_OF,
     ActivationRecord,
-    Artefact,
     CampaignRecord,
     EdgeRecord,
     PermeabilityRecord,
@@ -46,10 +44,6 @@ def test_fields_of_a_later_release_are_passed_over(tmp_path: Path) -> None:
     path = CAMPAIGN.save(tmp_path)
     path.write_text(json.dumps({**json.loads(path.read_text()), "later": 1}))
     assert CampaignRecord.load(tmp_path) == CAMPAIGN
-
-
-def test_each_record_is_written_by_a_step() -> None:
-    assert {kind.FILE for kind in Artefact.__subclasses__()} == set(STEP_OF)
 
 
 def test_a_replay_rate_needs_replays() -> None:
