@@ -16,6 +16,8 @@ __all__ = ["Selector", "key_matches", "parse_selector"]
 
 _FIELD = re.compile(r"(len\()?[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*(\.[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*)*\)?")
 
+_ANY_CHUNKS = r"(?:/(?!@)[^/]*)"
+
 
 @dataclass(frozen=True, slots=True)
 class Selector:
@@ -50,15 +52,33 @@ def parse_selector(text: str) -> Selector:
 
 @lru_cache(maxsize=4096)
 def _pattern(expression: str) -> re.Pattern[str]:
-    parts = []
+    """Compile a key expression to a pattern whose matching never backtracks over more than one wildcard.
+
+    What stands between two wildcards is matched where it comes first, in an atomic group: a later place could not help
+    the rest. So the time grows with the length of the key, not by powers of it, however many wildcards there are.
+    """
+    groups: list[str] = [""]  # chunks between two `**`
     for chunk in expression.split("/"):
         if chunk == "**":
-            parts.append(r"(?:/(?!@)[^/]*)*")
+            groups.append("")
         elif chunk == "*":
-            parts.append(r"/(?!@)[^/]+")
+            groups[-1] += r"/(?!@)[^/]+"
         else:
-            parts.append("/" + re.escape(chunk).replace(r"\$\*", "[^/]*"))
-    return re.compile("".join(parts))
+            groups[-1] += "/" + _chunk_pattern(chunk)
+    first, *between = groups
+    if not between:
+        return re.compile(first)
+    found = "".join(f"(?>{_ANY_CHUNKS}*?{group})" for group in between[:-1] if group)
+    return re.compile(f"{first}{found}{_ANY_CHUNKS}*{between[-1]}")
+
+
+def _chunk_pattern(chunk: str) -> str:
+    first, *between = map(re.escape, chunk.split("$*"))
+    if not between:
+        return first
+    *found, last = between
+    steps = "".join(f"(?>[^/]*?{text})" for text in found if text)
+    return f"(?!@){first}{steps}(?>[^/]*{last}(?=/|\Z))"
 
 
 def key_matches(expression: str, key: str) -> bool:
