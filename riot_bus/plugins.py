@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +92,8 @@ KINDS = (ADAPTERS, BRIDGES, CODECS, DICTIONARIES, FAULTS, INTERCEPTORS, MONITORS
 def _targets(group: str) -> dict[str, str]:
     own: dict[str, str] = {}
     others: dict[str, str] = {}
+    from importlib.metadata import entry_points  # loads email, among others: no command needs it for its help
+
     for point in entry_points(group=group):
         is_own = point.dist is not None and point.dist.name == _DISTRIBUTION
         (own if is_own else others)[point.name] = point.value

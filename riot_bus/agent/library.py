@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import stat
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.fleet.catalogue import Catalogue
@@ -24,13 +25,14 @@ __all__ = ["Library"]
 _LONGEST_PATH = 1000
 _MOST_FILES = 500
 _MOST_ROWS = 500
-_WAIT_S = 1.0
 _END_S = 10.0
+_IDLE, _LONGEST_REST_S = 9, 20.0
+"""Between two looks, the thread rests for so many times as long as the last one took, whatever is asked."""
 _NAMES = 10_000
 
 
 class Library:
-    """The logs below a folder; they are looked at on a thread of its own, so that large ones hold nobody up.
+    """The logs below a folder; they are looked at on a thread of its own, so that many or large ones hold nobody up.
 
     Args:
         folder: Nothing outside of it is ever opened.
@@ -72,27 +74,29 @@ class Library:
         if not self._thread.is_alive():
             self._catalogue.close()
 
-    def logs(self, query: str = "", *, offset: int = 0, limit: int = 100) -> dict[str, Any]:
-        """Return what there is, as JSON values.
+    def logs(self, query: str = "", *, offset: int = 0, limit: int = 100, look: int | None = None) -> dict[str, Any]:
+        """Return what is known so far, as JSON values, and have a look at what has changed since.
 
         Args:
             query: Which logs, in the language of `riot fleet list`.
             offset: How many to leave out before.
             limit: How many at most.
+            look: `look` of a former answer; then the answer is complete when that look has ended.
 
         Raises:
             ConfigError: The query is none.
         """
         wanted = parse_query(query)
         limit = min(max(limit, 0), _MOST_ROWS)
-        number = self._look()
+        number = self._look() if look is None else look
         with self._bell:
-            complete = self._bell.wait_for(lambda: self._done >= number, _WAIT_S)
+            complete = self._done >= number
         rows = self._catalogue.find(wanted, limit=limit, offset=max(offset, 0))
         return {
             "logs": [self._row(each) for each in rows],
             "count": self._catalogue.count(wanted),
             "complete": complete,
+            "look": number,
         }
 
     def resolve(self, name: str) -> list[Path]:
@@ -165,11 +169,14 @@ class Library:
             return self._wanted
 
     def _run(self) -> None:
+        rest = 0.0
         while True:
             with self._bell:
                 self._bell.wait_for(lambda: self._closing or self._wanted > self._done)
+                self._bell.wait_for(lambda: self._closing, rest)
                 if self._closing:
                     return
+            began = time.monotonic()
             try:
                 report = index(
                     self._catalogue, [str(self.folder)], robot=self._robot, jobs=1, stop=lambda: self._closing
@@ -182,4 +189,4 @@ class Library:
                 self._failed(each)
             with self._bell:
                 self._done += 1
-                self._bell.notify_all()
+            rest = min(_IDLE * (time.monotonic() - began), _LONGEST_REST_S)

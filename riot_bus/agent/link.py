@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hmac
 import logging
 import threading
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.agent.names import UNDER, agent_token, controller_token, progress_key
+from riot_bus.agent.names import UNDER, agent_token, controller_key, progress_key
+from riot_bus.agent.proof import new_secret, prove
 from riot_bus.control.server import Control
 from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
@@ -81,19 +83,30 @@ class FleetLink:
         if publisher is not None and not self._closing.is_set():
             publisher.put(payload, encoding="application/json")
 
-    def sees(self, controller: str) -> bool:
-        """Return whether a controller is there: asked of the router, so a link that hangs counts as no."""
+    def sees(self, operation: str, secret: str) -> bool:
+        """Return whether a controller is there and proves it, by its secret, now; a link that hangs counts as no."""
+        from riot_bus.zenoh import api as zenoh
+
         session = self._session
         if session is None:
             return False
-        token = controller_token(self._robot, controller)
-        return any(reply.ok is not None for reply in session.liveliness().get(token, timeout=_ASK_S))
+        nonce = new_secret()
+        wanted = prove(secret, "controller", nonce).encode()
+        key = controller_key(self._robot, operation)
+        every, now = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        replies = session.get(key, payload=nonce, timeout=_ASK_S, target=every, consolidation=now)
+        found = (reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None)
+        return any(hmac.compare_digest(each, wanted) for each in found)
 
     def others(self) -> int:
-        """Return how many other agents have the same robot's name."""
+        """Return how many other agents have the same robot's name.
+
+        Raises:
+            EnvironmentFaultError: There is no telling, as nothing is connected yet.
+        """
         session = self._session
         if session is None:
-            return 0
+            raise EnvironmentFaultError("this agent is still connecting", where=self._robot, hint="ask again")
         own = agent_token(self._robot, str(session.info.zid()))
         found = session.liveliness().get(agent_token(self._robot, "*"), timeout=_ASK_S)
         return len({str(reply.ok.key_expr) for reply in found if reply.ok is not None} - {own})
@@ -129,11 +142,11 @@ class FleetLink:
             publisher: Any = session.declare_publisher(
                 progress_key(self._robot), congestion_control=zenoh.CongestionControl.DROP
             )
+            self._session, self._publisher = session, publisher  # before the first command comes
             commands = Control(self._service, self._robot, {"": session}, commands=self._commands, under=UNDER)
             stack.enter_context(commands)
             events: Any = session.info.declare_transport_events_listener(self._event)
             stack.callback(release, events)
-            self._session, self._publisher = session, publisher
             token: Any = session.liveliness().declare_token(agent_token(self._robot, zid))
             stack.callback(release, token)
             if self.others():

@@ -8,7 +8,7 @@ import socket
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.session_config import OWN_CHUNK
 
-__all__ = ["ALL_AGENTS", "UNDER", "agent_token", "check_robot", "controller_token", "default_robot", "progress_key"]
+__all__ = ["ALL_AGENTS", "UNDER", "agent_token", "check_robot", "controller_key", "default_robot", "progress_key"]
 
 UNDER = "agent/**"
 """The keys of an agent's commands, below the robot's own."""
@@ -24,9 +24,9 @@ def agent_token(robot: str, zid: str) -> str:
     return f"{OWN_CHUNK}/{robot}/agent/{zid}"
 
 
-def controller_token(robot: str, controller: str) -> str:
-    """Return the liveliness token that a controller holds as long as it is there."""
-    return f"{OWN_CHUNK}/{robot}/agent/controller/{controller}"
+def controller_key(robot: str, operation: str) -> str:
+    """Return the key on which a controller proves that it is there, as long as it is."""
+    return f"{OWN_CHUNK}/{robot}/agent/controller/{operation}"
 
 
 def progress_key(robot: str) -> str:

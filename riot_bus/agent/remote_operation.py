@@ -12,9 +12,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.agent.names import ALL_AGENTS, check_robot, controller_token, progress_key
+from riot_bus.agent.names import ALL_AGENTS, check_robot, controller_key, progress_key
 from riot_bus.agent.operation import FINAL
-from riot_bus.control.remote import Remote
+from riot_bus.agent.proof import is_proved, new_secret, prove
+from riot_bus.control.remote import ForgedAnswerError, Remote
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import release
 from riot_bus.zenoh.session_config import OWN_CHUNK
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from riot_bus.vocabulary.message import Message
+    from riot_bus.zenoh import api as zenoh
 
-__all__ = ["RemoteOperation", "Robot", "ask_robot", "find_robots", "who_am_i"]
+__all__ = ["RemoteOperation", "Robot", "ask_robot", "find_robots", "list_logs", "who_am_i"]
 
 _FIND_S = 3.0
 _BEGIN_S = 20.0
@@ -32,7 +34,9 @@ _ASK_S = 2.0
 _STOP_S = 10.0
 _SILENT_S = 2.0
 _LOOK_S = 0.2
+_LOOKING_S = 5.0
 _LARGEST = 1 << 20
+_LONGEST_NONCE = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,32 @@ def ask_robot(
         return remote.ask(f"agent/{command}", json.dumps(arguments).encode(), timeout=_BEGIN_S)
 
 
+def list_logs(
+    endpoint: str, robot: str, *, config: Mapping[str, Any] | None = None, **arguments: Any
+) -> dict[str, Any]:
+    """Return the logs that a robot holds, once its agent has looked for new ones, or some seconds later.
+
+    Args:
+        endpoint: The fleet's router.
+        robot: Its name.
+        config: Further Zenoh configuration.
+        arguments: `query`, `offset`, `limit`, as the agent's command `logs` knows them.
+
+    Raises:
+        EnvironmentFaultError: No router or no such robot answers.
+        RiotError: What the agent says.
+    """
+    check_robot(robot, where="ROBOT")
+    with Remote(endpoint, robot, config=config, kind="agent") as remote:
+        deadline = time.monotonic() + _LOOKING_S
+        answer = remote.ask("agent/logs", json.dumps(arguments).encode(), timeout=_BEGIN_S)
+        while not answer.get("complete") and time.monotonic() < deadline:
+            time.sleep(_LOOK_S)
+            again = {**arguments, "look": answer.get("look")}
+            answer = remote.ask("agent/logs", json.dumps(again).encode(), timeout=_BEGIN_S)
+    return answer
+
+
 def who_am_i() -> str:
     """Return how robots call this controller."""
     try:
@@ -112,7 +142,8 @@ def who_am_i() -> str:
 class RemoteOperation:
     """Lets a robot do one operation, and follows it; a context manager.
 
-    As long as it is open, its liveliness token tells the robot that somebody watches.
+    As long as it is open, it proves to the robot's agent, whenever that asks, that it is there; and it believes what is
+    said of the operation only if that proves to come from the agent. Both know a secret of this operation alone.
 
     Args:
         endpoint: The fleet's router.
@@ -127,6 +158,8 @@ class RemoteOperation:
         check_robot(robot, where="ROBOT")
         self.robot = robot
         self.operation = secrets.token_hex(8)
+        self._secret = new_secret()
+        self._told = 0
         self._endpoint = endpoint
         self._bell = threading.Condition()
         self._newest: dict[str, Any] | None = None
@@ -134,7 +167,9 @@ class RemoteOperation:
         try:
             client = self._remote.client
             client.subscribe(progress_key(robot), self._take)
-            self._token: Any = client.session.liveliness().declare_token(controller_token(robot, self.operation))
+            self._presence: Any = client.session.declare_queryable(
+                controller_key(robot, self.operation), self._prove_presence
+            )
         except BaseException:
             self._remote.client.close()
             raise
@@ -146,7 +181,7 @@ class RemoteOperation:
         from riot_bus.zenoh import api as zenoh
 
         with suppress(zenoh.ZError):  # the link may hang
-            release(self._token)
+            release(self._presence)
         with suppress(zenoh.ZError):
             self._remote.client.close()
 
@@ -162,11 +197,8 @@ class RemoteOperation:
             EnvironmentFaultError: The robot does not answer, or is busy.
             ConfigError: It refuses.
         """
-        document = {"operation": self.operation, "who": who_am_i(), **arguments}
-        if watched:
-            document["controller"] = self.operation
-        answer = self._remote.ask(f"agent/{kind}", json.dumps(document).encode(), timeout=_BEGIN_S)
-        return self._own(answer)
+        lead = {"operation": self.operation, "secret": self._secret, "watched": watched, "who": who_am_i()}
+        return self._own(self._ask(kind, {**lead, **arguments}, timeout=_BEGIN_S))
 
     def follow(
         self,
@@ -186,6 +218,7 @@ class RemoteOperation:
 
         Raises:
             EnvironmentFaultError: The robot was not heard for too long, or no longer knows the operation.
+            ForgedAnswerError: Somebody else answers for it.
         """
         heard = asked = time.monotonic()
         stop_by = None
@@ -224,13 +257,36 @@ class RemoteOperation:
             )
         return status
 
+    def _prove_presence(self, query: zenoh.Query) -> None:
+        with query:
+            nonce = query.payload.to_bytes()[:_LONGEST_NONCE].decode(errors="replace") if query.payload else ""
+            query.reply(query.key_expr, prove(self._secret, "controller", nonce))
+
     def _take(self, message: Message) -> None:
         found = _document(message.payload)
-        operation = found.get("operation")
-        if isinstance(operation, dict) and operation.get("id") == self.operation and "state" in operation:
-            with self._bell:
-                self._newest = found
+        operation, proof = found.get("operation"), found.get("proof")
+        number = proof.get("nonce") if isinstance(proof, dict) else None
+        if not isinstance(operation, dict) or operation.get("id") != self.operation or "state" not in operation:
+            return
+        if not isinstance(number, str) or not number.isdecimal() or not is_proved(found, self._secret, number):
+            return  # it is not the agent's
+        with self._bell:
+            if int(number) > self._told:  # else it was said before
+                self._told, self._newest = int(number), found
                 self._bell.notify_all()
+
+    def _ask(self, command: str, arguments: Mapping[str, Any], *, timeout: float) -> dict[str, Any]:
+        """Ask the agent; what it says of this operation must be proved to come from it, and now."""
+        nonce = new_secret()
+        payload = json.dumps(arguments).encode()
+        answer = self._remote.ask(f"agent/{command}", payload, parameters=f"nonce={nonce}", timeout=timeout)
+        operation = answer.get("operation")
+        own = isinstance(operation, dict) and operation.get("id") == self.operation
+        if own and not is_proved(answer, self._secret, nonce):
+            hint = "somebody else answers for it: use access control (riot agent acl), and look: riot doctor --acl"
+            text = f"an answer to {command!r} does not prove to come from {self.robot}"
+            raise ForgedAnswerError(text, where=self._endpoint, hint=hint)
+        return answer
 
     def _news(self) -> dict[str, Any] | None:
         with self._bell:
@@ -240,9 +296,12 @@ class RemoteOperation:
 
     def _try(self, command: str, arguments: Mapping[str, Any]) -> dict[str, Any] | None:
         """Ask; return None if nobody answers in time."""
-        with suppress(EnvironmentFaultError):
-            return self._remote.ask(f"agent/{command}", json.dumps(arguments).encode(), timeout=_ASK_S)
-        return None
+        try:
+            return self._ask(command, arguments, timeout=_ASK_S)
+        except ForgedAnswerError:
+            raise
+        except EnvironmentFaultError:
+            return None
 
     def _lost(self, seconds: float, *, told_to_stop: bool) -> EnvironmentFaultError:
         hint = f"its agent does what --on-lost-controller says; look with: riot fleet status {self.robot}"

@@ -28,6 +28,7 @@ Policy = Literal["continue", "pause", "stop"]
 RequestT = TypeVar("RequestT", bound="Lead")
 
 _Id = Annotated[str, Field(pattern=r"^[0-9a-f]{8,32}$")]
+_Secret = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 _Text = Annotated[str, Field(min_length=1, max_length=1000)]
 _Texts = Annotated[list[_Text], Field(max_length=1000)]
 _Seconds = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
@@ -41,23 +42,27 @@ class Lead(BaseModel):
 
     Attributes:
         operation: Its id, chosen by the controller: the same request twice is one operation.
-        controller: The id in the controller's liveliness token; None if nobody stays to watch.
+        secret: Known to agent and controller alone, who prove by it who they are; None for no proofs.
+        watched: Whether the controller stays.
         who: The controller, for people.
-        on_lost_controller: What to do when the token has been away for `grace` seconds.
+        on_lost_controller: What to do when the controller has given no proof for `grace` seconds.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     operation: _Id
-    controller: _Id | None = None
+    secret: Annotated[_Secret | None, Field(repr=False)] = None
+    watched: bool = False
     who: Annotated[str, Field(max_length=200)] = "somebody"
     on_lost_controller: Policy = "stop"
     grace: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = DEFAULT_GRACE_S
 
     @model_validator(mode="after")
     def _watched(self) -> Lead:
-        if self.controller is None and self.on_lost_controller != "continue":
-            raise ValueError(f"{self.on_lost_controller!r} on a lost controller needs a controller, or 'continue'")
+        if self.watched and self.secret is None:
+            raise ValueError("a controller that stays needs a secret, to prove that it is there")
+        if not self.watched and self.on_lost_controller != "continue":
+            raise ValueError(f"{self.on_lost_controller!r} on a lost controller needs one that stays (watched)")
         return self
 
 

@@ -14,6 +14,7 @@ from riot_bus import __version__
 from riot_bus.agent.library import Library
 from riot_bus.agent.link import FleetLink
 from riot_bus.agent.play import Play
+from riot_bus.agent.proof import proved
 from riot_bus.agent.record import RecordOperation, check_room
 from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, parse_request
 from riot_bus.agent.watch import ControllerWatch
@@ -115,7 +116,15 @@ class AgentService:
             "operation": row,
         }
 
-    def play(self, payload: bytes) -> dict[str, Any]:
+    def answer(self, nonce: str) -> dict[str, Any]:
+        """Return the status with the proof that it comes from this agent, for the controller that asked.
+
+        Args:
+            nonce: What it asked with.
+        """
+        return self._proved(self.status(), nonce)
+
+    def play(self, payload: bytes) -> None:
         """Begin to play.
 
         Args:
@@ -130,9 +139,9 @@ class AgentService:
         files = self.library.resolve_all(request.logs)
         request.check_plan()
         request.options(self.options, files, None)
-        return self._start(Play(request, request.logs, files, self.options, self._news.set))
+        self._start(Play(request, request.logs, files, self.options, self._news.set))
 
-    def record(self, payload: bytes) -> dict[str, Any]:
+    def record(self, payload: bytes) -> None:
         """Begin to record.
 
         Args:
@@ -145,7 +154,7 @@ class AgentService:
         request = parse_request(RecordRequest, payload)
         self._allowed("record")
         check_room(self.options)
-        return self._start(RecordOperation(request, request.options(self.options), self.options, self._news.set))
+        self._start(RecordOperation(request, request.options(self.options), self.options, self._news.set))
 
     def pause(self, who: str) -> None:
         """Pause the operation."""
@@ -175,7 +184,7 @@ class AgentService:
 
     # -- one operation at a time --------------------------------------------------------------------------------------
 
-    def _start(self, operation: Operation) -> dict[str, Any]:
+    def _start(self, operation: Operation) -> None:
         lead = operation.lead
         with self._lock:
             present = self._operation
@@ -188,7 +197,11 @@ class AgentService:
                 what = ", ".join(operation.status().get("logs", []))
                 self._say(f"{operation.kind} for {lead.who}{what and f': {what}'}")
         self._news.set()
-        return self.status()
+
+    def _proved(self, status: dict[str, Any], nonce: str) -> dict[str, Any]:
+        operation = self._operation
+        own = operation is not None and (status["operation"] or {}).get("id") == operation.lead.operation
+        return proved(status, operation.lead.secret if own and operation is not None else None, nonce)
 
     def _busy(self, present: Operation) -> EnvironmentFaultError:
         status, lead = present.status(), present.lead
@@ -203,7 +216,7 @@ class AgentService:
 
     @staticmethod
     def _watch_of(lead: Lead) -> ControllerWatch | None:
-        if lead.controller is None:
+        if not lead.watched:
             return None
         return ControllerWatch(lead.on_lost_controller, lead.grace, time.monotonic())
 
@@ -241,7 +254,7 @@ class AgentService:
 
     def _tell(self) -> None:
         """Publish the progress: about twice a second, and whenever the state has changed."""
-        last, told = "", 0.0
+        last, told, number = "", 0.0, 0
         while not self._closing.is_set():
             self._news.wait(_LOOK_S)
             self._news.clear()
@@ -255,9 +268,9 @@ class AgentService:
                 continue
             if state != last and not operation.active:
                 self._say(f"{operation.kind} {_outcome(status['operation'])}")
-            last, told = state, now
+            last, told, number = state, now, number + 1
             try:
-                self._link.publish(json.dumps(status, sort_keys=True).encode())
+                self._link.publish(json.dumps(self._proved(status, str(number)), sort_keys=True).encode())
             except Exception:
                 _LOG.exception("the progress could not be told")
 
@@ -269,7 +282,7 @@ class AgentService:
             if operation is None or watch is None or not operation.active:
                 continue
             try:
-                present = self._link.sees(operation.lead.controller or "")
+                present = self._link.sees(operation.lead.operation, operation.lead.secret or "")
             except Exception:
                 _LOG.exception("the controller cannot be looked for")
                 present = False
@@ -322,14 +335,15 @@ def _who(arguments: dict[str, Any]) -> str:
 
 
 def _logs(service: AgentService, request: CommandRequest) -> dict[str, Any]:
-    arguments = _arguments(request, "query", "offset", "limit")
+    arguments = _arguments(request, "query", "offset", "limit", "look")
     query = arguments.get("query", "")
     if not isinstance(query, str):
         raise ConfigError("the argument 'query' is no text", hint='such as {"query": "topic=/odom lossless"}')
     offset, limit = (
         int(_number(arguments.get(name, default), name)) for name, default in (("offset", 0), ("limit", 100))
     )
-    return service.library.logs(query, offset=offset, limit=limit)
+    look = int(_number(arguments["look"], "look")) if "look" in arguments else None
+    return service.library.logs(query, offset=offset, limit=limit, look=look)
 
 
 def _steer(do: Callable[[AgentService, str], object]) -> Command:
@@ -337,7 +351,17 @@ def _steer(do: Callable[[AgentService, str], object]) -> Command:
 
     def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
         do(service, _who(_arguments(request, "who")))
-        return service.status()
+        return service.answer(request.nonce())
+
+    return Command(run, urgent=True)
+
+
+def _begin(do: Callable[[AgentService, bytes], object]) -> Command:
+    """Return a command that begins an operation."""
+
+    def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
+        do(service, request.payload)
+        return service.answer(request.nonce())
 
     return Command(run)
 
@@ -348,16 +372,16 @@ def _adjust(name: str, do: Callable[[AgentService, float, str], object]) -> Comm
     def run(service: AgentService, request: CommandRequest) -> dict[str, Any]:
         arguments = _arguments(request, name, "who")
         do(service, _number(arguments.get(name), name), _who(arguments))
-        return service.status()
+        return service.answer(request.nonce())
 
     return Command(run)
 
 
 AGENT_COMMANDS: dict[str, Command] = {
-    "agent/status": Command(lambda service, _: service.status(), reads=True),
+    "agent/status": Command(lambda service, request: service.answer(request.nonce()), reads=True, urgent=True),
     "agent/logs": Command(_logs, reads=True),
-    "agent/play": Command(lambda service, request: service.play(request.payload)),
-    "agent/record": Command(lambda service, request: service.record(request.payload)),
+    "agent/play": _begin(lambda service, payload: service.play(payload)),
+    "agent/record": _begin(lambda service, payload: service.record(payload)),
     "agent/pause": _steer(lambda service, who: service.pause(who)),
     "agent/resume": _steer(lambda service, who: service.resume(who)),
     "agent/stop": _steer(lambda service, who: service.stop(who)),

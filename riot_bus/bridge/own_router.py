@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -11,7 +12,7 @@ from riot_bus.control.router_process import Upkeep, router_of, say_end
 from riot_bus.types.bridging import LinkedBridge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Generator, Mapping
 
     from riot_bus.bridge.program import Program
     from riot_bus.control.router_options import RouterOptions
@@ -55,16 +56,17 @@ def run_own_router(
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)
-            status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
+            with closing(looks):
+                status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
         say_end(service, say, warn, as_json=as_json)
     return status
 
 
-def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
+def _looks(service: RouterService, bridge: Bridge) -> Generator[None]:
     service.watch()  # it takes longer than all the rest
-    upkeep = Upkeep()
-    while True:
-        upkeep()
-        if service.stopping.is_set():
-            bridge.stop()
-        yield
+    with Upkeep() as upkeep:
+        while True:
+            upkeep()
+            if service.stopping.is_set():
+                bridge.stop()
+            yield

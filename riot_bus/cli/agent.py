@@ -1,4 +1,4 @@
-"""`riot agent`."""
+"""`riot agent`; `riot agent acl`."""
 
 from __future__ import annotations
 
@@ -15,17 +15,21 @@ __all__ = ["register"]
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    app.command()(agent)
+    group = typer.Typer(rich_markup_mode=None)
+    group.callback(invoke_without_command=True)(agent)
+    group.command("acl")(acl)
+    app.add_typer(group, name="agent")
 
 
 def agent(
+    context: typer.Context,
     *,
     logs: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--logs", metavar="FOLDER", envvar="RIOT_AGENT_LOGS", help="Nothing outside of it is read or written."
         ),
-    ],
+    ] = None,
     robot: Annotated[
         str | None, typer.Option(metavar="NAME", envvar="RIOT_ROBOT", help="Its name. [default: this machine's]")
     ] = None,
@@ -77,7 +81,12 @@ def agent(
     from riot_bus.agent.running import run_agent
     from riot_bus.config.arguments import parse_size
     from riot_bus.control.component import client_cfg
+    from riot_bus.vocabulary.errors import ConfigError
 
+    if context.invoked_subcommand is not None:
+        return
+    if logs is None:
+        raise ConfigError("no folder of logs is named", where="--logs", hint="riot agent --logs FOLDER")
     options = AgentOptions(
         robot=default_robot() if robot is None else robot,
         folder=logs,
@@ -95,3 +104,46 @@ def agent(
         tell=lambda line: typer.echo(line, err=True),
         as_json=form is OutputFormat.JSON,
     )
+
+
+def acl(
+    roles: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ROLE[=USER]...", help="agent, controller or viewer, and who has this role; a role alone is a user."
+        ),
+    ],
+    *,
+    robot: Annotated[str, typer.Option(metavar="NAME", help="Only this robot; for agents: its own.")] = "*",
+    segment: Annotated[str, typer.Option(metavar="NAME", help="Of the fleet's router, in its riot.toml.")] = "fleet",
+    certificates: Annotated[
+        bool, typer.Option("--certificates", help="Users are common names of certificates (mutual TLS).")
+    ] = False,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Print Zenoh's rules of access for a fleet's router: each role may do what it needs, all else is denied.
+
+    As text for the riot.toml of `riot router`, as JSON for the configuration file of any Zenoh router.
+    """
+    import json
+
+    from riot_bus.agent.access import access_rules, parse_subject, question_limits
+    from riot_bus.agent.names import check_robot
+    from riot_bus.vocabulary.toml_text import toml_value
+
+    if robot != "*":
+        check_robot(robot)
+    rules = access_rules(map(parse_subject, roles), robot=robot, certificates=certificates)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"access_control": rules, "downsampling": question_limits()}, indent=1))
+        return
+    table = f"router.segments.{segment}.config"
+    for limit in question_limits():
+        typer.echo(f"[[{table}.downsampling]]")
+        for name, value in limit.items():
+            typer.echo(f"{name} = {toml_value(value)}")
+    typer.echo(f"\n[{table}.access_control]")
+    for name, value in rules.items():
+        rows = isinstance(value, list)
+        text = "[\n" + "".join(f"    {toml_value(each)},\n" for each in value) + "]" if rows else toml_value(value)
+        typer.echo(f"{name} = {text}")

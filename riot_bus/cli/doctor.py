@@ -35,6 +35,21 @@ def doctor(
             help="Compare a running router, between these two of its segments, with a plain one; takes some minutes.",
         ),
     ] = None,
+    acl: Annotated[
+        str | None,
+        typer.Option(metavar="ENDPOINT", help="See who can do what at a fleet's router, by trying it; some seconds."),
+    ] = None,
+    identity: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME:KEY=VALUE",
+            help="A Zenoh setting of one who tries it, for --acl; repeatable. Names that are roles (agent, controller, "
+            "viewer) are compared with what the role needs; one without any settings is tried too.",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Whose keys, for --acl; its agent must not run. [default: none]")
+    ] = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """What about this host would spoil a run? Exit code 4: something would."""
@@ -44,6 +59,9 @@ def doctor(
     from riot_bus.zenoh.scouting import THIS_HOST
 
     text = form is OutputFormat.TEXT
+    if acl is not None:
+        _access(acl, identity or [], robot, as_json=not text)
+        return
     checks = check(endpoints=listen or (), scouting=THIS_HOST if scouting else None)
     for each in checks if text else ():
         typer.echo(f"{each.status:8} {each.name}: {each.text}" + (f"\n         cure: {each.cure}" if each.cure else ""))
@@ -59,6 +77,33 @@ def doctor(
         document = {"checks": [asdict(each) for each in checks], "transparency": [asdict(each) for each in compared]}
         typer.echo(json.dumps(document, indent=1))
     if any(each.status == "problem" for each in checks) or any(each.differences for each in compared):
+        raise typer.Exit(ENVIRONMENT)
+
+
+def _access(endpoint: str, identities: list[str], robot: str | None, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from riot_bus.agent.access_probe import probe_access
+    from riot_bus.control.component import client_cfg
+    from riot_bus.control.router_flags import parse_cfg
+
+    settings: dict[str, list[str]] = {}
+    for each in identities:
+        name, key, value = parse_cfg(each, "--identity")
+        settings.setdefault(name, []).append(f"{key}={value}")
+    configs = {name: client_cfg(texts) for name, texts in settings.items()}
+    found = probe_access(endpoint, configs, robot=robot, say=lambda line: typer.echo(line, err=True))
+    excess = [each for each in found if each.needed is False]
+    if as_json:
+        typer.echo(json.dumps([asdict(each) for each in found], indent=1))
+    else:
+        for seen in found:
+            mark = {True: "ok      ", False: "problem ", None: "        "}[seen.needed]
+            typer.echo(f"{mark} {seen.identity}: {seen.action} {seen.key} (seen with {', '.join(seen.seen_by)})")
+        typer.echo(
+            f"{len(found)} things were seen; {len(excess)} of them no role needs. What is not listed was not seen."
+        )
+    if excess:
         raise typer.Exit(ENVIRONMENT)
 
 

@@ -74,10 +74,12 @@ def logs(
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """List the logs that a robot holds, oldest first."""
+    from riot_bus.agent.remote_operation import list_logs
     from riot_bus.agent.text import log_lines
+    from riot_bus.control.component import client_cfg
 
     words = " ".join(query or [])
-    answer = _ask(endpoint, cfg, robot, "logs", query=words, limit=limit, offset=offset)
+    answer = list_logs(endpoint, robot, config=client_cfg(cfg or ()), query=words, limit=limit, offset=offset)
     typer.echo(json.dumps(answer, indent=1) if form is OutputFormat.JSON else "\n".join(log_lines(answer)))
 
 

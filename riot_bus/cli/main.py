@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["COMMANDS", "make_app", "run"]
 
 INTERRUPTED = 130
+_END_S, _STDERR = 30.0, 2
 
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
@@ -74,3 +76,6 @@ def run() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    finally:
+        # Whatever a thread does that is left, such as one of somebody's interceptor: Python waits for it, we do not.
+        faulthandler.dump_traceback_later(_END_S, exit=True, file=_STDERR)

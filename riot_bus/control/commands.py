@@ -71,6 +71,10 @@ class CommandRequest:
             raise ConfigError("the argument 'path' is no text", hint='such as {"path": "run.mcap"}')
         return found
 
+    def nonce(self) -> str:
+        """Return the parameter `nonce`, by which the asker knows an answer to be new."""
+        return self.parameters.get("nonce", "")[:_LONGEST_NAME]
+
     def name(self) -> str:
         """Return the parameter `name`, as far as it can be shown."""
         name = self.parameters.get("name", "")[:_LONGEST_NAME]
@@ -79,10 +83,17 @@ class CommandRequest:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command: what it does, and whether it only reads, so that a question to all may mean it."""
+    """A command.
+
+    Attributes:
+        run: What it does, to the service and with what was sent along; returns the answer.
+        reads: Whether it only reads, so that a question to all may mean it.
+        urgent: Whether no other question may hold it up; it may be carried out beside others then.
+    """
 
     run: Callable[[Any, CommandRequest], Any]
     reads: bool = False
+    urgent: bool = False
 
 
 def find_command(name: str, commands: Mapping[str, Command]) -> Command:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,10 +22,13 @@ if TYPE_CHECKING:
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Client
 
-__all__ = ["Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
+__all__ = ["ForgedAnswerError", "Remote", "ask", "error_from", "find_routers", "graphs", "plan_payload"]
 
 _TIMEOUT_S = 30.0
 _FIND_S = 3.0
+_LATE_S = 0.5
+"""How long to wait, after an answer, for a second one, which there should not be."""
+
 _ERRORS = {each.exit_code: each for each in (ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError)}
 _VERSION = 1
 _STATUS = {"router": "status", "player": "play/status", "recorder": "record/status", "agent": "agent/status"}
@@ -36,6 +40,10 @@ _NOBODY = {
 }
 
 Kind = Literal["router", "player", "recorder", "agent"]
+
+
+class ForgedAnswerError(EnvironmentFaultError):
+    """Somebody else answers for the one who was asked, or besides it."""
 
 
 class Remote:
@@ -81,7 +89,10 @@ class Remote:
     def find(self) -> list[str]:
         """Return the names of all routers (or what else is asked) that answer here."""
         names = set()
-        for reply in self._get(f"{OWN_CHUNK}/*/{_STATUS[self._kind]}", timeout=_FIND_S):
+        from riot_bus.zenoh import api as zenoh
+
+        everyone = f"{OWN_CHUNK}/*/{_STATUS[self._kind]}"
+        for reply in self._client.session.get(everyone, timeout=_FIND_S, target=zenoh.QueryTarget.ALL):
             if reply.ok is not None:
                 names.add(str(reply.ok.key_expr).split("/")[1])
         return sorted(names)
@@ -99,22 +110,66 @@ class Remote:
 
         Raises:
             EnvironmentFaultError: No router answers.
-            ConfigError: Several do, or the command is wrong.
+            ForgedAnswerError: There is more than one answer.
+            ConfigError: There are several, or the command is wrong.
             RiotError: What else the router says.
         """
         name = self._name if self._name is not None else self._only()
         selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
-        for reply in self._get(selector, payload=payload, timeout=timeout):
-            if reply.ok is not None:
-                return _result(reply.ok.payload.to_bytes())
-            if reply.err is not None:
-                document = _document(reply.err.payload.to_bytes())
-                if "exit_code" in document:  # else it is Zenoh's own, which says that the time is up
-                    raise error_from(document)
+        began = time.monotonic()
+        answers = self._answers(selector, payload, timeout)
+        if len(answers) > 1:
+            hint = (
+                "two of one name, or somebody who answers for another: give each its own name, and use access control"
+            )
+            text = f"{len(answers)} answers to one {command!r}: there is no telling which is {name}'s"
+            raise ForgedAnswerError(text, where=self._endpoint, hint=hint)
+        for ok, data in answers:
+            if not ok:
+                raise error_from(_document(data))
+            return _result(data)
         found = self.find()
+        if name in found and time.monotonic() - began < timeout:
+            raise EnvironmentFaultError(f"{self._kind} {name!r} has no time for it", where=command, hint="ask again")
         if name in found:
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
         raise self._nobody(name, found)
+
+    def _answers(self, selector: str, payload: bytes | None, timeout: float) -> list[tuple[bool, bytes]]:
+        """Ask; return what comes until all have answered, or some time after the first answer.
+
+        Who never answers a question that is not his holds nobody up for long.
+        """
+        from riot_bus.zenoh import api as zenoh
+
+        found: list[tuple[bool, bytes]] = []
+        came, ended = threading.Event(), threading.Event()
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found.append((True, reply.ok.payload.to_bytes()))
+            elif reply.err is not None and "exit_code" in _document(data := reply.err.payload.to_bytes()):
+                found.append((False, data))  # another one is Zenoh's own, which says that the time is up
+            came.set()
+
+        def end() -> None:
+            ended.set()
+            came.set()
+
+        try:
+            self._client.session.get(
+                selector,
+                zenoh.handlers.Callback(take, end),
+                payload=payload,
+                timeout=timeout,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,  # else only one answer of a key is told, at the end
+            )
+        except zenoh.ZError as error:
+            raise ConfigError(f"{selector!r} cannot be asked: {error}", where=self._endpoint) from error
+        came.wait(timeout + _LATE_S)
+        ended.wait(_LATE_S)
+        return list(found)
 
     def _only(self) -> str:
         found = self.find()
@@ -129,16 +184,6 @@ class Remote:
         who = f"no {self._kind} {name!r}" if name is not None else f"no riot {self._kind}"
         hint = f"there are {', '.join(found)}" if found else _NOBODY[self._kind]
         return EnvironmentFaultError(f"{who} answers", where=self._endpoint, hint=hint)
-
-    def _get(self, selector: str, *, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
-        from riot_bus.zenoh import api as zenoh
-
-        try:
-            return list(
-                self._client.session.get(selector, payload=payload, timeout=timeout, target=zenoh.QueryTarget.ALL)
-            )
-        except zenoh.ZError as error:
-            raise ConfigError(f"{selector!r} cannot be asked: {error}", where=self._endpoint) from error
 
 
 def find_routers(endpoint: str, *, config: Mapping[str, Any] | None = None) -> list[str]:

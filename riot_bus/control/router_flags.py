@@ -57,8 +57,12 @@ def parse_endpoints(texts: Sequence[str], *, where: str) -> dict[str, tuple[str,
     return segments
 
 
-def parse_cfg(text: str) -> tuple[str, str, str]:
+def parse_cfg(text: str, where: str = "--cfg") -> tuple[str, str, str]:
     """Parse `SEGMENT:KEY=VALUE` into segment, key and the text of the value.
+
+    Args:
+        text: As written.
+        where: The option, for errors.
 
     Raises:
         ConfigError: It is not of this form.
@@ -66,7 +70,7 @@ def parse_cfg(text: str) -> tuple[str, str, str]:
     found = re.fullmatch(rf"({SEGMENT_NAME}):/?([^=:\s]+)=(.*)", text, re.DOTALL)
     if not found:
         hint = "write SEGMENT:KEY=VALUE, such as unit:transport/link/tx/lease=5000"
-        raise ConfigError(f"{text!r} is not a Zenoh setting of a segment", where="--cfg", hint=hint)
+        raise ConfigError(f"{text!r} is not a Zenoh setting of a segment", where=where, hint=hint)
     name, key, value = found.groups()
     return name, key, value
 

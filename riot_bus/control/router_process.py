@@ -6,12 +6,13 @@ import json
 import time
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from riot_bus.control.heap import calm_collector, steady_heap, trim_heap
+from riot_bus.control.memory import check_memory, memory_limit
 from riot_bus.control.router_options import interceptors_of, intercepts, plan_of, registry_of, settings_of
 from riot_bus.control.scheduling import LoadScheduling
-from riot_bus.control.signals import ended_by_signals
+from riot_bus.control.signals import ended_by_signals, force_end_after, let_run
 from riot_bus.vocabulary.errors import DataLossError
 from riot_bus.zenoh.network import Network
 
@@ -27,21 +28,41 @@ __all__ = ["Upkeep", "router_of", "run_router", "say_end"]
 
 _LOOK_S = 0.2
 _TRIM_S = 20.0
+_HELD_UP_S = 60.0
+"""A router whose interpreter is held up for so long forwards nothing intercepted, and hears no signal: it ends."""
 
 
 class Upkeep:
-    """Called often, it keeps the threads of a busy process out of each other's way, and seldom gives memory back."""
+    """Called often, it keeps the threads of a busy process out of each other's way; a context manager.
+
+    Seldom it gives memory back. If it is not called for a minute, the process ends, saying what its threads do.
+    """
 
     def __init__(self) -> None:
         self._schedule = LoadScheduling()
         self._trimmed = time.monotonic()
+        self._memory = memory_limit()
+
+    def __enter__(self) -> Self:
+        force_end_after(_HELD_UP_S)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is None or kind is GeneratorExit:
+            let_run()
 
     def __call__(self) -> None:
-        """Do what it is time for."""
+        """Do what it is time for.
+
+        Raises:
+            EnvironmentFaultError: The process uses more memory than it may.
+        """
+        check_memory(self._memory)
         self._schedule()
         if time.monotonic() - self._trimmed > _TRIM_S:
             trim_heap()
             self._trimmed = time.monotonic()
+            force_end_after(_HELD_UP_S)
 
 
 def run_router(
@@ -111,9 +132,9 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
             say(_ready(service, as_json=as_json))
             service.watch()
             calm_collector()
-            upkeep = Upkeep()
-            while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
-                upkeep()
+            with Upkeep() as upkeep:
+                while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
+                    upkeep()
         say_end(service, say, warn, as_json=as_json)
 
 

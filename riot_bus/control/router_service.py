@@ -227,15 +227,15 @@ def _graph(service: RouterService, request: CommandRequest) -> dict[str, Any]:
 
 
 ROUTER_COMMANDS: dict[str, Command] = {
-    "status": Command(lambda service, _: service.status(), reads=True),
+    "status": Command(lambda service, _: service.status(), reads=True, urgent=True),
     "counts": Command(_counts, reads=True),
     "graph": Command(_graph, reads=True),
     "intercept/add": Command(lambda service, request: {"intercepted": service.intercept_add(request.keys())}),
     "intercept/remove": Command(lambda service, request: {"intercepted": service.intercept_remove(request.keys())}),
     "plan/load": Command(lambda service, request: service.plan_load(request.text(), request.name())),
-    "plan/clear": Command(lambda service, _: service.plan_clear()),
+    "plan/clear": Command(lambda service, _: service.plan_clear(), urgent=True),
     "record/start": Command(lambda service, request: service.record_start(request.path())),
-    "record/stop": Command(lambda service, _: service.record_stop()),
+    "record/stop": Command(lambda service, _: service.record_stop(), urgent=True),
     "record/split": Command(lambda service, request: service.record_split(request.path())),
 }
 """All commands by name."""

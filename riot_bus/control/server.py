@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import logging
 import threading
-from contextlib import suppress
-from queue import Full, Queue
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.control.commands import LARGEST_PAYLOAD, Command, answer, refusal
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
+from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
 from riot_bus.zenoh.session_config import OWN_CHUNK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from contextlib import AbstractContextManager
 
     from riot_bus.zenoh import api as zenoh
 
@@ -23,17 +23,23 @@ __all__ = ["Control"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_WAITING = 64
+_MOST_URGENT = 1024
+"""Questions that wait for an urgent command: at 5,000 a second the thread may be held up for 0.2 s and lose none."""
+
+_END_S = 10.0
 
 
 class Control:
     """Answers questions in some segments; a context manager.
 
-    Commands are carried out one after another on a thread of its own, so that no question holds up traffic. Each is
-    asked once, since questions do not cross the junction (`config.access_control`). A question with wildcards means
-    the commands that only read.
+    In each segment, each urgent command has a lane of its own, and all others share one: a queue of Zenoh's and a
+    thread. So whatever others ask, and however often, an urgent command waits for its like alone. When a queue is full,
+    the oldest question ends without an answer; this costs neither Python nor the link any time. Commands of the shared
+    lanes are carried out one after another. Each question comes once, since questions do not cross the junction
+    (`config.access_control`). A question with wildcards means the commands that only read.
 
     Args:
-        service: The router (or what else the commands are for), open.
+        service: The router (or what else the commands are for), open; urgent commands may come beside others.
         name: Its name.
         sessions: The sessions of the segments in which it answers.
         commands: What it can do.
@@ -54,57 +60,79 @@ class Control:
         self._sessions = sessions
         self._commands = commands
         self._under = under
-        self._waiting: Queue[zenoh.Query | None] = Queue(_MOST_WAITING + 1)
+        self._shared = threading.Lock()
         self._queryables: list[Any] = []
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="riot-control", daemon=True)
+        self._threads: list[threading.Thread] = []
 
     def __enter__(self) -> Self:
-        expression = f"{OWN_CHUNK}/{self._name}/{self._under}"
+        urgent = [name for name, command in self._commands.items() if command.urgent]
+        others = {name: command for name, command in self._commands.items() if not command.urgent}
         for session in self._sessions.values():
-            queryable = session.declare_queryable(
-                expression, self._take, allowed_origin=library_of(session).Locality.REMOTE
-            )
-            self._queryables.append(queryable)
-        self._thread.start()
+            for name in urgent:
+                self._open_lane(session, name, {name: self._commands[name]}, _MOST_URGENT, nullcontext())
+            self._open_lane(session, self._under, others, _MOST_WAITING, self._shared)
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._closing.set()
         release(*self._queryables)
-        with suppress(Full):
-            self._waiting.put_nowait(None)
-        self._thread.join()
+        for each in self._threads:
+            each.join(_END_S)
 
-    def _take(self, query: zenoh.Query) -> None:
-        """Take a question on a thread of Zenoh's; return at once."""
-        try:
-            self._waiting.put_nowait(query)
-        except Full:
-            text = f"{_MOST_WAITING} commands are waiting already"
-            with query:  # which ends it
-                self._refuse(query, EnvironmentFaultError(text, where=self._name, hint="ask again later"))
+    def _open_lane(
+        self,
+        session: zenoh.Session,
+        keys: str,
+        commands: Mapping[str, Command],
+        most: int,
+        turn: AbstractContextManager[object],
+    ) -> None:
+        library = library_of(session)
+        queryable: Any = session.declare_queryable(
+            f"{OWN_CHUNK}/{self._name}/{keys}",
+            library.handlers.RingChannel(most),
+            allowed_origin=library.Locality.REMOTE,
+        )
+        self._queryables.append(queryable)
+        thread = threading.Thread(
+            target=self._run,
+            args=(queryable.handler, commands, turn, library.ZError),
+            name=f"riot-control {keys}",
+            daemon=True,
+        )
+        self._threads.append(thread)
+        thread.start()
 
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            query = self._waiting.get()
-            if query is None:
+    def _run(
+        self,
+        questions: Any,
+        commands: Mapping[str, Command],
+        turn: AbstractContextManager[object],
+        closed: type[Exception],
+    ) -> None:
+        while True:
+            try:
+                query = questions.recv()
+            except closed:
                 return
             try:
-                with query:
-                    self._answer(query)
+                with query, turn:  # a question ends here
+                    self._answer(query, commands)
             except Exception:
                 _LOG.exception("a question could not be answered")
-            del query  # it ends when nobody holds it any more
+            del query
 
-    def _answer(self, query: zenoh.Query) -> None:
+    def _answer(self, query: zenoh.Query, commands: Mapping[str, Command]) -> None:
+        """Carry out what a question means of a lane's commands; what another lane has is left to that."""
         prefix = f"{OWN_CHUNK}/{self._name}/"
         asked = str(query.key_expr)
         if "*" in asked:
-            reading = (name for name, command in self._commands.items() if command.reads)
+            reading = (name for name, command in commands.items() if command.reads)
             names = [name for name in reading if self._means(query, prefix + name)]
         else:
-            names = [asked.removeprefix(prefix)]
+            name = asked.removeprefix(prefix)
+            names = [name] if name in commands or name not in self._commands else []
+        if not names:
+            return
         try:
             size = len(query.payload) if query.payload is not None else 0
             if size > LARGEST_PAYLOAD:

@@ -355,12 +355,12 @@ def _number(request: CommandRequest, name: str, default: float | None = None) ->
     return float(found)
 
 
-def _told(do: Callable[[PlayService, CommandRequest], object]) -> Command:
+def _told(do: Callable[[PlayService, CommandRequest], object], *, urgent: bool = False) -> Command:
     def run(service: PlayService, request: CommandRequest) -> dict[str, Any]:
         do(service, request)
         return service.status()
 
-    return Command(run)
+    return Command(run, urgent=urgent)
 
 
 def _step(service: PlayService, request: CommandRequest) -> None:
@@ -371,12 +371,12 @@ def _step(service: PlayService, request: CommandRequest) -> None:
 
 
 PLAY_COMMANDS: dict[str, Command] = {
-    "play/status": Command(lambda service, _: service.status(), reads=True),
-    "play/pause": _told(lambda service, _: service.pause()),
-    "play/resume": _told(lambda service, _: service.resume()),
+    "play/status": Command(lambda service, _: service.status(), reads=True, urgent=True),
+    "play/pause": _told(lambda service, _: service.pause(), urgent=True),
+    "play/resume": _told(lambda service, _: service.resume(), urgent=True),
     "play/step": _told(_step),
     "play/seek": _told(lambda service, request: service.seek(_number(request, "time"))),
     "play/rate": _told(lambda service, request: service.set_rate(_number(request, "rate"))),
-    "play/stop": _told(lambda service, _: service.stop()),
+    "play/stop": _told(lambda service, _: service.stop(), urgent=True),
 }
 """All commands by name; each answers with the status."""

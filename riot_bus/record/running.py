@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["run_capture"]
 
 _INTERRUPTED = 130
+_WRITE_S = 300.0
+"""How long what waits in memory may take to the disk; 256 MiB (--queue-size) at 1 MB/s, a slow SD card."""
 
 
 def run_capture(
@@ -62,7 +64,7 @@ def run_capture(
 
     roomy_heap()
     service = CaptureService(options, warn=tell)
-    with ended_by_signals(service.stop, again=_leave, others={signal.SIGUSR1: service.cut}):
+    with ended_by_signals(service.stop, again=_leave, others={signal.SIGUSR1: service.cut}, deadline=_WRITE_S):
         try:
             with service:
                 say(_ready(service, as_json=as_json))

@@ -471,12 +471,12 @@ def _plain(value: object) -> object:
     return dict(value) if isinstance(value, Mapping) else str(value) if isinstance(value, Path) else list(value)  # type: ignore[call-overload]
 
 
-def _told(do: Callable[[CaptureService], object]) -> Command:
+def _told(do: Callable[[CaptureService], object], *, urgent: bool = False) -> Command:
     def run(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
         do(service)
         return service.status()
 
-    return Command(run)
+    return Command(run, urgent=urgent)
 
 
 def _start(service: CaptureService) -> None:
@@ -492,12 +492,12 @@ def _split(service: CaptureService, request: CommandRequest) -> dict[str, Any]:
 
 
 CAPTURE_COMMANDS: dict[str, Command] = {
-    "record/status": Command(lambda service, _: service.status(), reads=True),
+    "record/status": Command(lambda service, _: service.status(), reads=True, urgent=True),
     "record/start": _told(_start),
-    "record/pause": _told(lambda service: service.pause()),
-    "record/resume": _told(lambda service: service.resume()),
+    "record/pause": _told(lambda service: service.pause(), urgent=True),
+    "record/resume": _told(lambda service: service.resume(), urgent=True),
     "record/split": Command(_split),
     "record/dump": Command(lambda service, request: {"dumped": str(service.dump(request.path()))}),
-    "record/stop": _told(lambda service: service.stop()),
+    "record/stop": _told(lambda service: service.stop(), urgent=True),
 }
 """All commands by name."""

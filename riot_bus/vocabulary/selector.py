@@ -78,7 +78,7 @@ def _chunk_pattern(chunk: str) -> str:
         return first
     *found, last = between
     steps = "".join(f"(?>[^/]*?{text})" for text in found if text)
-    return f"(?!@){first}{steps}(?>[^/]*{last}(?=/|\Z))"
+    return rf"(?!@){first}{steps}(?>[^/]*{last}(?=/|\Z))"
 
 
 def key_matches(expression: str, key: str) -> bool:

@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
-__all__ = ["toml_comment", "toml_string"]
+from collections.abc import Mapping, Sequence
+
+__all__ = ["toml_comment", "toml_string", "toml_value"]
+
+
+def toml_value(value: object) -> str:
+    """Return a TOML value: text, a truth value, a number, a list, or an inline table whose keys are plain words."""
+    if isinstance(value, str):
+        return toml_string(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {toml_value(each)}" for name, each in value.items()) + " }"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return repr(value)
 
 
 def toml_string(value: str) -> str:

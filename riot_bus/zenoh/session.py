@@ -128,6 +128,12 @@ def _open_error(error: Exception, config: SessionConfig, purpose: str) -> Enviro
         hint = f"stop what listens there, or choose another endpoint, such as --segment NAME={free_endpoint()}"
         return EnvironmentFaultError(f"{found.group() if found else listen} is in use", where=purpose, hint=hint)
     if "connect" in text.lower() and connect:
+        from riot_bus.zenoh.tls import why_refused  # loads ssl
+
+        why = next(filter(None, (why_refused(each, config) for each in config["connect/endpoints"])), None)
+        if why is not None:
+            hint = "compare certificates and names on both sides (docs/router.md)"
+            return EnvironmentFaultError(f"no link to {connect}: {why}", where=purpose, hint=hint)
         return EnvironmentFaultError(f"nobody answers at {connect}", where=purpose, hint="is the router running?")
     return EnvironmentFaultError(f"Zenoh does not open {listen or connect}: {text}", where=purpose)
 

@@ -8,6 +8,7 @@ import queue
 import socket
 import subprocess
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -32,6 +33,7 @@ class Cable:
         self._port = 0
         self._flowing = threading.Event()
         self._flowing.set()
+        self.delay = 0.0
         self.restore()
 
     @property
@@ -47,6 +49,10 @@ class Cable:
     def freeze(self) -> None:
         """Let nothing through any more, but close nothing: a pulled plug."""
         self._flowing.clear()
+
+    def thaw(self) -> None:
+        """Let all through again, what came meanwhile too."""
+        self._flowing.set()
 
     def cut(self) -> None:
         self._flowing.set()
@@ -98,6 +104,8 @@ class Cable:
         with contextlib.suppress(OSError):
             while data := source.recv(1 << 16):
                 self._flowing.wait()
+                if self.delay:
+                    time.sleep(self.delay)
                 sink.sendall(data)
         for each in (source, sink):
             with contextlib.suppress(OSError):

@@ -290,6 +290,15 @@ def test_access_control_of_the_docs_lets_one_user_read_and_another_not(tmp_path:
             for key in ("@riot/lab/status", "@riot/**", "@riot/lab/intercept/remove"):
                 got = list(guest.session.get(key, payload=keys("a"), timeout=1, target=zenoh.QueryTarget.ALL))
                 assert not [reply for reply in got if reply.ok], key
-        assert ask(endpoint, "lab", "status", config=users["alice"])["intercepted"] == ["a"]
+            forged: Any = guest.session.declare_queryable(
+                "@riot/lab/status", lambda query: query.reply("@riot/lab/status", b"{}")
+            )
+            token: Any = guest.session.liveliness().declare_token("@riot/lab/x")
+            for _ in range(5):  # two answers would be an error
+                assert ask(endpoint, "lab", "status", config=users["alice"])["intercepted"] == ["a"]
+            with open_client(endpoint, config=users["alice"]) as alice:
+                assert not list(alice.session.liveliness().get("@riot/lab/x", timeout=1))
+            forged.undeclare()
+            token.undeclare()
         with pytest.raises(EnvironmentFaultError):  # nobody gets around this by saying no name
             ask(endpoint, "lab", "status")

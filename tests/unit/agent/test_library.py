@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.agent.library import Library
+from riot_bus.fleet.index import IndexReport
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.session import wait_until
 from tests.tiers import scaled
@@ -41,6 +43,12 @@ def library(folder: Path) -> Iterator[Library]:
     found.start()
     yield found
     found.close()
+
+
+def look_at(library: Library) -> None:
+    """Wait until a look has ended that begins now."""
+    look = library.logs()["look"]
+    assert wait_until(lambda: library.logs(look=look)["complete"], 30)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +114,7 @@ def test_no_name_leads_outside(library: Library, folder: Path, name: str) -> Non
 
 
 def test_logs_are_listed_and_asked_for(library: Library, folder: Path) -> None:
-    assert wait_until(lambda: library.logs()["complete"], 30)
+    look_at(library)
     rows = library.logs("path='*bag*'")["logs"]
     assert [(each["name"], each["messages"]) for each in rows] == [("bag/bag_10.mcap", 3), ("bag/bag_9.mcap", 3)]
     everything = library.logs()
@@ -120,14 +128,35 @@ def test_logs_are_listed_and_asked_for(library: Library, folder: Path) -> None:
     assert wait_until(lambda: library.logs("topic=b")["count"] == 0, 30)
 
 
+def test_questions_do_not_wait_for_a_look(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    let_go = threading.Event()
+    looks = []
+
+    def index(*_: object, **__: object) -> IndexReport:
+        looks.append(len(looks))
+        let_go.wait(30)
+        return IndexReport()
+
+    monkeypatch.setattr("riot_bus.agent.library.index", index)
+    library = Library(folder, "r7")
+    library.start()
+    answers = [library.logs() for _ in range(1000)]  # a second each would be a quarter of an hour
+    assert not any(each["complete"] for each in answers)
+    assert len(looks) <= 1
+    let_go.set()
+    assert wait_until(lambda: library.logs(look=answers[-1]["look"])["complete"], 30)
+    assert len(looks) == 2, "the one that had begun, and one for all thousand questions"
+    library.close()
+
+
 def test_what_cannot_be_looked_at_is_said_once(folder: Path, tmp_path: Path) -> None:
     with open(os.fsencode(folder) + b"/\xff.mcap", "wb"):
         pass
     told: list[str] = []
     library = Library(folder, "r7", catalogue=tmp_path / "c.sqlite", failed=told.append)
     library.start()
-    assert wait_until(lambda: library.logs()["complete"], 30)
-    assert wait_until(lambda: library.logs()["complete"], 30)
+    look_at(library)
+    look_at(library)
     library.close()
     assert [each.rpartition(": ")[2] for each in told] == ["the name is not UTF-8"]
     library.close()

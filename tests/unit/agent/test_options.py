@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from riot_bus.agent.names import agent_token, check_robot, controller_token, default_robot, progress_key
+from riot_bus.agent.names import agent_token, check_robot, controller_key, default_robot, progress_key
 from riot_bus.agent.options import AgentOptions
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -47,5 +47,5 @@ def test_what_cannot_work(tmp_path: Path, more: dict[str, Any], message: str) ->
 def test_keys() -> None:
     assert check_robot(default_robot())
     assert agent_token("r7", "ab") == "@riot/r7/agent/ab"
-    assert controller_token("r7", "cd") == "@riot/r7/agent/controller/cd"
+    assert controller_key("r7", "cd") == "@riot/r7/agent/controller/cd"
     assert progress_key("r7") == "@riot/r7/agent/progress"

@@ -17,7 +17,7 @@ from riot_bus.vocabulary.errors import ConfigError
 AGENT = AgentOptions(robot="r7", folder=Path("/logs"), endpoint="tcp/127.0.0.1:7447")
 RECORD: dict[str, Any] = {"operation": "0123456789abcdef", "who": "ann"}
 _JSON = st.recursive(st.none() | st.booleans() | st.integers() | st.text(), st.lists)
-GOOD: dict[str, Any] = {"operation": "0123456789abcdef", "controller": "0123456789abcdef", "logs": ["a.mcap"]}
+GOOD: dict[str, Any] = {"operation": "0123456789abcdef", "secret": "0" * 32, "watched": True, "logs": ["a.mcap"]}
 
 
 def parsed(**more: Any) -> PlayRequest:
@@ -52,8 +52,9 @@ def test_code_and_files_cannot_be_asked_for() -> None:
         ({"logs": "a.mcap"}, "logs: "),
         ({"logs": ["x" * 1001]}, "logs.0: "),
         ({"operation": "x; y"}, "operation: "),
-        ({"controller": "*"}, "controller: "),
-        ({"controller": None}, "needs a controller"),
+        ({"secret": "*"}, "secret: "),
+        ({"watched": False}, "needs one that stays"),
+        ({"secret": None}, "needs a secret"),
         ({"on_lost_controller": "panic"}, "on_lost_controller: "),
         ({"grace": -1}, "grace: "),
         ({"rate": float("nan")}, "rate: "),

@@ -1,0 +1,183 @@
+"""Who can do what at the keys of agents, as seen by sessions that try it: not what is configured, but what happens."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.agent.access import ROLES, Action, may
+from riot_bus.agent.names import agent_token, controller_key, progress_key
+from riot_bus.agent.proof import new_secret
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import release
+from riot_bus.zenoh.session_config import OWN_CHUNK
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from riot_bus.zenoh import api as zenoh
+
+__all__ = ["NOBODY", "Access", "probe_access"]
+
+NOBODY = "(nobody)"
+"""The identity without a name: a session with no credentials at all."""
+
+_COMMANDS = ("status", "logs", "play", "record", "pause", "resume", "seek", "rate", "stop")
+_WINDOW_S = 3.0
+_PAUSE_S = 0.2
+_ASK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """What one identity was seen to do at one key.
+
+    Attributes:
+        identity: Who.
+        action: What.
+        key: Where.
+        seen_by: The identities on the other side: who received what it put, whom it answered ...
+        needed: Whether its role needs it; None for an identity that is not called like a role.
+    """
+
+    identity: str
+    action: Action
+    key: str
+    seen_by: tuple[str, ...]
+    needed: bool | None
+
+
+def probe_access(
+    endpoint: str,
+    identities: Mapping[str, Mapping[str, Any]],
+    *,
+    robot: str | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[Access]:
+    """Let each identity try each action at each key of an agent, and return what the others saw of it.
+
+    What needs two sides is seen only if both are allowed: when nobody can subscribe, no publication is seen.
+
+    Args:
+        endpoint: The fleet's router.
+        identities: Zenoh configuration of each, by name; one that is called like a role is compared with this.
+        robot: Whose keys; no agent of this name may be running. By default a name that nobody has.
+        say: Told in a line who cannot connect.
+
+    Raises:
+        EnvironmentFaultError: Nobody can connect.
+        ConfigError: There is an agent of this name: it would carry out what is tried.
+    """
+    robot = robot or f"riot-doctor-{new_secret()[:8]}"
+    with ExitStack() as stack:
+        sides = []
+        for name, config in {NOBODY: {}, **identities}.items():
+            try:
+                client = open_client(endpoint, config=dict(config))
+            except EnvironmentFaultError as error:
+                say(f"{name} cannot connect: {error.message}")
+                continue
+            stack.callback(client.close)
+            sides.append(_Side(name, client.session))
+        if not sides:
+            raise EnvironmentFaultError("no identity can connect", where=endpoint, hint="is the router running?")
+        if any(side.sees(agent_token(robot, "*")) for side in sides):
+            hint = "stop it first, or leave --robot out"
+            raise ConfigError(f"the agent {robot!r} is running, and would do what is tried", where="--robot", hint=hint)
+        keys = [f"{OWN_CHUNK}/{robot}/agent/{name}" for name in _COMMANDS]
+        keys += [progress_key(robot), controller_key(robot, "0" * 16)]
+        found: set[tuple[str, Action, str, str]] = set()
+        for side in sides:
+            stack.callback(side.close)
+            side.offer([*keys, agent_token(robot, "0" * 32)])
+        end = time.monotonic() + _WINDOW_S
+        while time.monotonic() < end:  # declarations take their time, and tell nobody when they have arrived
+            for side in sides:
+                side.put(keys)
+            time.sleep(_PAUSE_S)
+        for side in sides:
+            for key, other in side.ask(keys):
+                found |= {(side.name, "ask", key, other), (other, "answer", key, side.name)}
+            for key, other in side.received():
+                found |= {(side.name, "receive", key, other), (other, "put", key, side.name)}
+            token = agent_token(robot, "0" * 32)
+            for holder in sides:
+                if holder is not side and side.sees(f"{token}{holder.mark}"):
+                    found |= {(side.name, "see", token, holder.name), (holder.name, "announce", token, side.name)}
+    return _rows(found, robot)
+
+
+def _rows(found: set[tuple[str, Action, str, str]], robot: str) -> list[Access]:
+    others: dict[tuple[str, Action, str], list[str]] = {}
+    for name, action, key, other in sorted(found):
+        others.setdefault((name, action, key), []).append(other)
+    return [
+        Access(name, action, key, tuple(seen_by), _needed(name, action, key, robot))
+        for (name, action, key), seen_by in others.items()
+    ]
+
+
+def _needed(name: str, action: Action, key: str, robot: str) -> bool | None:
+    if name == NOBODY:
+        return False
+    return next((may(role, action, key, robot=robot) for role in ROLES if role == name), None)
+
+
+class _Side:
+    """One identity's session, and what it has seen of the others."""
+
+    def __init__(self, name: str, session: zenoh.Session) -> None:
+        self.name = name
+        self.mark = new_secret()[:8]
+        self._session = session
+        self._lock = threading.Lock()
+        self._received: set[tuple[str, str]] = set()
+        self._things: list[Any] = []
+
+    def offer(self, keys: Sequence[str]) -> None:
+        """Subscribe to all keys but the last, answer at them, and hold a token at the last one."""
+        *keys, token = keys
+        for key in keys:
+            self._things.append(self._session.declare_subscriber(key, self._take))
+            self._things.append(self._session.declare_queryable(key, self._answer))
+        self._things.append(self._session.liveliness().declare_token(f"{token}{self.mark}"))
+
+    def put(self, keys: Sequence[str]) -> None:
+        for key in keys:
+            self._session.put(key, self.name.encode())
+
+    def ask(self, keys: Sequence[str]) -> set[tuple[str, str]]:
+        """Return keys and who answers there."""
+        from riot_bus.zenoh import api as zenoh
+
+        every, each = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        asked = {key: self._session.get(key, timeout=_ASK_S, target=every, consolidation=each) for key in keys}
+        answers = ((key, reply.ok) for key, replies in asked.items() for reply in replies)
+        found = {(key, ok.payload.to_bytes().decode(errors="replace")) for key, ok in answers if ok is not None}
+        return {(key, other) for key, other in found if other != self.name}
+
+    def sees(self, token: str) -> bool:
+        return any(reply.ok is not None for reply in self._session.liveliness().get(token, timeout=_ASK_S))
+
+    def received(self) -> set[tuple[str, str]]:
+        """Return keys and from whom something came there."""
+        with self._lock:
+            return {(key, other) for key, other in self._received if other != self.name}
+
+    def close(self) -> None:
+        from riot_bus.zenoh import api as zenoh
+
+        with suppress(zenoh.ZError):
+            release(*self._things)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        with self._lock:
+            self._received.add((str(sample.key_expr), sample.payload.to_bytes().decode(errors="replace")))
+
+    def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, self.name)

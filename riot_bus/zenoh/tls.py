@@ -1,0 +1,58 @@
+"""Why a TLS link does not come about: Zenoh says only that nobody answers, so the handshake is tried once more."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.config.endpoints import parse_endpoint
+from riot_bus.vocabulary.errors import RiotError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["why_refused"]
+
+_TLS = "transport/link/tls"
+_TIMEOUT_S = 2.0
+_ALERT_S = 0.5
+"""How long an alert may take that answers the client's certificate: with TLS 1.3 it comes after the handshake."""
+
+
+def why_refused(endpoint: str, config: Mapping[str, Any]) -> str | None:
+    """Return in words why a handshake fails; None if it does not, or if this is no TLS over TCP.
+
+    Args:
+        endpoint: Of the router.
+        config: The client's Zenoh configuration, its keys joined by `/`.
+    """
+    try:
+        where = parse_endpoint(endpoint, connect=True)
+    except RiotError:
+        return None
+    if where.protocol != "tls":
+        return None
+    given = {key.removesuffix("_file"): value for key, value in where.parameters.items()}
+
+    def setting(name: str) -> Any:
+        return given.get(name, config.get(f"{_TLS}/{name}"))
+
+    try:
+        context = ssl.create_default_context(cafile=setting("root_ca_certificate"))
+        context.check_hostname = setting("verify_name_on_connect") is not False
+        if setting("connect_certificate"):
+            context.load_cert_chain(setting("connect_certificate"), setting("connect_private_key"))
+        with (
+            socket.create_connection((where.host, where.port), _TIMEOUT_S) as plain,
+            context.wrap_socket(plain, server_hostname=where.host) as link,
+        ):
+            link.settimeout(_ALERT_S)
+            link.recv(1)
+    except ssl.SSLCertVerificationError as error:
+        return f"its certificate is refused: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"TLS: {(error.reason or str(error)).replace('_', ' ').lower()}"
+    except (OSError, ValueError):  # nobody listens, or all is well and it waits for us
+        return None
+    return None

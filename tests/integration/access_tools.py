@@ -1,0 +1,32 @@
+"""A fleet's router with users, each of a role, and rules of access."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from riot_bus.agent.access import access_rules, question_limits
+from tests.integration.zenoh_process import ZenohProcess
+
+USERS = {"agent": "robot", "controller": "alice", "viewer": "viewer"}
+
+
+def login(role: str) -> dict[str, str]:
+    return {"transport/auth/usrpwd/user": USERS[role], "transport/auth/usrpwd/password": role}
+
+
+def secured(tmp_path: Path, rules: Mapping[str, Any]) -> ZenohProcess:
+    users = tmp_path / "users.txt"
+    users.touch(0o600)
+    users.write_text("".join(f"{user}:{role}\n" for role, user in USERS.items()))
+    return ZenohProcess(
+        "router",
+        transport__auth__usrpwd__dictionary_file=str(users),
+        access_control=dict(rules),
+        downsampling=question_limits(),
+    )
+
+
+def new_rules() -> dict[str, Any]:
+    return access_rules((role, user) for role, user in USERS.items())  # type: ignore[misc]
