@@ -118,7 +118,8 @@ class Remote:
         selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
         began = time.monotonic()
         answers = self._answers(selector, payload, timeout)
-        if len(answers) > 1:
+        refusals = {str(error_from(_document(data))) for ok, data in answers if not ok}
+        if len(answers) > 1 and (len(refusals) > 1 or any(ok for ok, _ in answers)):
             hint = (
                 "two of one name, or somebody who answers for another: give each its own name, and use access control"
             )
@@ -130,7 +131,8 @@ class Remote:
             return _result(data)
         found = self.find()
         if name in found and time.monotonic() - began < timeout:
-            raise EnvironmentFaultError(f"{self._kind} {name!r} has no time for it", where=command, hint="ask again")
+            hint = "it is asked too often just now, or access control refuses this"
+            raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer", where=command, hint=hint)
         if name in found:
             raise EnvironmentFaultError(f"{self._kind} {name!r} did not answer in {timeout:g} s", where=command)
         raise self._nobody(name, found)

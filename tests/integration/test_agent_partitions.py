@@ -85,6 +85,7 @@ def test_no_operation_outlives_its_grace_and_none_ends_without_need(tmp_path: Pa
 def _round(hub: str, robot: Process, controllers: Cable, cable: Cable, kind: str, *, long: bool) -> None:
     parts = kind in ("cut", "frozen", "killed")
     with RemoteOperation(controllers.endpoint, "r7") as operation:
+        assert wait_until(lambda: _state(hub) is not None, 30), "the agent has not come back"
         operation.begin("play", {"logs": ["log.mcap"], "wait": 0.0, "grace": GRACE_S, "who": kind})
         operation.follow(lambda *_: None, give_up=30, until=lambda status: status["state"] == "playing")
         if kind == "killed":
@@ -108,7 +109,8 @@ def _round(hub: str, robot: Process, controllers: Cable, cable: Cable, kind: str
 
 
 def _state(hub: str) -> str | None:
+    """Return the state of the robot's operation, empty if there was none; None if the robot is not heard."""
     try:
-        return str(ask_robot(hub, "r7", "status")["operation"]["state"])
+        return str((ask_robot(hub, "r7", "status")["operation"] or {"state": ""})["state"])
     except EnvironmentFaultError:
         return None
