@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from riot_bus.config.arguments import parse_size
-from riot_bus.control.signals import END_S, force_end_after
+from riot_bus.control.signals import force_end_after
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 __all__ = ["check_memory", "memory_limit", "resident_bytes"]
@@ -14,6 +15,9 @@ __all__ = ["check_memory", "memory_limit", "resident_bytes"]
 _VARIABLE = "RIOT_MEMORY_LIMIT"
 _SHARE = 0.75
 """Of what the machine or the control group has: the rest is for the kernel's buffers, and to end in order."""
+
+_END_S = 5.0
+"""How long an end may take then: Zenoh may be growing still, and not answer."""
 
 _STATM = Path("/proc/self/statm")
 _GROUP = Path("/sys/fs/cgroup/memory.max")
@@ -56,9 +60,12 @@ def check_memory(limit: int) -> None:
     """
     used = resident_bytes()
     if used > limit:
-        force_end_after(END_S)
-        raise EnvironmentFaultError(
+        force_end_after(_END_S)
+        error = EnvironmentFaultError(
             f"this process uses {used >> 20} MiB of memory, more than {limit >> 20} MiB",
-            hint="somebody may have subscribed to a key with many wildcards, which costs Zenoh memory: allow what is "
-            f"subscribed to by access rules (docs/router.md), or set {_VARIABLE} to more, such as 8GiB",
+            hint="somebody may have subscribed to a key with many wildcards, which costs Zenoh memory (docs/router.md); "
+            f"{_VARIABLE} sets another limit, such as 8GiB",
         )
+        sys.stderr.write(f"riot: {error}\n")  # now, since the end may have to be forced
+        sys.stderr.flush()
+        raise error

@@ -267,10 +267,13 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
     problems = error.errors()
     first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
     tags = ("bool", "int", "float", "str", "_Bytes", "_Formula")
-    place: list[str | int] = [part for part in first["loc"] if part not in tags]
+    *outer, last = first["loc"]
+    unknown = first["type"] == "extra_forbidden"  # a key that somebody wrote, which may be called like a tag
+    place: list[str | int] = [part for part in outer if part not in tags]
+    place += [last] if unknown or last not in tags else []
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
     where = f"{path}: {key}" if key else path
-    if first["type"] == "extra_forbidden":
+    if unknown:
         word = str(place[-1])
         models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
         inner = _Signal if "signal" in place else _Formula if "formula" in place else _Bytes

@@ -37,7 +37,7 @@ def test_too_much_is_an_error_and_the_end_is_near() -> None:
     check_memory(1 << 50)
     code = """
 from riot_bus.control import memory
-memory.END_S = 0.3
+memory._END_S = 0.3
 try:
     memory.check_memory(1)
 except memory.EnvironmentFaultError as error:

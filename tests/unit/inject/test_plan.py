@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from riot_bus.inject.plan import plan_to_toml, read_plan
+from riot_bus.inject.plan import parse_plan, plan_to_toml, read_plan
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 
@@ -116,3 +116,12 @@ def test_errors_name_file_and_key(plan, text, where, problem):
 def test_missing_file(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
         read_plan(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [("int = 1", "p: int"), ("[[str]]\na = 1", "p: str"), ('[[inject]]\ntopic = "a"\nfloat = 1', r"inject\[0\].float")],
+)
+def test_unknown_keys_may_be_called_like_types(text: str, place: str) -> None:
+    with pytest.raises(ConfigError, match=f"{place}: unknown key"):
+        parse_plan(text, name="p")
