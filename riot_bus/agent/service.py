@@ -21,6 +21,7 @@ from riot_bus.agent.watch import ControllerWatch
 from riot_bus.control.commands import Command
 from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +111,7 @@ class AgentService:
             "version": __version__,
             "pid": os.getpid(),
             "uptime": round(time.monotonic() - self._began, 3),
-            "bus": self.options.endpoint,
+            "bus": redacted(self.options.endpoint),
             "allow": list(self.options.allow),
             "busy": operation is not None and operation.active,
             "operation": row,
@@ -244,7 +245,7 @@ class AgentService:
             operation.wait(_END_S)
 
     def _say(self, line: str) -> None:
-        self._sayer(escape_control_chars(line))
+        self._sayer(escape_control_chars(redacted(line)))
 
     def _failed(self, error: RiotError) -> None:
         self.failure = error

@@ -9,6 +9,7 @@ from riot_bus.sut.system import SystemFile
 from riot_bus.types.capabilities import ListensToLinks
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,7 +65,9 @@ def init_ros2(
         started=seen.started,
         where=endpoint,
     )
-    write_system(path, sketch_toml(found, origin=f"what {endpoint} announced within {seconds:g} s"), force=force)
+    write_system(
+        path, sketch_toml(found, origin=f"what {redacted(endpoint)} announced within {seconds:g} s"), force=force
+    )
     return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
 
 

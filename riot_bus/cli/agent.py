@@ -47,12 +47,18 @@ def agent(
     ] = None,
     cfg: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of clients of the robot's bus; repeatable."),
+        typer.Option(
+            metavar="KEY=VALUE|KEY=@FILE",
+            envvar="RIOT_CLIENT_CFG",
+            help="A Zenoh setting of clients of the robot's bus; repeatable.",
+        ),
     ] = None,
     fleet_cfg: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=VALUE", help="Of the client of the fleet's router, such as a certificate; repeatable."
+            metavar="KEY=VALUE|KEY=@FILE",
+            envvar="RIOT_FLEET_CFG",
+            help="Of the client of the fleet's router, such as a certificate, or a password in a file; repeatable.",
         ),
     ] = None,
     allow: Annotated[

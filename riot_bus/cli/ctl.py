@@ -31,7 +31,11 @@ RouterName = Annotated[
 ]
 Cfg = Annotated[
     list[str] | None,
-    typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of this client, such as a certificate; repeatable."),
+    typer.Option(
+        metavar="KEY=VALUE|KEY=@FILE",
+        envvar="RIOT_CLIENT_CFG",
+        help="A Zenoh setting of this client, such as a certificate, or a password in a file; repeatable.",
+    ),
 ]
 Keys = Annotated[list[str], typer.Argument(metavar="KEYEXPR...", help="Key expressions, or ROS names such as /odom.")]
 

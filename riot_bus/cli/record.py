@@ -162,8 +162,10 @@ def _notes(texts: list[str] | tuple[()]) -> dict[str, str]:
 
 
 def _command(words: list[str]) -> str:
-    """Return the command line without the values of --cfg, which may be passwords."""
+    """Return the command line without the values of --cfg, which may be passwords, and what endpoints hold."""
     import shlex
+
+    from riot_bus.vocabulary.redaction import redacted
 
     shown, hide = [], False
     for word in words:
@@ -175,4 +177,4 @@ def _command(words: list[str]) -> str:
         else:
             shown.append(word)
         hide = word == "--cfg"
-    return shlex.join(["riot", *shown[1:]])
+    return shlex.join(["riot", *map(redacted, shown[1:])])

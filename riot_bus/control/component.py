@@ -14,8 +14,8 @@ from riot_bus.control.environment import (
     session_file,
 )
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.config_files import absolute_file
-from riot_bus.zenoh.config_keys import leaves, value_of
+from riot_bus.zenoh.config_files import absolute_file, cfg_value
+from riot_bus.zenoh.config_keys import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,20 +29,21 @@ def client_cfg(texts: Sequence[str], *, cwd: Path | None = None) -> dict[str, An
     """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.
 
     Args:
-        texts: As written; a value is JSON5, or text where Zenoh takes it as such.
+        texts: As written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`, whose text is the value.
         cwd: Where relative paths start from, by default the working folder.
 
     Raises:
         ConfigError: A text is not of this form, or Zenoh refuses it.
     """
     config: dict[str, Any] = {}
+    root = cwd or Path.cwd()
     for text in texts:
         key, equals, value = text.partition("=")
         if not key or not equals:
             hint = "write KEY=VALUE, such as transport/link/tls/root_ca_certificate=ca.pem"
             raise ConfigError(f"{text!r} is not a Zenoh setting", where="--cfg", hint=hint)
-        parts = leaves({key.strip("/"): value_of(key.strip("/"), value, where="--cfg")})
-        config |= {leaf: absolute_file(leaf, each, cwd or Path.cwd(), where="--cfg") for leaf, each in parts.items()}
+        parts = leaves({key.strip("/"): cfg_value(key.strip("/"), value, root, where="--cfg")})
+        config |= {leaf: absolute_file(leaf, each, root, where="--cfg") for leaf, each in parts.items()}
     return config
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.config.endpoints import ENCRYPTED
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.config_files import USERS
 
 if TYPE_CHECKING:
@@ -20,8 +21,8 @@ def exposure_warnings(settings: RouterSettings) -> list[str]:
     access control count as a choice that was made.
     """
     return [
-        f"segment {name!r} listens on {endpoint}: who can reach this address can read and write everything; "
-        "use 127.0.0.1, or configure TLS, users or access control (docs/router.md)"
+        f"segment {name!r} listens on {redacted(str(endpoint))}: who can reach this address can read and write "
+        "everything; use 127.0.0.1, or configure TLS, users or access control (docs/router.md)"
         for name, segment in settings.segments.items()
         if not _controlled(segment)
         for endpoint in segment.listeners

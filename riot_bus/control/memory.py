@@ -63,8 +63,8 @@ def check_memory(limit: int) -> None:
         force_end_after(_END_S)
         error = EnvironmentFaultError(
             f"this process uses {used >> 20} MiB of memory, more than {limit >> 20} MiB",
-            hint="somebody may have subscribed to a key with many wildcards, which costs Zenoh memory (docs/router.md); "
-            f"{_VARIABLE} sets another limit, such as 8GiB",
+            hint="somebody may have subscribed to a key with many wildcards, which costs Zenoh memory "
+            f"(docs/router.md); {_VARIABLE} sets another limit, such as 8GiB",
         )
         sys.stderr.write(f"riot: {error}\n")  # now, since the end may have to be forced
         sys.stderr.flush()

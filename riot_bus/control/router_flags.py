@@ -12,8 +12,8 @@ from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, Se
 from riot_bus.config.setting_checks import SEGMENT_NAME
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.zenoh.config_files import absolute_file, check_certificates, endpoint_files
-from riot_bus.zenoh.config_keys import leaves, value_of
+from riot_bus.zenoh.config_files import absolute_file, cfg_value, check_certificates, endpoint_files
+from riot_bus.zenoh.config_keys import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -119,7 +119,7 @@ def _segments(settings: RouterSettings, flags: RouterFlags, cwd: Path) -> dict[s
         name, key, value = parse_cfg(text)
         _check_known(name, segments, "--cfg")
         where = f"--cfg {name}"
-        parts = leaves({key: value_of(key, value, where=where)})
+        parts = leaves({key: cfg_value(key, value, cwd, where=where)})
         config = {leaf: absolute_file(leaf, each, cwd, where=where) for leaf, each in parts.items()}
         segments[name] = _changed(segments[name], "config", {**segments[name].config, **config}, where)
     return segments

@@ -14,6 +14,7 @@ from riot_bus.control.router_options import interceptors_of, intercepts, plan_of
 from riot_bus.control.scheduling import LoadScheduling
 from riot_bus.control.signals import ended_by_signals, force_end_after, let_run
 from riot_bus.vocabulary.errors import DataLossError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.network import Network
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
 
 
 def _ready(service: RouterService, *, as_json: bool) -> str:
-    endpoints, name = service.endpoints, service.settings.name
+    endpoints = {segment: list(map(redacted, found)) for segment, found in service.endpoints.items()}
+    name = service.settings.name
     if as_json:
         return json.dumps(
             {"event": "ready", "router": name, "endpoints": endpoints, "intercepted": service.topics}, sort_keys=True

@@ -22,6 +22,7 @@ from riot_bus.router.interception import Interception, wanted_keys
 from riot_bus.router.pipeline_executor import end_interceptors
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.scouting import THIS_HOST
 
 if TYPE_CHECKING:
@@ -210,7 +211,7 @@ class RouterService(Operations):
         return self._bus
 
     def _metadata(self) -> dict[str, str]:
-        segments = (f"{name}={','.join(each.listen)}" for name, each in self.settings.segments.items())
+        segments = (f"{name}={','.join(map(redacted, each.listen))}" for name, each in self.settings.segments.items())
         metadata = {"router": self.settings.name, "seed": str(self._seed), "segments": " ".join(segments)}
         plan = self._interception.plan
         return metadata | ({"plan": plan.text} if plan is not None else {})

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.pipeline.runner import OTHER_TOPICS
 from riot_bus.router.counts import TopicCounts
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.session_config import is_control
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def segment_rows(bus: Bus, graph: Graph) -> dict[str, dict[str, Any]]:
             known = graph.component(zid, name)
             label = known.label if known is not None and known.label != zid[:8] else ""
             components.append({"zid": zid, "mode": found[zid], "name": label})
-        rows[name] = {"endpoints": list(bus.segment(name).endpoints), "components": components}
+        rows[name] = {"endpoints": list(map(redacted, bus.segment(name).endpoints)), "components": components}
     return rows
 
 

@@ -19,6 +19,7 @@ from riot_bus.play.keys import HELP, press
 from riot_bus.play.service import PlayService
 from riot_bus.play.text import progress_line, result_line, speed
 from riot_bus.vocabulary.errors import DataLossError
+from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -88,7 +89,8 @@ def _ready(service: PlayService, *, as_json: bool) -> str:
     logs = ", ".join(str(path) for path in options.logs)
     length = status["end"] - status["start"]
     return escape_control_chars(
-        f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, to {options.endpoint}"
+        f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, "
+        f"to {redacted(options.endpoint)}"
     )
 
 

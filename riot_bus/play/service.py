@@ -22,6 +22,7 @@ from riot_bus.play.publisher_conflicts import PublisherConflicts
 from riot_bus.play.publishing import Publishing
 from riot_bus.play.simclock import Ticker
 from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import OWN_CHUNK, client_config
 
@@ -233,7 +234,7 @@ class PlayService:
         status, publishing, name = self.player.status(), self._publishing, self.programme.name
         problems = {name(key): text for key, text in publishing.problems.items()}
         if publishing.broken:
-            problems["link"] = f"the link to {self.options.endpoint} broke {publishing.broken} times"
+            problems["link"] = f"the link to {redacted(self.options.endpoint)} broke {publishing.broken} times"
         if self._failure:
             problems["player"] = self._failure
         elif not self._done.is_set() and time.monotonic() > self._give_up:

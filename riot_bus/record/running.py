@@ -17,6 +17,7 @@ from riot_bus.record.keys import keys_help, press
 from riot_bus.record.service import CaptureService
 from riot_bus.record.text import progress_line, result_lines
 from riot_bus.vocabulary.errors import DataLossError
+from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,7 +87,7 @@ def _ready(service: CaptureService, *, as_json: bool) -> str:
     keys = ", ".join(service.options.keys)
     ring = f"the last {service.options.ring_seconds:g} s" if service.options.ring_seconds else status["file"]
     state = ", paused" if service.paused else ""
-    return escape_control_chars(f"{service.name}: {keys} of {service.options.endpoint} to {ring}{state}")
+    return escape_control_chars(f"{service.name}: {keys} of {redacted(service.options.endpoint)} to {ring}{state}")
 
 
 def _end(result: CaptureResult, say: Callable[[str], None], *, as_json: bool) -> None:

@@ -30,6 +30,7 @@ from riot_bus.record.subscriber import RecordingSubscriber
 from riot_bus.record.trigger import Trigger
 from riot_bus.record.watched_network import WatchedNetwork
 from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.vocabulary.selector import key_matches
 from riot_bus.zenoh.convert import Claims
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning
@@ -247,7 +248,7 @@ class CaptureService:
             "name": self.name,
             "version": __version__,
             "pid": os.getpid(),
-            "endpoint": self.options.endpoint,
+            "endpoint": redacted(self.options.endpoint),
             "connected": self._linked,
             "state": state,
             "seconds": round(self._seconds(), 3),

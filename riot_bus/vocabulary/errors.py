@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from riot_bus.vocabulary.redaction import redacted
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -25,6 +27,8 @@ __all__ = [
 class RiotError(Exception):
     """Root of every error that riot_bus raises on purpose.
 
+    Secrets that an endpoint may hold are left out of its texts.
+
     Args:
         message: What went wrong, with the offending value.
         where: Place of the problem (file:line, key, field path), if there is one.
@@ -34,10 +38,10 @@ class RiotError(Exception):
     exit_code = 2
 
     def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
-        super().__init__(message)
-        self.message = message
-        self.where = where
-        self.hint = hint
+        super().__init__(redacted(message))
+        self.message = redacted(message)
+        self.where = None if where is None else redacted(where)
+        self.hint = None if hint is None else redacted(hint)
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.message}" if self.where else self.message

@@ -12,14 +12,19 @@ from tests.integration.zenoh_process import ZenohProcess
 USERS = {"agent": "robot", "controller": "alice", "viewer": "viewer"}
 
 
+def write_private(path: Path, text: str) -> None:
+    """Write a file that its owner alone may read."""
+    path.touch(0o600)
+    path.write_text(text)
+
+
 def login(role: str) -> dict[str, str]:
     return {"transport/auth/usrpwd/user": USERS[role], "transport/auth/usrpwd/password": role}
 
 
 def secured(tmp_path: Path, rules: Mapping[str, Any]) -> ZenohProcess:
     users = tmp_path / "users.txt"
-    users.touch(0o600)
-    users.write_text("".join(f"{user}:{role}\n" for role, user in USERS.items()))
+    write_private(users, "".join(f"{user}:{role}\n" for role, user in USERS.items()))
     return ZenohProcess(
         "router",
         transport__auth__usrpwd__dictionary_file=str(users),

@@ -16,6 +16,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import free_endpoint, wait_until
+from tests.integration.access_tools import write_private
 from tests.integration.agent_tools import Cable, Process, agent, fleet
 from tests.integration.play_tools import BEGIN, MS, Listener, numbered, write
 from tests.integration.router_process import riot
@@ -458,7 +459,7 @@ def test_the_documented_router_of_a_fleet(bus: str, logs: Path, tmp_path: Path) 
     assert code == 0, err
     endpoint = free_endpoint().replace("tcp", "tls")
     (tmp_path / "riot.toml").write_text(text.replace("tls/0.0.0.0:7447", endpoint) + rules)
-    (tmp_path / "users.txt").write_text("robot:r\nalice:a\nviewer:v\n")
+    write_private(tmp_path / "users.txt", "robot:r\nalice:a\nviewer:v\n")
     make_certificates(tmp_path)
     for ending in ("pem", "key"):
         (tmp_path / f"router.{ending}").rename(tmp_path / f"server.{ending}")

@@ -26,6 +26,7 @@ from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.network import Network
 from riot_bus.zenoh.session import wait_until
+from tests.integration.access_tools import write_private
 from tests.integration.bus_puppet import Puppet
 from tests.tiers import scaled
 
@@ -602,7 +603,7 @@ def test_opening_and_closing_leaves_nothing_behind() -> None:
 
 def test_a_segment_that_asks_for_passwords_is_joined_and_cut_like_any_other(tmp_path: Path) -> None:
     users = tmp_path / "users.txt"
-    users.write_text("robot:secret\n")
+    write_private(users, "robot:secret\n")
     guarded = SegmentSettings(config={"transport/auth/usrpwd/dictionary_file": str(users)})
     login = {"transport/auth/usrpwd/user": "robot", "transport/auth/usrpwd/password": "secret"}
     with (

@@ -21,6 +21,7 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.client import Client, open_client
 from riot_bus.zenoh.session import free_endpoint, wait_until
+from tests.integration.access_tools import write_private
 from tests.integration.router_process import RouterProcess, riot
 
 pytestmark = pytest.mark.integration
@@ -277,7 +278,7 @@ def test_access_control_of_the_docs_lets_one_user_read_and_another_not(tmp_path:
     toml = "\n".join(line[4:] for line in max(block, key=len).splitlines())
     endpoint = free_endpoint()
     (tmp_path / "riot.toml").write_text(toml.replace("tcp/127.0.0.1:7447", endpoint))
-    (tmp_path / "users.txt").write_text("alice:wonder\nguest:guest\n")
+    write_private(tmp_path / "users.txt", "alice:wonder\nguest:guest\n")
     with RouterProcess("--name=lab", cwd=tmp_path, segments=False) as router:
         assert router.ready.startswith("ready:"), router.end(2)
         users = {

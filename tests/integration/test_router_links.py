@@ -28,6 +28,7 @@ from riot_bus.control.router_options import load_router
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.zenoh.session import open_session, release, wait_until
 from riot_bus.zenoh.session_config import router_config
+from tests.integration.access_tools import write_private
 
 pytestmark = pytest.mark.integration
 
@@ -169,7 +170,7 @@ def test_certificate_in_the_endpoint(keys: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_users_and_passwords(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "users.txt").write_text("bob:s3;cr=et\n")
+    write_private(tmp_path / "users.txt", "bob:s3;cr=et\n")
     settings = segment(tmp_path, free("tcp", tmp_path), {f"{USERS}/dictionary_file": "users.txt"})
     with router(settings) as session:
         needed, hints = missing_for_clients(settings, {})
@@ -182,7 +183,7 @@ def test_users_and_passwords(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_access_control_by_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "users.txt").write_text("bob:secret\n")
+    write_private(tmp_path / "users.txt", "bob:secret\n")
     rule = {
         "id": "drive",
         "permission": "allow",

@@ -46,6 +46,7 @@ def settings_for(needs: Collection[Need], folder: Path) -> Settings:
         return _tls(folder, mutual="mtls" in needs)
     if "password" in needs:
         users = folder / "users.txt"
+        users.touch(0o600)
         users.write_text("rover:marvin\n", encoding="utf-8")
         me = {f"{_PASSWORD}/user": "rover", f"{_PASSWORD}/password": "marvin"}
         return Settings(router={f"{_PASSWORD}/dictionary_file": str(users)}, end=me)

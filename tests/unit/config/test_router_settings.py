@@ -124,7 +124,7 @@ def test_one_way_out_for_two_segments_is_a_mistake() -> None:
 def test_paths_start_from_the_folder_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "keys").mkdir()
     for name in ("cert.pem", "key.pem"):
-        (tmp_path / "keys" / name).touch()
+        (tmp_path / "keys" / name).touch(0o600)
     path = write(
         tmp_path,
         "[router.segments.a]\n"
@@ -139,7 +139,7 @@ def test_paths_start_from_the_folder_of_the_file(tmp_path: Path) -> None:
 
 def test_the_examples_of_the_documentation_load(tmp_path: Path) -> None:
     for name in ("server.pem", "server.key", "ca.pem", "users.txt"):
-        (tmp_path / name).touch()
+        (tmp_path / name).touch(0o600)
     text = (Path(__file__).parents[3] / "docs/router.md").read_text()
     blocks = [textwrap.dedent(block).strip() for block in re.findall(r"(?:^(?: {4}.*)?\n)+", text, re.MULTILINE)]
     examples = [block for block in blocks if block.startswith("[router")]

@@ -1,0 +1,20 @@
+"""Texts without the secrets that an endpoint or a URL may hold: what is kept or shown goes through here."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["redacted"]
+
+_CONFIG = re.compile(r"(?<![\w/])((?:tcp|tls|quic|udp|ws|unixsock-stream|serial)/[^\s#'\",]+)#[^\s'\",]*")
+_USER = re.compile(r"\b([a-z][a-z0-9+.-]*://)[^\s/@'\"]+@")
+
+
+def redacted(text: str) -> str:
+    """Return a text in which endpoints end at their `#`, and URLs name no user.
+
+    `tls/host:1#a=b;c=d` becomes `tls/host:1#...`: keys and passwords may stand there, and their names tell enough.
+    """
+    if "#" in text:
+        text = _CONFIG.sub(r"\1#...", text)
+    return _USER.sub(r"\1...@", text) if "://" in text else text
