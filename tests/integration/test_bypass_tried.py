@@ -1,0 +1,179 @@
+"""Ways by which a peer tries to get something of an intercepted key to another segment, past the interceptors."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+import zenoh
+from zenoh.ext import CacheConfig, HistoryConfig, MissDetectionConfig
+
+from riot_bus.pipeline.event import Event
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.router.bus import Bus
+from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.message import Message
+from riot_bus.zenoh.client import open_client
+from riot_bus.zenoh.session import wait_until
+from tests.integration.fault_tools import assert_balanced
+
+pytestmark = pytest.mark.integration
+
+SECRET = b"secret"
+ALL, NONE = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+
+
+class Nothing:
+    """Lets nothing through."""
+
+    def message(self, event: Event) -> None:
+        event.drop()
+
+
+@pytest.fixture
+def bus() -> Iterator[Bus]:
+    pipeline = Pipeline([Nothing()], registry=TypeRegistry())
+    with Bus({"system": (), "unit": ()}, intercept=["cut/**"], pipeline=pipeline) as opened:
+        yield opened
+
+
+class Victim:
+    """A component of the other segment that listens in every way there is, and notes what it hears."""
+
+    def __init__(self, bus: Bus, stack: ExitStack) -> None:
+        self.session = stack.enter_context(open_client(bus.endpoint("unit"))).session
+        self.heard: list[tuple[str, bytes]] = []
+        self.things: list[Any] = [
+            self.session.declare_subscriber(expression, self._take)
+            for expression in ("**", "cut/**", "cut/*", "cut/x", "**/@adv/**", "cut/x/@adv/**", "@/**", "@riot/**")
+        ]
+        self.things.append(
+            zenoh.ext.declare_advanced_subscriber(
+                self.session, "cut/x", self._take, history=HistoryConfig(detect_late_publishers=True)
+            )
+        )
+        self.things.append(self.session.liveliness().declare_subscriber("**", self._take, history=True))
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        attached = sample.attachment.to_bytes() if sample.attachment is not None else b""
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes() + attached))
+
+    def asks(self, *selectors: str) -> None:
+        """Ask as well, and note the answers."""
+        for selector in selectors:
+            for reply in self.session.get(selector, timeout=1.0, target=ALL, consolidation=NONE):
+                if reply.ok is not None:
+                    self._take(reply.ok)
+
+
+def put(session: zenoh.Session) -> None:
+    session.put("cut/x", SECRET)
+    session.put("cut/x", b"x", attachment=SECRET)
+    session.put("cut/x", SECRET, priority=zenoh.Priority.REAL_TIME, express=True)
+
+
+def wildcards(session: zenoh.Session) -> None:
+    for key in ("cut/*", "cut/**", "**", "*/x", "c$*t/x", "**/x", "$*u$*/**"):
+        session.put(key, SECRET)
+
+
+def declared(session: zenoh.Session) -> None:
+    for key in ("cut/x", "cut", "**"):
+        expression = session.declare_keyexpr(key)
+        session.put(expression, SECRET)
+        session.undeclare(expression)
+
+
+def deletes(session: zenoh.Session) -> None:
+    session.delete("cut/x", attachment=SECRET)
+    session.delete("**", attachment=SECRET)
+
+
+def advanced(session: zenoh.Session) -> None:
+    publisher: Any = zenoh.ext.declare_advanced_publisher(
+        session,
+        "cut/x",
+        cache=CacheConfig(max_samples=10),
+        sample_miss_detection=MissDetectionConfig(heartbeat=0.05),
+        publisher_detection=True,
+    )
+    publisher.put(SECRET)
+
+
+def forged_cache(session: zenoh.Session) -> None:
+    zid = session.info.zid()
+    for key in (f"cut/x/@adv/pub/{zid}/7/_", f"cut/x/@adv/{zid}/7", "cut/x/@adv/x"):
+        session.put(key, SECRET)
+        session.declare_queryable(key, lambda query: query.reply("cut/x", SECRET), complete=True)
+        session.liveliness().declare_token(key)
+
+
+def admin_space(session: zenoh.Session) -> None:
+    for reply in session.get("@/**", timeout=1.0, target=ALL):
+        if reply.ok is not None:
+            session.put(f"{reply.ok.key_expr}/cut/x", SECRET)
+    for key in ("@/*/router/config/access_control", "@/**", "@/local/cut/x"):
+        session.put(key, json.dumps({"enabled": False, "text": SECRET.decode()}))
+
+
+def tokens(session: zenoh.Session) -> None:
+    session.liveliness().declare_token(f"cut/x/{SECRET.decode()}/@adv/pub/1/2/_")
+
+
+WAYS = (put, wildcards, declared, deletes, advanced, forged_cache, admin_space, tokens)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_nothing_of_an_intercepted_key_crosses_uncounted(bus: Bus, way: Callable[[zenoh.Session], None]) -> None:
+    with ExitStack() as stack:
+        victim = Victim(bus, stack)
+        attacker = stack.enter_context(open_client(bus.endpoint("system")))
+        assert bus.wait_subscribed("system", ["free/x"], timeout=10) == []
+        way(attacker.session)
+        victim.asks("cut/x/@adv/**", "cut/**/@adv/**?_anyke", "@/**")
+        attacker.put(Message(0, "free/x", b"end"))  # what is not intercepted comes behind all that
+        assert wait_until(lambda: ("free/x", b"end") in victim.heard, 10)
+        assert bus.drain(10)
+        way(attacker.session)  # and again, when all routes are known
+        attacker.put(Message(0, "free/x", b"end"))
+        assert wait_until(lambda: victim.heard.count(("free/x", b"end")) == 2, 10), victim.heard
+        crossed = [
+            (key, data) for key, data in victim.heard if key.startswith("cut") and (SECRET in data or way is tokens)
+        ]
+        assert crossed == []
+        assert_balanced(bus)
+        assert sum(row.forwarded for row in bus.counts().values()) == 0
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if way is not admin_space], ids=lambda way: way.__name__)
+def test_the_same_ways_do_cross_where_nothing_is_intercepted(way: Callable[[zenoh.Session], None]) -> None:
+    with Bus({"system": (), "unit": ()}) as bus, ExitStack() as stack:
+        victim = Victim(bus, stack)
+        attacker = stack.enter_context(open_client(bus.endpoint("system")))
+        assert bus.wait_subscribed("system", ["cut/x", "cut/x/@adv/x"], timeout=10) == []
+        way(attacker.session)
+        assert wait_until(lambda: any(key.startswith("cut") for key, _ in victim.heard), 10)
+
+
+def test_an_admin_space_opens_nothing(bus: Bus) -> None:
+    with open_client(bus.endpoint("system")) as attacker, open_client(bus.endpoint("unit")) as victim:
+        before = {
+            str(reply.ok.key_expr) for reply in victim.session.get("@/*/router", timeout=2.0, target=ALL) if reply.ok
+        }
+        for zid in (key.split("/")[1] for key in before):
+            attacker.session.put(f"@/{zid}/router/config/access_control/enabled", "false")
+            attacker.session.put(f"@/{zid}/router/config/connect/endpoints", '["tcp/127.0.0.1:1"]')
+            attacker.session.delete(f"@/{zid}/router/config/access_control")
+        heard: list[Message] = []
+        victim.subscribe("cut/x", heard.append)
+        victim.subscribe("free/x", heard.append)
+        assert bus.wait_subscribed("system", ["free/x"], timeout=10) == []
+        attacker.put(Message(0, "cut/x", SECRET))
+        attacker.put(Message(0, "free/x", b"end"))
+        assert wait_until(lambda: bool(heard), 10)
+        assert bus.drain(10)
+        assert [each.payload for each in heard] == [b"end"]
+        assert bus.counts()["cut/x"].dropped == 1
