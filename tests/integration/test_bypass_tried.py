@@ -55,7 +55,8 @@ class Victim:
                 self.session, "cut/x", self._take, history=HistoryConfig(detect_late_publishers=True)
             )
         )
-        self.things.append(self.session.liveliness().declare_subscriber("**", self._take, history=True))
+        for expression in ("**", "cut/**/@adv/**"):
+            self.things.append(self.session.liveliness().declare_subscriber(expression, self._take, history=True))
 
     def _take(self, sample: zenoh.Sample) -> None:
         attached = sample.attachment.to_bytes() if sample.attachment is not None else b""
