@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.vocabulary.toml_text import toml_comment, toml_string
+from riot_bus.vocabulary.redaction import escape_control_chars as _comment
+from riot_bus.vocabulary.toml_text import toml_string
 from riot_bus_mavlink.keys import KeyTemplate
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
     """
     topics = {key: rate for part in found.outside for key, rate in part.topics.items()}
     head = [
-        f"# Written by `riot init`: {toml_comment(origin)}.",
+        f"# Written by `riot init`: {_comment(origin)}.",
         "# What links cannot tell is marked with FILL IN. All keys: docs/riot-toml.md; links: docs/mavlink-bridge.md.",
         "",
         "[system]",
@@ -186,7 +187,7 @@ def sketch_toml(found: Sketch, *, origin: str) -> str:
 def _outside(part: LinkComponent) -> list[str]:
     return [
         f"[components.{part.name}]",
-        f"# Heard there: {toml_comment(', '.join(part.who))}.",
+        f"# Heard there: {_comment(', '.join(part.who))}.",
         "# FILL IN: a real vehicle does not begin anew for each run; a simulator can be started behind `--`.",
         *_command("--link", f"/{part.link}={part.url}"),
         f'segment = "{OUTSIDE}"',
@@ -196,7 +197,7 @@ def _outside(part: LinkComponent) -> list[str]:
 
 
 def _inside(unit: LinkComponent, inputs: Collection[str]) -> list[str]:
-    who = toml_comment(", ".join(unit.who)) or "it was not heard"
+    who = _comment(", ".join(unit.who)) or "it was not heard"
     return [
         f"[components.{unit.name}]",
         f"# What is tested: {who}. FILL IN: the program, which has a bridge of its own.",

@@ -11,8 +11,8 @@ from riot_bus.agent.remote_operation import RemoteOperation
 from riot_bus.agent.text import operation_line, silence_line
 from riot_bus.control.remote import error_from
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import DataLossError, EnvironmentFaultError
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -19,9 +19,8 @@ from riot_bus.agent.record import RecordOperation, check_room
 from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, parse_request
 from riot_bus.agent.watch import ControllerWatch
 from riot_bus.control.commands import Command
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
-from riot_bus.vocabulary.redaction import redacted
+from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,8 +6,8 @@ import math
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.play.text import speed
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

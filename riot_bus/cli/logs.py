@@ -132,6 +132,9 @@ def export(
     ] = None,
     end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    raw: Annotated[
+        bool, typer.Option("--raw", help="CSV: texts as they are, also those that a spreadsheet takes for formulas.")
+    ] = False,
     salvage: Salvage = False,
     type_: _Types = None,
     msg: _Definitions = None,
@@ -159,7 +162,9 @@ def export(
         loss = messages_to_file(log, out, topics, msg, (first, last), form, fields=fields, force=force, salvage=salvage)
         _end(loss, None, log)
         return
-    done = export_table(log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage)
+    done = export_table(
+        log, field, out, start=first, end=last, force=force, registry=registry, salvage=salvage, raw=raw
+    )
     if form is OutputFormat.JSON:
         typer.echo(json.dumps({"file": str(out), "rows": done.rows, "values": done.values}))
     else:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from riot_bus.cli.fastpath import quick_start, warn
 from riot_bus.findings.steps import STEPS
 from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     import typer
@@ -68,7 +69,7 @@ def run() -> None:
         if not quick_start(arguments):
             make_app(arguments[0] if arguments else None)(standalone_mode=True)
     except RiotError as error:
-        warn(f"riot: {error}")
+        warn("\n".join(map(escape_control_chars, f"riot: {error}".split("\n"))))
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         warn("riot: interrupted; run the same command again to go on")

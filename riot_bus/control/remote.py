@@ -9,8 +9,8 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.vocabulary.errors import ConfigError, DataLossError, EnvironmentFaultError, InconclusiveError, RiotError
+from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session_config import OWN_CHUNK, control_id
 

@@ -163,7 +163,7 @@ def say_end(service: RouterService, say: Callable[[str], None], warn: Callable[[
         DataLossError: Messages were lost.
     """
     from riot_bus.control.status import count_rows, count_table, interceptor_rows, loss_rows
-    from riot_bus.control.status_text import escape_control_chars
+    from riot_bus.vocabulary.redaction import escape_control_chars
 
     counts, losses = service.counts(), service.losses
     if as_json:

@@ -5,16 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.status import count_table
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["answer_lines", "counts_lines", "escape_control_chars", "status_lines"]
-
-
-def escape_control_chars(text: object) -> str:
-    """Replace what a terminal would obey."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in str(text))
+__all__ = ["answer_lines", "counts_lines", "status_lines"]
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:

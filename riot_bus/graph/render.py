@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.graph.folding import folded, names
 from riot_bus.graph.model import CALL_ROLES
+from riot_bus.vocabulary.redaction import escape_control_chars as _plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -61,7 +62,14 @@ def text(graph: Graph) -> str:
     """Return the graph in columns; an action is one topic."""
     about, graph = names(graph.topics), folded(graph)
     components = [
-        (_plain(c.segment) or "-", _plain(c.label), c.mode or "-", _plain(c.zid)[:8], str(c.pid or "-"), _ends(c))
+        (
+            _plain(c.segment) or "-",
+            _plain(c.label),
+            c.mode or "-",
+            _plain(c.zid)[:8],
+            str(c.pid or "-"),
+            _ends(c),
+        )
         for c in graph.components
     ]
     topics, called = {topic.key: topic for topic in graph.topics}, names(graph.topics)
@@ -71,7 +79,12 @@ def text(graph: Graph) -> str:
         name = called.get(edge.topic, edge.topic)
         count = f"{edge.messages} ({edge.rate:.1f}/s)" if edge.messages else ""
         cut = "yes" if topic is not None and topic.intercepted else ""
-        who = (_plain(_who(graph, edge)), edge.role, _plain(name), _plain(topic.type_name if topic else ""))
+        who = (
+            _plain(_who(graph, edge)),
+            edge.role,
+            _plain(name),
+            _plain(topic.type_name if topic else ""),
+        )
         edges.append((_plain(edge.segment) or "-", *who, cut, count, ", ".join(edge.evidence)))
     unknown = [(_plain(about.get(each.about, each.about)) or "-", _plain(each.text)) for each in graph.unknown]
     blocks = [
@@ -178,11 +191,6 @@ def _columns(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
         return ""
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in table)
-
-
-def _plain(name: str) -> str:
-    """Replace what a terminal would obey."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in name)
 
 
 def _html(name: str) -> str:

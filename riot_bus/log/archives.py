@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.log.engine.umask import new_file_mode
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.capabilities import ConvertsFiles
@@ -156,9 +157,7 @@ def _finished(out: Path, *, force: bool, source: Path) -> Iterator[str]:
     os.close(handle)
     try:
         yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
+        os.chmod(temporary, new_file_mode())
         os.replace(temporary, out)
     except BaseException:
         os.unlink(temporary)

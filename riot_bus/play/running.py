@@ -13,13 +13,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.control.terminal import Foreground
 from riot_bus.play.keys import HELP, press
 from riot_bus.play.service import PlayService
 from riot_bus.play.text import progress_line, result_line, speed
 from riot_bus.vocabulary.errors import DataLossError
-from riot_bus.vocabulary.redaction import redacted
+from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

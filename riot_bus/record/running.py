@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 
 from riot_bus.control.heap import roomy_heap
 from riot_bus.control.signals import ended_by_signals
-from riot_bus.control.status_text import escape_control_chars
 from riot_bus.control.terminal import Foreground
 from riot_bus.record.keys import keys_help, press
 from riot_bus.record.service import CaptureService
 from riot_bus.record.text import progress_line, result_lines
 from riot_bus.vocabulary.errors import DataLossError
-from riot_bus.vocabulary.redaction import redacted
+from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,7 +6,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.environment import environment
-from riot_bus.vocabulary.toml_text import toml_comment, toml_string
+from riot_bus.vocabulary.redaction import escape_control_chars as _comment
+from riot_bus.vocabulary.toml_text import toml_string
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -57,7 +58,7 @@ def _testable(part: DraftComponent, unit: str | None) -> bool:
 
 def _head(found: SystemDraft, origin: str) -> str:
     lines = [
-        f"# Written by `riot init`: {toml_comment(origin)}.",
+        f"# Written by `riot init`: {_comment(origin)}.",
         "# What a network cannot tell is marked with FILL IN. All keys: docs/riot-toml.md.",
         "",
         "[system]",
@@ -68,7 +69,7 @@ def _head(found: SystemDraft, origin: str) -> str:
     ]
     if found.unknown:
         lines.append("# FILL IN: no definition of these types was found, so their fields are unknown:")
-        lines += [f"#   {toml_comment(name)}" for name in found.unknown]
+        lines += [f"#   {_comment(name)}" for name in found.unknown]
         lines.append('# messages = ["my_msgs/msg/Name.msg"]')
     types = {used.topic: used.type_name for part in found.parts for used in (*part.inputs, *part.outputs)}
     if found.bridged and types:
@@ -84,7 +85,7 @@ def _head(found: SystemDraft, origin: str) -> str:
 def _component(part: DraftComponent, *, bridged: bool) -> str:
     lines = [f"[components.{part.name}]"]
     if len(part.nodes) > 1:
-        lines.append(f"# One process with several nodes: {toml_comment(', '.join(part.nodes))}.")
+        lines.append(f"# One process with several nodes: {_comment(', '.join(part.nodes))}.")
     if not part.nodes:
         lines.append("# A bridge to DDS: FILL IN a command that starts it, and the ROS nodes behind it.")
     if part.started is not None:
@@ -104,12 +105,12 @@ def _component(part: DraftComponent, *, bridged: bool) -> str:
         lines.append(f"env = {{ {inside} }}")
     lines.append(f'segment = "{_segment(part)}"')
     if part.external:
-        lines.append(f"external = true   # {toml_comment(part.external)}; put it {INSIDE} if that is wrong")
+        lines.append(f"external = true   # {_comment(part.external)}; put it {INSIDE} if that is wrong")
     lines += _topics("inputs", part.inputs)
     lines += _topics("outputs", part.outputs)
     for what, names in (("Services", part.services), ("Actions", part.actions)):
         if names:
-            lines.append(f"# {what}, which are not tested: {toml_comment(', '.join(names))}.")
+            lines.append(f"# {what}, which are not tested: {_comment(', '.join(names))}.")
     return "\n".join(lines)
 
 
@@ -126,7 +127,11 @@ def _topics(key: str, used: Iterable[Used]) -> list[str]:
     if not rows:
         return []
     width = max(len(row[0]) for row in rows)
-    return [f"{key} = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" if row[1] else row[0] for row in rows), "]"]
+    return [
+        f"{key} = [",
+        *(f"{row[0]:{width}}   # {_comment(row[1])}" if row[1] else row[0] for row in rows),
+        "]",
+    ]
 
 
 def _external(found: SystemDraft) -> str:
@@ -151,7 +156,7 @@ def _external(found: SystemDraft) -> str:
 def _reasons(external: Any) -> list[str]:
     rows = [(f"    {toml_string(topic)},", why) for topic, why in external.items()]
     width = max(len(row[0]) for row in rows)
-    return ["topics = [", *(f"{row[0]:{width}}   # {toml_comment(row[1])}" for row in rows), "]"]
+    return ["topics = [", *(f"{row[0]:{width}}   # {_comment(row[1])}" for row in rows), "]"]
 
 
 def _unit(part: DraftComponent) -> str:

@@ -1,10 +1,10 @@
-"""Texts without the secrets that an endpoint or a URL may hold: what is kept or shown goes through here."""
+"""What is kept or shown of texts that come from elsewhere: no secrets, and nothing that a terminal would obey."""
 
 from __future__ import annotations
 
 import re
 
-__all__ = ["redacted"]
+__all__ = ["escape_control_chars", "redacted"]
 
 _CONFIG = re.compile(r"(?<![\w/])((?:tcp|tls|quic|udp|ws|unixsock-stream|serial)/[^\s#'\",]+)#[^\s'\",]*")
 _USER = re.compile(r"\b([a-z][a-z0-9+.-]*://)[^\s/@'\"]+@")
@@ -18,3 +18,8 @@ def redacted(text: str) -> str:
     if "#" in text:
         text = _CONFIG.sub(r"\1#...", text)
     return _USER.sub(r"\1...@", text) if "://" in text else text
+
+
+def escape_control_chars(text: object) -> str:
+    """Replace what a terminal would obey."""
+    return "".join(each if each.isprintable() else "\ufffd" for each in str(text))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-__all__ = ["toml_comment", "toml_string", "toml_value"]
+__all__ = ["toml_string", "toml_value"]
 
 
 def toml_value(value: object) -> str:
@@ -23,11 +23,6 @@ def toml_value(value: object) -> str:
 def toml_string(value: str) -> str:
     """Return a TOML string."""
     return '"' + "".join(map(_escaped, value)) + '"'
-
-
-def toml_comment(text: str) -> str:
-    """Return text that stays within its comment."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in text)
 
 
 def _escaped(letter: str) -> str:

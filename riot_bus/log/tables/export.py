@@ -6,11 +6,13 @@ import os
 import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from riot_bus.log.engine.umask import new_file_mode
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.tables.plan import log_registry, plan_columns
 from riot_bus.log.tables.rows import Kind, Rows
@@ -71,6 +73,7 @@ def export_table(
     registry: TypeRegistry | None = None,
     memory: int = _MEMORY,
     salvage: bool = False,
+    raw: bool = False,
 ) -> Exported:
     """Write fields of a log's delivered messages as a table.
 
@@ -87,6 +90,7 @@ def export_table(
         registry: Knows types that the log does not tell.
         memory: As `riot_bus.log.iter_columns` takes it.
         salvage: Take messages of damaged chunks as far as an index confirms them.
+        raw: Write texts into CSV as they are, also those that a spreadsheet or a terminal would obey.
 
     Raises:
         ConfigError: The file exists or is of another kind, or a selector does not fit the log.
@@ -94,7 +98,7 @@ def export_table(
         EnvironmentFaultError: The file cannot be written.
     """
     out = Path(out)
-    make = _writer_for(out)
+    make = _writer_for(out, raw=raw)
     if out.exists() and not force:
         raise ConfigError("the file exists", where=str(out), hint="choose another name, or --force")
     if out.exists() and os.path.samefile(log, out):
@@ -131,9 +135,7 @@ def _write_all(
             for name, valid in zip(counts, batch.valid, strict=True):
                 counts[name] += int(np.count_nonzero(valid))
         writer.close()
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
+        os.chmod(temporary, new_file_mode())
         os.replace(temporary, out)
     except BaseException:
         if writer is not None:
@@ -144,11 +146,11 @@ def _write_all(
     return Exported(rows, counts, reader.loss)
 
 
-def _writer_for(out: Path) -> Callable[[str, dict[str, Kind]], TableWriter]:
+def _writer_for(out: Path, *, raw: bool) -> Callable[[str, dict[str, Kind]], TableWriter]:
     if out.suffix == ".csv":
         from riot_bus.log.tables.export_csv import CsvWriter
 
-        return CsvWriter
+        return partial(CsvWriter, raw=raw)
     if out.suffix == ".parquet":
         from riot_bus.log.tables.export_parquet import ParquetTableWriter, require_pyarrow
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import re
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -16,40 +18,65 @@ if TYPE_CHECKING:
 
 __all__ = ["CsvWriter"]
 
+_FORMULA = ("=", "+", "-", "@")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-](inf|nan)")
+
 
 class CsvWriter:
-    """Writes a table; numbers so that they are read back exactly, a missing value as nothing.
+    r"""Writes a table; numbers so that they are read back exactly, a missing value as nothing.
+
+    Texts of a log may be anybody's. A spreadsheet takes those for formulas that begin with `=`, `+`, `-` or `@`, and a
+    terminal obeys control characters: so the former get a `'` before them, as spreadsheets have it, the latter are
+    written as `\x1b`.
 
     Args:
         path: File to write.
         kinds: What the columns hold, by name.
+        raw: Write texts as they are.
     """
 
-    def __init__(self, path: str, kinds: dict[str, Kind]) -> None:
+    def __init__(self, path: str, kinds: dict[str, Kind], *, raw: bool = False) -> None:
+        self._harmless: Callable[[Any], Any] = (lambda value: value) if raw else _harmless
         self._file = open(path, "w", newline="", encoding="utf-8", errors="backslashreplace")  # noqa: SIM115 - see close
         self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(["time_ns", "publish_time_ns", "topic", *kinds])
+        self._writer.writerow(["time_ns", "publish_time_ns", "topic", *map(self._harmless, kinds)])
 
     def write(self, rows: Rows) -> None:
         """Append rows."""
         pairs = zip(rows.values, rows.valid, strict=True)
-        cells = [_cells(values, valid) for values, valid in pairs]
-        columns: list[Iterable[Any]] = [rows.times.tolist(), rows.publish_times.tolist(), rows.topics.tolist(), *cells]
+        cells = [self._cells(values, valid) for values, valid in pairs]
+        topics = map(self._harmless, rows.topics.tolist())
+        columns: list[Iterable[Any]] = [rows.times.tolist(), rows.publish_times.tolist(), topics, *cells]
         self._writer.writerows(zip(*columns, strict=True))
 
     def close(self) -> None:
         """Finish the file."""
         self._file.close()
 
+    def _cells(self, values: NDArray[Any], valid: NDArray[np.bool_]) -> list[Any]:
+        if values.dtype == np.float32:
+            cells: list[Any] = [str(value) for value in values]  # the shortest text that is this float32
+        else:
+            cells = values.tolist()
+        if values.dtype in (np.bool_, np.object_):
+            cells = [self._harmless(_text(cell)) for cell in cells]
+        there = valid.tolist()
+        return cells if all(there) else [cell if known else "" for cell, known in zip(cells, there, strict=True)]
 
-def _cells(values: NDArray[Any], valid: NDArray[np.bool_]) -> list[Any]:
-    if values.dtype == np.float32:
-        cells: list[Any] = [str(value) for value in values]  # the shortest text that is this float32
-    else:
-        cells = values.tolist()
-    if values.dtype in (np.bool_, np.object_):
-        cells = [_text(cell) for cell in cells]
-    return cells if valid.all() else [cell if there else "" for cell, there in zip(cells, valid.tolist(), strict=True)]
+
+def _harmless(value: Any) -> Any:
+    return _harmless_text(value) if isinstance(value, str) else value
+
+
+@lru_cache(maxsize=1 << 12)
+def _harmless_text(value: str) -> str:
+    if not value.isprintable():
+        value = "".join(each if each.isprintable() or each == "\n" else _escape(each) for each in value)
+    return f"'{value}" if value.startswith(_FORMULA) and not _NUMBER.fullmatch(value) else value
+
+
+def _escape(letter: str) -> str:
+    return letter.encode("unicode_escape", "surrogatepass").decode()
 
 
 def _text(value: Any) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from riot_bus.control.reach import Bypass
 from riot_bus.control.status import bypass_rows, count_rows, count_table, interceptor_rows, loss_rows, plan_row
-from riot_bus.control.status_text import answer_lines, counts_lines, escape_control_chars, status_lines
+from riot_bus.control.status_text import answer_lines, counts_lines, status_lines
 from riot_bus.graph.model import ConnectedComponent
 from riot_bus.inject.injection_plan import InjectionPlan
 from riot_bus.pipeline.conditions import Selective, When
@@ -13,6 +13,7 @@ from riot_bus.router.counts import Losses, TopicCounts
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.redaction import escape_control_chars
 from riot_bus.zenoh.link_watch import BrokenLink
 
 PLAN = '[[inject]]\ntopic = "cut/x"\nfield = "v"\nvalue = 1\n'

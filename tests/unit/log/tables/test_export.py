@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -227,3 +228,30 @@ def test_without_pyarrow(log, tmp_path, monkeypatch):
     with pytest.raises(MissingExtraError, match="pyarrow") as caught:
         export_table(log, FIELDS, tmp_path / "a.parquet")
     assert "riot-bus[export]" in (caught.value.hint or "")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("=cmd|' /C calc'!A0", "'=cmd|' /C calc'!A0"),
+        ("+1+1", "'+1+1"),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ("-2+3", "'-2+3"),
+        ("-2.5e-3", "-2.5e-3"),
+        ("+7", "+7"),
+        ("-inf", "-inf"),
+        ("a=b", "a=b"),
+        ("\x1b[31mred\x07", "\\x1b[31mred\\x07"),
+        ("\t=1", "\\t=1"),
+        ("two\nlines", "two\nlines"),
+        ("", ""),
+    ],
+)
+def test_texts_of_strangers_do_no_harm(tmp_path: Path, text: str, shown: str) -> None:
+    log, out = tmp_path / "a.mcap", tmp_path / "a.csv"
+    with LogWriter(log) as writer:
+        writer.write(Message(1, "t", json.dumps({"s": text}).encode(), encoding="application/json"))
+    for raw, expected in ((False, shown), (True, text)):
+        export_table(log, ["t:s"], out, force=True, raw=raw)
+        with open(out, newline="", encoding="utf-8") as file:
+            assert list(csv.reader(file))[1][3] == expected
