@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import textwrap
+import threading
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,9 +17,10 @@ from zenoh.ext import CacheConfig, HistoryConfig, MissDetectionConfig
 
 from riot_bus.control.remote import ask
 from riot_bus.zenoh.client import open_client
-from riot_bus.zenoh.session import wait_until
+from riot_bus.zenoh.session import free_endpoint, wait_until
 from tests.integration.fault_tools import assert_rows_balance
 from tests.integration.router_process import RouterProcess
+from tests.tiers import scaled
 
 pytestmark = pytest.mark.integration
 
@@ -163,3 +168,40 @@ def _pass(attacker: zenoh.Session, victim: Victim, text: bytes) -> None:
         return ("free/x", text) in victim.heard
 
     assert wait_until(came, 20, interval=0.05)
+
+
+def test_the_documented_rule_keeps_peers_from_stopping_zenoh(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/router.md").read_text()
+    section = page.partition("### What one peer can do")[2].partition("\n### ")[0]
+    toml = textwrap.dedent("\n".join(line for line in section.splitlines() if line.startswith("    ") or not line))
+    endpoint = free_endpoint()
+    (tmp_path / "riot.toml").write_text(toml.replace("tcp/127.0.0.1:7447", endpoint))
+    over = threading.Event()
+    with (
+        RouterProcess("--intercept=cut/**", cwd=tmp_path, segments=False) as router,
+        open_client(endpoint) as asker,
+        open_client(endpoint) as declarer,
+    ):
+        assert router.ready.startswith("ready:"), router.end(15)
+
+        def declare() -> None:
+            for number in itertools.takewhile(lambda _: not over.is_set(), itertools.count()):
+                subscriber: Any = declarer.session.declare_subscriber(f"a/{number}", lambda _: None)
+                if number % 3 == 0:
+                    subscriber.undeclare()
+
+        thread = threading.Thread(target=declare)
+        thread.start()
+        try:
+            for _ in range(scaled(400, gate=50)):  # without the rule the first ones stop the router for good
+                told = [str(each.ok.key_expr) for each in asker.session.get("@/**", timeout=1.0) if each.ok]
+                assert not [key for key in told if "/router" in key], "a session tells of itself, the router does not"
+        finally:
+            over.set()
+            thread.join()
+
+        def seen() -> bool:  # riot itself still sees who is there
+            found = ask(endpoint, None, "graph")["components"]
+            return "system" in {each["segment"] for each in found}
+
+        assert wait_until(seen, 30, interval=0.1)
