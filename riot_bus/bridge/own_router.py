@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.bridge.inner import InnerPort
 from riot_bus.bridge.running import run_bridge
 from riot_bus.control.router_process import Upkeep, router_of, say_end
+from riot_bus.control.signals import END_S, force_end_after, let_run
 from riot_bus.types.bridging import LinkedBridge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from riot_bus.bridge.program import Program
     from riot_bus.control.router_options import RouterOptions
@@ -51,22 +52,23 @@ def run_own_router(
         RiotError: It does not start, has failed, or messages were lost.
     """
     with router_of(options, warn=warn) as service:
-        with service:
+        with ExitStack() as closing, service:
             bridge = bridge_of({name: InnerPort(service.bus, name) for name in service.settings.segments})
             service.bus.show(bridge.links)
             looks = _looks(service, bridge)
             start = None if program is None else partial(program, bridge)
-            with closing(looks):
-                status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
+            status = run_bridge(bridge, say=say, as_json=as_json, program=start, look=partial(next, looks))
+            closing.callback(let_run)
+            force_end_after(END_S)
         say_end(service, say, warn, as_json=as_json)
     return status
 
 
-def _looks(service: RouterService, bridge: Bridge) -> Generator[None]:
+def _looks(service: RouterService, bridge: Bridge) -> Iterator[None]:
     service.watch()  # it takes longer than all the rest
-    with Upkeep() as upkeep:
-        while True:
-            upkeep()
-            if service.stopping.is_set():
-                bridge.stop()
-            yield
+    upkeep = Upkeep()
+    while True:
+        upkeep()
+        if service.stopping.is_set():
+            bridge.stop()
+        yield

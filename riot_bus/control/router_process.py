@@ -6,13 +6,13 @@ import json
 import time
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from riot_bus.control.heap import calm_collector, steady_heap, trim_heap
 from riot_bus.control.memory import check_memory, memory_limit
 from riot_bus.control.router_options import interceptors_of, intercepts, plan_of, registry_of, settings_of
 from riot_bus.control.scheduling import LoadScheduling
-from riot_bus.control.signals import ended_by_signals, force_end_after, let_run
+from riot_bus.control.signals import ended_by_signals, force_end_after
 from riot_bus.vocabulary.errors import DataLossError
 from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.network import Network
@@ -34,23 +34,16 @@ _HELD_UP_S = 60.0
 
 
 class Upkeep:
-    """Called often, it keeps the threads of a busy process out of each other's way; a context manager.
+    """Called often, it keeps the threads of a busy process out of each other's way, and seldom gives memory back.
 
-    Seldom it gives memory back. If it is not called for a minute, the process ends, saying what its threads do.
+    If it is not called for a minute, the process ends, saying what its threads do; until `let_run`.
     """
 
     def __init__(self) -> None:
         self._schedule = LoadScheduling()
         self._trimmed = time.monotonic()
         self._memory = memory_limit()
-
-    def __enter__(self) -> Self:
         force_end_after(_HELD_UP_S)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None or kind is GeneratorExit:
-            let_run()
 
     def __call__(self) -> None:
         """Do what it is time for.
@@ -133,9 +126,9 @@ def _run(service: RouterService, *, say: Callable[[str], None], warn: Callable[[
             say(_ready(service, as_json=as_json))
             service.watch()
             calm_collector()
-            with Upkeep() as upkeep:
-                while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
-                    upkeep()
+            upkeep = Upkeep()
+            while not service.stopping.wait(_LOOK_S):  # a signal just before an endless wait would not end that
+                upkeep()
         say_end(service, say, warn, as_json=as_json)
 
 

@@ -48,7 +48,7 @@ def ended_by_signals(
 ) -> Iterator[None]:
     """Let SIGINT and SIGTERM call something that ends the work, at once when it is the second.
 
-    If the work has not ended by the deadline, the process ends all the same.
+    If the work has not ended by the deadline, the process ends all the same; behind that, nothing is forced.
 
     Outside of the main thread, where Python takes no signals, nothing happens.
 
@@ -82,7 +82,6 @@ def ended_by_signals(
     try:
         yield
     finally:
-        if came:
-            let_run()
+        let_run()
         for number, before in former.items():
             signal.signal(number, before)

@@ -76,3 +76,20 @@ main.run()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
     assert "Timeout" in done.stderr
+
+
+def test_a_router_that_does_not_close_is_ended() -> None:
+    code = """
+import os, signal, threading, time
+from riot_bus.control.router_process import Upkeep
+from riot_bus.control.signals import ended_by_signals
+stopping = threading.Event()
+with ended_by_signals(stopping.set, deadline=0.5):
+    upkeep = Upkeep()
+    os.kill(os.getpid(), signal.SIGTERM)
+    while not stopping.wait(0.05):
+        upkeep()
+    threading.Event().wait()  # closing
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, "Timeout (0:00:00.5" in done.stderr) == (1, True), done.stderr
