@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import itertools
 import sys
 from collections.abc import Callable, Iterator
@@ -47,7 +48,9 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
 
     def install(group: str, **targets: str) -> None:
         points = [EntryPoint(name, target, group) for name, target in targets.items()]
-        monkeypatch.setattr(plugins, "entry_points", lambda group: [each for each in points if each.group == group])
+        monkeypatch.setattr(
+            importlib.metadata, "entry_points", lambda group: [each for each in points if each.group == group]
+        )
         plugins._targets.cache_clear()
 
     yield install

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import tomllib
 from importlib import import_module
 from importlib.metadata import EntryPoint, distribution
@@ -65,7 +66,7 @@ def test_nothing_is_imported_before_it_is_named(plugin_package) -> None:
 
 
 def test_a_checkout_that_is_not_installed_reads_its_own_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "entry_points", lambda group: ())
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: ())
     plugins._targets.cache_clear()
     try:
         assert MONITORS.targets() == DECLARED["riot_bus.monitors"]
