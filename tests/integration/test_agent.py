@@ -221,7 +221,7 @@ def test_a_robot_is_steered_and_does_one_thing_at_a_time(bus: str, hub: str, log
 
 def test_progress_is_told_to_whoever_listens(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*"), Listener(hub, "@riot/*/agent/progress") as news, agent(logs, bus, hub) as robot:
-        with playing(hub, "log.mcap", "--rate=4") as controller:
+        with playing(hub, "log.mcap", "--rate=2") as controller:
             assert controller.end() == 0, controller.err
         robot.expect("play ended")
         assert wait_until(lambda: json.loads(news.messages[-1].payload)["busy"] is False, 30)
