@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -44,8 +45,9 @@ class Puppet:
         return self.process.poll() is None
 
     def pause(self) -> None:
-        """Stop the process: from now on it takes nothing from its sockets."""
+        """Stop the process, all its threads: from now on it takes nothing from its sockets."""
         self.process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WNOWAIT)
 
     def go_on(self) -> None:
         self.process.send_signal(signal.SIGCONT)
