@@ -11,6 +11,7 @@ from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
 from riot_bus.fleet.query import parse_query
 from riot_bus.fleet.stores import ENDING
+from riot_bus.log.limits import tight_limits
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
 
@@ -179,7 +180,12 @@ class Library:
             began = time.monotonic()
             try:
                 report = index(
-                    self._catalogue, [str(self.folder)], robot=self._robot, jobs=1, stop=lambda: self._closing
+                    self._catalogue,
+                    [str(self.folder)],
+                    robot=self._robot,
+                    jobs=1,
+                    stop=lambda: self._closing,
+                    limits=tight_limits(),
                 )
                 problems = report.failures
             except RiotError as error:

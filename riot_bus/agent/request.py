@@ -104,6 +104,7 @@ class PlayRequest(Lead):
         Raises:
             ConfigError: An option is wrong, or publishes where nobody may from afar.
         """
+        from riot_bus.log.limits import tight_limits
         from riot_bus.play.options import PlayOptions, parse_remaps
 
         own = {*Lead.model_fields, "logs", "inject"}
@@ -113,6 +114,7 @@ class PlayRequest(Lead):
             config=agent.config,
             name=agent.robot,
             inject=plan,
+            limits=tight_limits(len(files)),
             **{name: getattr(self, name) for name in type(self).model_fields if name not in own},
         )
         options.check()

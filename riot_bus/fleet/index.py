@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.fleet.entry import NamedBy
     from riot_bus.fleet.stores import Store, StoredLog
     from riot_bus.log.info import LogInfo
+    from riot_bus.log.limits import LogLimits
 
 __all__ = ["IndexReport", "describe", "index"]
 
@@ -58,6 +59,7 @@ def index(
     scan: bool = False,
     progress: Callable[[int, str], None] = lambda _, __: None,
     stop: Callable[[], bool] = lambda: False,
+    limits: LogLimits | None = None,
 ) -> IndexReport:
     """Bring a catalogue up to date.
 
@@ -71,11 +73,12 @@ def index(
             not know of.
         progress: Called with the number of logs so far and the present one.
         stop: Asked before each log; what is known by then stays known.
+        limits: Of what is read of a log; None for the usual ones.
 
     Raises:
         ConfigError: A root does not exist, or cannot be opened.
     """
-    work = _Indexing(catalogue, robot, jobs, scan, progress, stop)
+    work = _Indexing(catalogue, robot, jobs, scan, progress, stop, limits)
     stores = [open_store(root) for root in roots]
     with ThreadPoolExecutor(max(1, jobs), thread_name_prefix="riot-index") as pool:
         for store in stores:
@@ -93,6 +96,7 @@ class _Indexing:
     scan: bool
     progress: Callable[[int, str], None]
     stop: Callable[[], bool]
+    limits: LogLimits | None
     report: IndexReport = field(default_factory=IndexReport)
     waiting: deque[Future[LogEntry]] = field(default_factory=deque)
 
@@ -107,7 +111,8 @@ class _Indexing:
                 known = self.catalogue.known(log.place)
                 fresh = known is not None and (known.size, known.stamp) == (log.size, log.stamp)
                 if known is None or not fresh or (self.scan and not known.scanned):
-                    self.waiting.append(pool.submit(describe, store, log, self.robot, scan=self.scan))
+                    work = pool.submit(describe, store, log, self.robot, scan=self.scan, limits=self.limits)
+                    self.waiting.append(work)
                     self._take(self.jobs + _AHEAD, failures)
                 else:
                     self._keep(known)
@@ -146,7 +151,9 @@ def _until(logs: Iterator[StoredLog], stop: Callable[[], bool]) -> Iterator[Stor
         yield log
 
 
-def describe(store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False) -> LogEntry:
+def describe(
+    store: Store, log: StoredLog, robot: str | None = None, *, scan: bool = False, limits: LogLimits | None = None
+) -> LogEntry:
     """Read what a log holds: from its summary if that is sound, else from all of it.
 
     Args:
@@ -154,6 +161,7 @@ def describe(store: Store, log: StoredLog, robot: str | None = None, *, scan: bo
         log: Which.
         robot: Whose it is, unless it says so itself.
         scan: Read all of it in any case, so that damage is found that the summary does not know of.
+        limits: Of what is read of it; None for the usual ones.
 
     Raises:
         EnvironmentFaultError: The store does not give it.
@@ -164,10 +172,10 @@ def describe(store: Store, log: StoredLog, robot: str | None = None, *, scan: bo
         info = None
         if not scan:
             with store.excerpt(log) as path:
-                info = _told(path)
+                info = _told(path, limits)
         if info is None or (info.scanned and store.partial):
             with store.whole(log) as path:
-                info = log_info(path, scan=scan)
+                info = log_info(path, scan=scan, limits=limits)
     except RiotError as error:
         if error.exit_code != 2:
             raise
@@ -206,9 +214,9 @@ def describe(store: Store, log: StoredLog, robot: str | None = None, *, scan: bo
     )
 
 
-def _told(path: Path) -> LogInfo | None:
+def _told(path: Path, limits: LogLimits | None) -> LogInfo | None:
     """Return what a log says of itself; None if the whole of it is needed for that."""
     try:
-        return log_info(path, scan=False)
+        return log_info(path, scan=False, limits=limits)
     except RiotError:
         return None

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from riot_bus.log import layout
 from riot_bus.log.account import LOST, Account, account_of
-from riot_bus.log.engine.blocks import MAX_BLOCK
 from riot_bus.log.engine.scan import read_metadata
 from riot_bus.log.engine.summary import Summary, read_summary
+from riot_bus.log.limits import LogLimits, lifted
 from riot_bus.log.reader import LogReader, Loss, channel_source, open_log
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["LogInfo", "TopicInfo", "log_info"]
 
 _READ_AT_ONCE = 1 << 26
-_MEMORY = 1 << 28
 _REMEMBERED = 1024
 _MOST_PUBLISHERS = 10_000
 
@@ -106,7 +105,11 @@ class LogInfo:
 
 
 def log_info(
-    path: Path | str, *, scan: bool | None = None, progress: Callable[[int, int], None] | None = None
+    path: Path | str,
+    *,
+    scan: bool | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    limits: LogLimits | None = None,
 ) -> LogInfo:
     """Say what a log holds.
 
@@ -115,24 +118,26 @@ def log_info(
         scan: Read all of it, so that the loss is the whole truth; False: only if its summary is not sound; None: if it
             is small (64 MiB), or if its summary is not sound.
         progress: Called now and then with the bytes that are read, and those of the file.
+        limits: Of what is read; None for the usual ones, as the environment's `RIOT_LOG_LIMITS` changes them.
 
     Raises:
         ConfigError: The file is no log.
     """
+    limits = lifted() if limits is None else limits
     if not scan:
         file = open_log(path)
         try:
             small = os.fstat(file).st_size <= _READ_AT_ONCE
-            summary = None if scan is None and small else read_summary(file)
+            summary = None if scan is None and small else read_summary(file, limits)
             if summary is not None:
-                return _of_summary(str(path), file, summary)
+                return _of_summary(str(path), file, summary, limits)
         finally:
             os.close(file)
-    with LogReader(path) as reader:
+    with LogReader(path, limits=limits) as reader:
         return _of_scan(reader, progress)
 
 
-def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
+def _of_summary(path: str, file: int, summary: Summary, limits: LogLimits) -> LogInfo:
     topics: dict[str, TopicInfo] = {}
     spans, counts = summary.spans(), summary.statistics.channel_message_counts
     for number, channel in summary.channels.items():
@@ -146,7 +151,8 @@ def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
             _widen(topic, *spans[number])
             topic.count += count
     known = summary.statistics
-    notes = {name: read_metadata(file, span) or {} for name, span in summary.metadata if name in (layout.RUN, LOST)}
+    wanted = [(name, span) for name, span in summary.metadata if name in (layout.RUN, LOST)]
+    notes = {name: read_metadata(file, span, limits) or {} for name, span in wanted}
     delivered = sum(topic.count for topic in topics.values())
     return LogInfo(
         path=path,
@@ -161,7 +167,7 @@ def _of_summary(path: str, file: int, summary: Summary) -> LogInfo:
         scanned=False,
         account=account_of(notes.get(LOST, {})),
         library=summary.header.library,
-        chunks=len(summary.chunks),
+        chunks=summary.chunks.count,
     )
 
 
@@ -174,7 +180,7 @@ def _of_scan(reader: LogReader, progress: Callable[[int, int], None] | None) -> 
         _topic(topics, source)
     numbers = _Numbers()
     read = 0
-    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=2, largest=MAX_BLOCK):
+    for block in load_ahead(reader, reader.blocks(), memory=reader.limits.held, threads=2, largest=reader.limits.chunk):
         _count(block, sources, topics)
         numbers.take(block, sources, topics, reader.extras_of(block.block, len(block.data)))
         read += block.block.body.length

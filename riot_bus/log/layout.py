@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgpack  # type: ignore[import-untyped]
 import zstandard
 
-from riot_bus.log.engine.blocks import MAX_BLOCK
+from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.log.engine.scan import read_attachment
 from riot_bus.pipeline.event import Change
 from riot_bus.types.serve import Request, part_of
@@ -145,34 +145,37 @@ def pack_extras(extras: Sequence[tuple[int, dict[str, Any]]]) -> bytes:
     return zstandard.compress(msgpack.packb([list(pair) for pair in extras]), 1)
 
 
-def load_extras(file: int, block: Block, most: int) -> dict[int, dict[str, Any]]:
+def load_extras(file: int, block: Block, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
     """Load the extras of a block's messages by place in the block.
 
     Args:
         file: Descriptor of the log.
         block: Block of the log.
         most: Largest number of messages that the block can have.
+        limits: Of what is read.
 
     Raises:
-        ValueError: They are damaged.
+        ValueError: They are damaged or, as BeyondLimitError, too large.
     """
-    return {} if block.extras is None else unpack_extras(read_attachment(file, block.extras), most)
+    return {} if block.extras is None else unpack_extras(read_attachment(file, block.extras, limits), most, limits)
 
 
-def unpack_extras(data: bytes, most: int) -> dict[int, dict[str, Any]]:
+def unpack_extras(data: bytes, most: int, limits: LogLimits = DEFAULT_LIMITS) -> dict[int, dict[str, Any]]:
     """Decode the extras of one chunk.
 
     Args:
         data: As `pack_extras` has returned it.
         most: So many messages the chunk has at most.
+        limits: Of what is read.
 
     Raises:
-        ValueError: They are damaged.
+        ValueError: They are damaged or, as BeyondLimitError, too large.
     """
     try:
         size = zstandard.frame_content_size(data)
-        if not 0 <= size <= MAX_BLOCK:
+        if size < 0:
             raise ValueError(f"size {size}")
+        limits.check_size(size, len(data))
         raw = zstandard.decompress(data)
         if most <= _MODEST_COUNT and size <= _MODEST_BYTES:
             pairs = msgpack.unpackb(raw, strict_map_key=False, max_array_len=max(most, 3))

@@ -10,7 +10,8 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.log import layout
-from riot_bus.log.engine.blocks import HEAD, MAX_BLOCK, SHORTEST_MESSAGE, Block, read_block
+from riot_bus.log.engine.blocks import HEAD, SHORTEST_MESSAGE, Block, read_block
+from riot_bus.log.engine.limits import BeyondLimitError
 from riot_bus.log.engine.salvage import Salvage, salvage
 from riot_bus.log.engine.scan import (
     MessageEntry,
@@ -21,7 +22,9 @@ from riot_bus.log.engine.scan import (
     read_metadata,
     scan_file,
 )
+from riot_bus.log.engine.sorting import Waiting
 from riot_bus.log.layout import Constants, Provenance, Role
+from riot_bus.log.limits import LogLimits, lifted, refusal
 from riot_bus.types.capabilities import RecordedTopic
 from riot_bus.types.model import Schema
 from riot_bus.vocabulary.errors import ConfigError
@@ -35,12 +38,11 @@ if TYPE_CHECKING:
     from mcap.records import Channel
     from mcap.records import Schema as SchemaRecord
 
+    from riot_bus.log.engine.blocks import Span
+
 __all__ = ["ChannelSource", "LogReader", "Loss", "channel_source", "open_log", "read_log"]
 
 _LEAST_BYTES = HEAD.size + SHORTEST_MESSAGE
-_ENTRY_BYTES = 200
-_MOST_HELD = 1 << 28
-"""Bytes of messages that may wait for earlier ones of other chunks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,8 @@ class Loss:
         salvaged: Messages of damaged chunks that were taken as far as an index confirms them; that their payloads are
             as they were, nobody can say.
         salvageable: Messages of damaged chunks that could be taken likewise, where somebody has counted them.
+        beyond: Chunks that were left out because of a limit.
+        limit: The first limit that was met, what was beyond it, and how to lift it; empty if none was.
     """
 
     unfinished: bool = False
@@ -71,6 +75,8 @@ class Loss:
     unsorted: int = 0
     salvaged: int = 0
     salvageable: int = 0
+    beyond: int = 0
+    limit: str = ""
 
     def __bool__(self) -> bool:
         return self != Loss()
@@ -93,8 +99,10 @@ class Loss:
             f"{self.details} damaged attachments, notes or definitions" if self.details else "",
             f"{self.conflicts} channels defined in different ways" if self.conflicts else "",
             f"{self.unsorted} messages out of order" if self.unsorted else "",
+            f"{self.beyond} chunks beyond the limits" if self.beyond else "",
         ]
-        return ", ".join(part for part in parts if part) or "nothing lost"
+        reason = f" ({self.limit})" if self.limit else ""
+        return ", ".join(part for part in parts if part) + reason or "nothing lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,25 +155,32 @@ class LogReader:
     Args:
         path: The file.
         salvage: Take messages of damaged chunks as far as an index confirms them (`riot_bus.log.engine.salvage`).
+        limits: Of what is read; None for the usual ones, as the environment's `RIOT_LOG_LIMITS` changes them.
+
+    Attributes:
+        limits: Of what is read; what is beyond is treated as damage.
 
     Raises:
         ConfigError: The file is missing or not an MCAP file.
     """
 
-    def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
+    def __init__(self, path: Path | str, *, salvage: bool = False, limits: LogLimits | None = None) -> None:
         self.path = str(path)
+        self.limits = lifted() if limits is None else limits
         self._salvage = salvage
         self._salvaged: dict[int, int] = {}
         self._file = open_log(path)
         self.close = weakref.finalize(self, os.close, self._file)
         """Close the file; happens by itself when the reader is no longer used."""
         try:
-            self._scan: Scan = scan_file(self._file, self.path)
+            self._scan: Scan = scan_file(self._file, self.path, self.limits)
         except ConfigError:
             self.close()
             raise
         self._sources: dict[int, ChannelSource] = {}
-        self._damaged: dict[int, str] = {}
+        self._damaged: set[int] = set()
+        self._beyond: set[int] = set()
+        self._refused: BeyondLimitError | None = None
         self._details: set[int] = set()
         self._unknown: dict[int, int] = {}
         self._late: dict[int, int] = {}
@@ -195,15 +210,19 @@ class LogReader:
     @property
     def loss(self) -> Loss:
         """What could not be read so far."""
+        scan, refused = self._scan, self._scan.refused or self._refused
+        skipped = scan.missing_chunks if scan.stopped else 0
         return Loss(
             unfinished=not self._scan.finished,
             bytes=self._scan.unread,
-            chunks=len(self._damaged) + self._scan.missing_chunks,
+            chunks=len(self._damaged) + scan.missing_chunks - skipped,
             messages=sum(self._unknown.values()),
             details=len(self._details) + len(self._scan.damaged),
             conflicts=len(self._scan.conflicts),
             unsorted=sum(self._late.values()),
             salvaged=sum(self._salvaged.values()),
+            beyond=len(self._beyond) + skipped,
+            limit="" if refused is None else refusal(refused),
         )
 
     @cached_property
@@ -212,7 +231,7 @@ class LogReader:
         found: dict[str, str] = {}
         for name, span in self._scan.metadata:
             if name == layout.RUN:
-                found |= read_metadata(self._file, span) or {}
+                found |= self._read_metadata(span) or {}
         return found
 
     @property
@@ -283,7 +302,7 @@ class LogReader:
             if name != layout.PROVENANCE:
                 continue
             try:
-                entries = layout.unpack_provenance((read_metadata(self._file, span) or {}).get("changes", ""))
+                entries = layout.unpack_provenance((self._read_metadata(span) or {}).get("changes", ""))
             except ValueError:
                 self._details.add(-span.offset)  # apart from block numbers
             else:
@@ -297,7 +316,7 @@ class LogReader:
         """
         for found, span in self._scan.metadata:
             if found == name:
-                mapping = read_metadata(self._file, span)
+                mapping = self._read_metadata(span)
                 if mapping is None:
                     self._details.add(-span.offset)
                 else:
@@ -327,14 +346,15 @@ class LogReader:
             size: Its bytes, uncompressed.
         """
         try:
-            return layout.load_extras(self._file, block, size // _LEAST_BYTES)
-        except (ValueError, OSError):
+            return layout.load_extras(self._file, block, size // _LEAST_BYTES, self.limits)
+        except (ValueError, OSError) as error:
+            self._note_limit(error)
             self._details.add(block.number)
             return {}
 
-    def count_damage(self, block: Block, problem: str) -> None:
+    def count_damage(self, block: Block, problem: ValueError) -> None:
         """Take note that a block cannot be read, by whoever has tried."""
-        self._damaged[block.number] = problem
+        (self._beyond if self._note_limit(problem) else self._damaged).add(block.number)
 
     def count_unknown(self, block: Block, count: int) -> None:
         """Take note that so many messages of a block are left out: of unknown channels, or of impossible times."""
@@ -346,14 +366,14 @@ class LogReader:
         if count:
             self._late[block.number] = count
 
-    def rest_of(self, block: Block, *, limit: int = MAX_BLOCK) -> Salvage | None:
+    def rest_of(self, block: Block, *, memory: int | None = None) -> Salvage | None:
         """Return what an index confirms of a damaged block, and count it; None if that is nothing, or not wanted.
 
         Args:
             block: Which.
-            limit: Most bytes, before and after decompression.
+            memory: Most bytes, before and after decompression, if the limits allow more.
         """
-        found = salvage(self._file, block, limit=limit) if self._salvage else None
+        found = salvage(self._file, block, self.limits, memory=memory) if self._salvage else None
         if found is not None:
             self._salvaged[block.number] = len(found.places)
         return found
@@ -361,8 +381,18 @@ class LogReader:
     def salvageable(self) -> int:
         """Return how many messages of the chunks that were found to be damaged an index confirms."""
         blocks = [block for block in self._scan.blocks if block.number in self._damaged]
-        found = (salvage(self._file, block) for block in blocks)
+        found = (salvage(self._file, block, self.limits) for block in blocks)
         return sum(len(each.places) for each in found if each is not None)
+
+    def _note_limit(self, error: Exception) -> bool:
+        """Return whether an error is a limit's, and take note of the first one."""
+        if not isinstance(error, BeyondLimitError):
+            return False
+        self._refused = self._refused or error
+        return True
+
+    def _read_metadata(self, span: Span) -> dict[str, str] | None:
+        return read_metadata(self._file, span, self.limits)
 
     @cached_property
     def _channels(self) -> dict[int, Channel]:
@@ -373,38 +403,36 @@ class LogReader:
                 try:
                     learn_block(self._file, block, scan)
                 except ValueError as error:
-                    self.count_damage(block, str(error))
+                    self.count_damage(block, error)
                     self._salvage_block(block)
         return scan.channels
 
     def _entries(self, low: int, high: int) -> Iterator[MessageEntry]:
         blocks = self.blocks(low, high)
-        waiting: list[MessageEntry] = []
-        held, bound = 0, 0
+        waiting, bound = Waiting(), 0
         for place, block in enumerate(blocks):
             loaded = self._load(block)
-            waiting += loaded
-            waiting.sort()
-            if waiting and waiting[0].time < bound:
-                self.count_unsorted(block, bisect_left(waiting, bound, key=_time_of))
+            waiting.add(loaded, self._loaded_bytes)
+            if loaded and loaded[0].time < bound:
+                self.count_unsorted(block, bisect_left(loaded, bound, key=_time_of))
+            del loaded
             if place + 1 < len(blocks):
-                ready = bisect_left(waiting, blocks[place + 1].start, key=_time_of)
-                held = held + self._loaded_bytes + _ENTRY_BYTES * len(loaded) if ready < len(waiting) else 0
-                if held > _MOST_HELD and (held := sum(map(_weight, waiting[ready:]))) > _MOST_HELD:
-                    ready, held = len(waiting), 0
+                ready = waiting.take(blocks[place + 1].start)
+                if waiting.held > self.limits.held:
+                    ready += waiting.take()
                 if ready:
-                    bound = max(bound, waiting[ready - 1].time)
-                    yield from waiting[:ready]
-                    del waiting[:ready]
-        yield from waiting
+                    bound = max(bound, ready[-1].time)
+                    yield from ready
+                del ready  # before the next block is loaded
+        yield from waiting.take()
 
     def _load(self, block: Block) -> list[MessageEntry]:
         try:
-            data = read_block(self._file, block)
+            data = read_block(self._file, block, self.limits)
             self._loaded_bytes = len(data)
             entries = load_block(data, block, self._scan, self.extras_of(block, len(data)))
         except ValueError as error:
-            self.count_damage(block, str(error))
+            self.count_damage(block, error)
             entries = self._salvage_block(block)
         self.count_unknown(block, sum(entry.channel not in self._scan.channels for entry in entries))
         return entries
@@ -457,10 +485,6 @@ def read_log(path: Path | str) -> tuple[Message, ...]:
 
 def _time_of(entry: MessageEntry) -> int:
     return entry.time
-
-
-def _weight(entry: MessageEntry) -> int:
-    return len(entry.payload) + _ENTRY_BYTES
 
 
 def _message(entry: MessageEntry, source: ChannelSource) -> Message:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from riot_bus.log.limits import LogLimits
 from riot_bus.log.naming import parse_remaps, parse_time
 from riot_bus.log.playback.player import check_rate
 from riot_bus.vocabulary.errors import ConfigError
@@ -48,6 +49,7 @@ class PlayOptions:
         inject: An injection plan.
         interceptors: As of `riot router --interceptor`.
         salvage: Take messages of damaged chunks as far as an index confirms them.
+        limits: Of what is read of each log; None for the usual ones.
         types: `TOPIC=TYPE`.
         definitions: Files that define message types.
         seed: Of everything that is random.
@@ -81,6 +83,7 @@ class PlayOptions:
     inject: Path | None = None
     interceptors: Sequence[str] = ()
     salvage: bool = False
+    limits: LogLimits | None = None
     types: Sequence[str] = ()
     definitions: Sequence[Path] = ()
     seed: int = 0

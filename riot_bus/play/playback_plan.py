@@ -53,7 +53,10 @@ class PlaybackPlan:
         self._stack = ExitStack()
         with ExitStack() as stack:
             self._recordings = [
-                [stack.enter_context(LogReader(file, salvage=options.salvage)) for file in files_of(log)]
+                [
+                    stack.enter_context(LogReader(file, salvage=options.salvage, limits=options.limits))
+                    for file in files_of(log)
+                ]
                 for log in options.logs
             ]
             self.readers = [reader for recording in self._recordings for reader in recording]

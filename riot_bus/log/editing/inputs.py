@@ -14,9 +14,11 @@ from mcap.records import Attachment, Channel, Schema
 
 from riot_bus.log import layout
 from riot_bus.log.editing.batch import MESSAGE_HEAD, Batch, heads_of, shifted
-from riot_bus.log.engine.blocks import HEAD, MAX_BLOCK, Records, read_block, records_of
+from riot_bus.log.engine.blocks import HEAD, Records, read_block, records_of
+from riot_bus.log.engine.limits import BeyondLimitError
 from riot_bus.log.engine.salvage import Salvage, salvage
 from riot_bus.log.engine.scan import define, learn_block, parse, read_metadata, scan_file
+from riot_bus.log.limits import lifted, refusal
 from riot_bus.log.reader import Loss
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -63,12 +65,15 @@ class InputLog:
             raise ConfigError(f"cannot read the log: {reason}", where=str(path)) from error
         self.close = weakref.finalize(self, os.close, self._file)
         self._salvage = salvage
+        self._limits = lifted()
+        self._refused: BeyondLimitError | None = None
+        self._beyond: set[int] = set()
         self._salvaged: dict[int, int] = {}
         self._damaged: set[int] = set()
         self._details: set[int] = set()
         self._unknown: dict[int, int] = {}
         try:
-            self._scan = scan_file(self._file, str(path))
+            self._scan = scan_file(self._file, str(path), self._limits)
             self._learn()
         except BaseException:
             self.close()
@@ -127,14 +132,18 @@ class InputLog:
     @property
     def loss(self) -> Loss:
         """What could not be read so far."""
+        scan, refused = self._scan, self._scan.refused or self._refused
+        skipped = scan.missing_chunks if scan.stopped else 0
         return Loss(
             unfinished=not self._scan.finished,
             bytes=self._scan.unread,
-            chunks=len(self._damaged) + self._scan.missing_chunks,
+            chunks=len(self._damaged) + scan.missing_chunks - skipped,
             messages=sum(self._unknown.values()),
             details=len(self._details) + len(self._scan.damaged),
             conflicts=len(self._scan.conflicts),
             salvaged=sum(self._salvaged.values()),
+            beyond=len(self._beyond) + skipped,
+            limit="" if refused is None else refusal(refused),
         )
 
     def first(self) -> int | None:
@@ -239,7 +248,7 @@ class InputLog:
         """Yield the metadata records as they stand, but for provenance."""
         for name, span in self._scan.metadata:
             if name != layout.PROVENANCE:
-                mapping = read_metadata(self._file, span)
+                mapping = read_metadata(self._file, span, self._limits)
                 if mapping is None:
                     self._details.add(-span.offset)
                 else:
@@ -249,7 +258,7 @@ class InputLog:
         """Yield the attachments of others."""
         for span in self._scan.attachments:
             found = None
-            if span.length <= MAX_BLOCK:
+            if span.length <= self._limits.chunk:
                 found = parse(Attachment, os.pread(self._file, span.length, span.offset))
             if found is None:
                 self._details.add(-span.offset)
@@ -264,13 +273,13 @@ class InputLog:
         for block in scan.blocks:
             try:
                 learn_block(self._file, block, scan)
-            except ValueError:
-                self._damaged.add(block.number)
+            except ValueError as error:
+                self._count_damage(block, error)
                 if self._salvage:
                     self._learn_rest(block)
 
     def _learn_rest(self, block: Block) -> None:
-        saved = salvage(self._file, block)
+        saved = salvage(self._file, block, self._limits)
         if saved is None:
             return
         for opcode, begin, end in saved.records.others:
@@ -279,15 +288,22 @@ class InputLog:
     def _read(self, block: Block) -> tuple[bytes, Records, Salvage | None]:
         """Return a block's records; of a damaged one, what an index confirms, or raise ValueError."""
         try:
-            data = read_block(self._file, block)
-            return data, records_of(data, cut=block.cut), None
-        except ValueError:
-            self._damaged.add(block.number)
-            saved = salvage(self._file, block) if self._salvage else None
+            data = read_block(self._file, block, self._limits)
+            return data, records_of(data, self._limits, cut=block.cut), None
+        except ValueError as error:
+            self._count_damage(block, error)
+            saved = salvage(self._file, block, self._limits) if self._salvage else None
             if saved is None:
                 raise
         self._salvaged[block.number] = len(saved.places)
         return saved.data, saved.records, saved
+
+    def _count_damage(self, block: Block, error: ValueError) -> None:
+        if isinstance(error, BeyondLimitError):
+            self._refused = self._refused or error
+            self._beyond.add(block.number)
+        else:
+            self._damaged.add(block.number)
 
     def _extras_of_rest(self, block: Block, saved: Salvage) -> NDArray[Any] | None:
         count = len(saved.places) + saved.missing
@@ -304,8 +320,10 @@ class InputLog:
 
     def _extras(self, block: Block, count: int, size: int) -> NDArray[Any] | None:
         try:
-            extras = layout.load_extras(self._file, block, size // MESSAGE_HEAD)
-        except (ValueError, OSError):
+            extras = layout.load_extras(self._file, block, size // MESSAGE_HEAD, self._limits)
+        except (ValueError, OSError) as error:
+            if isinstance(error, BeyondLimitError):
+                self._refused = self._refused or error
             self._details.add(block.number)
             return None
         if not extras:
@@ -333,7 +351,9 @@ class InputLog:
         notes: dict[tuple[Role, str, int, int], list[Any]] = defaultdict(list)
         for span in self._spans[block.number]:
             try:
-                entries = layout.unpack_provenance((read_metadata(self._file, span) or {}).get("changes", ""))
+                entries = layout.unpack_provenance(
+                    (read_metadata(self._file, span, self._limits) or {}).get("changes", "")
+                )
             except ValueError:
                 self._details.add(-span.offset)
                 continue

@@ -12,6 +12,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,14 +24,14 @@ __all__ = ["EXTRAS", "MAX_BLOCK", "Block", "Records", "Span", "packed_size", "re
 EXTRAS = "riot_bus.extras"
 """Name of an attachment that belongs to the chunk behind it; others are left alone."""
 MAX_BLOCK = 1 << 30
-"""Largest chunk or attachment in bytes, uncompressed, that is read: a damaged size must not take the memory."""
+"""Largest chunk in bytes, uncompressed, that is looked for behind damage."""
 
 HEAD = struct.Struct("<BQ")
 CHUNK = struct.Struct("<QQQII")
 SHORTEST_MESSAGE = 22
 """Bytes of a message's record besides its payload, without opcode and length."""
-MOST_MESSAGES, MOST_OTHERS = 1 << 22, 1 << 18
-"""Records of one block: a damaged one must not take the memory."""
+MOST_OTHERS = 1 << 18
+"""Records of one block that are no messages: a damaged one must not take the memory."""
 
 _REPEATED = 4  # so many records of equal length in a row, and more of them are looked for at once
 _FIRST_LOOK = 32
@@ -69,24 +70,28 @@ class Records:
     others: list[tuple[int, int, int]] = field(default_factory=list)
 
 
-def read_block(file: int, block: Block, *, limit: int = MAX_BLOCK) -> bytes:
+def read_block(file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None) -> bytes:
     """Return a block's records, uncompressed; of a chunk that was cut off, what is left.
 
     Args:
         file: Descriptor of the log.
         block: Which.
-        limit: Most bytes, before and after decompression.
+        limits: Of what is read.
+        memory: Most bytes, before and after decompression, if these are fewer.
 
     Raises:
-        ValueError: The block is damaged, or larger than the limit.
+        ValueError: The block is damaged, larger than that, or, as BeyondLimitError, beyond the limits.
     """
-    if block.body.length > limit + CHUNK.size + 64 and not block.cut:
-        raise ValueError(f"a block of {block.body.length} bytes")
+    length = block.body.length if not block.cut else min(block.body.length, limits.chunk)
+    if length > CHUNK.size + 64:
+        limits.check_size(length - CHUNK.size - 64, length)
+    if memory is not None and length > memory + CHUNK.size + 64:
+        raise ValueError(f"a block of {length} bytes")
     try:
-        data = os.pread(file, min(block.body.length, limit), block.body.offset)
+        data = os.pread(file, length, block.body.offset)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
-    return _unpack_chunk(data, block, limit) if block.chunked else data
+    return _unpack_chunk(data, block, limits, memory) if block.chunked else data
 
 
 def packed_size(head: bytes) -> int:
@@ -94,11 +99,12 @@ def packed_size(head: bytes) -> int:
     return int(CHUNK.unpack_from(head)[2])
 
 
-def records_of(data: bytes, *, cut: bool) -> Records:
+def records_of(data: bytes, limits: LogLimits = DEFAULT_LIMITS, *, cut: bool) -> Records:
     """Find the records in a block.
 
     Args:
         data: Of `read_block`.
+        limits: Of what is read.
         cut: Whether the last one may be incomplete.
 
     Raises:
@@ -129,8 +135,7 @@ def records_of(data: bytes, *, cut: bool) -> Records:
         position = following
         if length != former:
             former, repeated = length, 0
-            if len(single) > MOST_MESSAGES:
-                raise ValueError(f"more than {MOST_MESSAGES} messages")
+            limits.check_messages(len(single))
             continue
         repeated += 1
         if repeated >= patience:
@@ -146,8 +151,7 @@ def records_of(data: bytes, *, cut: bool) -> Records:
         raise ValueError("a record inside goes beyond its end")
     parts.append(np.array(single, np.int64))
     messages = np.concatenate(parts)
-    if len(messages) > MOST_MESSAGES:
-        raise ValueError(f"more than {MOST_MESSAGES} messages")
+    limits.check_messages(len(messages))
     return Records(messages, others)
 
 
@@ -173,7 +177,7 @@ def _equal_run(data: bytes, position: int, length: int) -> int:
         look *= 4
 
 
-def _unpack_chunk(body: bytes, block: Block, limit: int) -> bytes:
+def _unpack_chunk(body: bytes, block: Block, limits: LogLimits, memory: int | None) -> bytes:
     try:
         _, _, size, checksum, name_length = CHUNK.unpack_from(body)
         compression = body[CHUNK.size : CHUNK.size + name_length].decode()
@@ -184,7 +188,8 @@ def _unpack_chunk(body: bytes, block: Block, limit: int) -> bytes:
         raise ValueError("chunk header") from error
     begin = CHUNK.size + name_length + 8
     packed = body[begin : begin + length]
-    if size > limit:
+    limits.check_size(size, len(packed))
+    if memory is not None and size > memory:
         raise ValueError(f"a chunk of {size} bytes")
     try:
         data = _decompress(packed, compression, size, cut=block.cut)

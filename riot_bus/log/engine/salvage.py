@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import lz4.frame  # type: ignore[import-untyped]
 from mcap.opcode import Opcode
 
-from riot_bus.log.engine.blocks import CHUNK, HEAD, MAX_BLOCK, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
+from riot_bus.log.engine.blocks import CHUNK, HEAD, MOST_OTHERS, SHORTEST_MESSAGE, Block, Records, unzstd
+from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["Salvage", "salvage"]
 
 _INDEX = struct.Struct("<HI")
-_MOST_MESSAGES = 1 << 20
 _STEP = 1 << 12  # what is decompressed at once: so much is lost before the place that cannot be
 _PACKED_STEP = 1 << 10
 _FIELDS = (("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"))
@@ -50,21 +50,25 @@ class Salvage(NamedTuple):
         return {new: extras[old] for new, old in enumerate(self.places.tolist()) if old in extras}
 
 
-def salvage(file: int, block: Block, *, limit: int = MAX_BLOCK) -> Salvage | None:
+def salvage(
+    file: int, block: Block, limits: LogLimits = DEFAULT_LIMITS, *, memory: int | None = None
+) -> Salvage | None:
     """Return what is left of a chunk that cannot be read as a whole; None if nothing is.
 
     Args:
         file: Descriptor of the log.
         block: Which.
-        limit: Most bytes, before and after decompression.
+        limits: Of what is read.
+        memory: Most bytes, before and after decompression, if these are fewer.
     """
     import numpy as np
 
+    limit = limits.chunk if memory is None else min(limits.chunk, memory)
     if not block.chunked or block.cut or block.body.length > limit + CHUNK.size + 64:
         return None
     try:
-        channels, times, offsets = _index(file, block)
-        data = _remains(os.pread(file, block.body.length, block.body.offset), limit)
+        channels, times, offsets = _index(file, block, limits)
+        data = _remains(os.pread(file, block.body.length, block.body.offset), limits, limit)
     except (OSError, ValueError, struct.error):
         return None
     heads_size = HEAD.size + SHORTEST_MESSAGE
@@ -139,7 +143,7 @@ def _between(data: bytes, position: int, end: int) -> tuple[list[tuple[int, int]
     return found, position == end
 
 
-def _index(file: int, block: Block) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _index(file: int, block: Block, limits: LogLimits) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Return channel, time and offset of all messages, as the index records behind a chunk have them."""
     import numpy as np
 
@@ -156,7 +160,7 @@ def _index(file: int, block: Block) -> tuple[NDArray[Any], NDArray[Any], NDArray
         if opcode != Opcode.MESSAGE_INDEX or length != _INDEX.size + size or size % 16:
             break
         count += size // 16
-        if count > _MOST_MESSAGES or len(channels) >= 1 << 16:
+        if count > limits.messages or len(channels) >= 1 << 16:
             raise ValueError("too many messages")
         rows = np.frombuffer(os.pread(file, size, position + len(head)), "<u8")
         if len(rows) != size // 8:
@@ -170,11 +174,12 @@ def _index(file: int, block: Block) -> tuple[NDArray[Any], NDArray[Any], NDArray
     return np.concatenate(channels), both[:, 0], both[:, 1]
 
 
-def _remains(body: bytes, limit: int) -> bytes:
+def _remains(body: bytes, limits: LogLimits, limit: int) -> bytes:
     """Return a chunk's records, decompressed as far as that goes."""
     _, _, size, _, name_length = CHUNK.unpack_from(body)
     name = body[CHUNK.size : CHUNK.size + name_length]
     packed = body[CHUNK.size + name_length + 8 :]
+    limits.check_size(size, len(packed))
     if size > limit:
         raise ValueError("too large")
     if name == b"":

@@ -12,7 +12,7 @@ import stat
 import struct
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -23,8 +23,6 @@ from riot_bus.log.engine.blocks import (
     CHUNK,
     EXTRAS,
     HEAD,
-    MAX_BLOCK,
-    MOST_MESSAGES,
     MOST_OTHERS,
     SHORTEST_MESSAGE,
     Block,
@@ -33,7 +31,11 @@ from riot_bus.log.engine.blocks import (
     records_of,
 )
 from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.limits import DEFAULT_LIMITS, BeyondLimitError, LogLimits
 from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = [
     "Block",
@@ -55,10 +57,8 @@ RecordT = TypeVar("RecordT")
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _PLAIN_BLOCK = 1 << 20
+_DEFINITIONS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL})
 _SHORTEST_CHUNK = CHUNK.size + 8
-_MOST_METADATA = 1 << 20
-_MOST_DEFINITIONS = 1 << 26
-_LARGEST_METADATA = 1 << 26
 _MOST_GAPS = 1000
 
 
@@ -79,6 +79,7 @@ class Scan:
     """What a file holds."""
 
     size: int
+    limits: LogLimits = DEFAULT_LIMITS
     header: Header | None = None
     blocks: list[Block] = field(default_factory=list)
     metadata: list[tuple[str, Span]] = field(default_factory=list)
@@ -94,8 +95,14 @@ class Scan:
     """Checksums of definitions that were left out; 0 stands for metadata of which there is too much."""
     conflicts: set[int] = field(default_factory=set)
     """Channels that are defined twice in different ways; the first one counts."""
-    room: int = _MOST_DEFINITIONS
-    """Bytes of definitions that are still taken in."""
+    defined: int = 0
+    """Bytes of definitions that were taken in."""
+    refused: BeyondLimitError | None = None
+    """The first limit that was met, if any, by what was left out or is counted in `damaged`."""
+    stopped: bool = False
+    """Whether the file has more chunks than its limits allow."""
+    joins: bool = False
+    """Whether a message outside of chunks belongs to the last block: there is nothing but definitions between them."""
 
     @property
     def missing_chunks(self) -> int:
@@ -104,7 +111,7 @@ class Scan:
         return max(0, known - sum(block.chunked for block in self.blocks))
 
 
-def scan_file(file: int, path: str) -> Scan:
+def scan_file(file: int, path: str, limits: LogLimits = DEFAULT_LIMITS) -> Scan:
     """Walk over a file.
 
     Raises:
@@ -122,13 +129,14 @@ def scan_file(file: int, path: str) -> Scan:
                 raise ConfigError("the file is empty", where=path, hint="was the recorder stopped before it began?")
             hint = "logs are .mcap files; rosbags-convert makes one of a .bag or .db3"
             raise ConfigError("not an MCAP file", where=path, hint=hint)
-        return _walk(file, Scan(size))
+        return _walk(file, Scan(size, limits))
     except OSError as error:
         raise ConfigError(f"cannot read the log: {error.strerror}", where=path) from error
 
 
 def _walk(file: int, scan: Scan) -> Scan:
     size, position, gaps = scan.size, len(MAGIC), 0
+    most = scan.limits.chunks_of(size)
     extras: Span | None = None
     while position < size and not scan.finished:
         head = os.pread(file, 128, position)
@@ -148,8 +156,24 @@ def _walk(file: int, scan: Scan) -> Scan:
             extras = None
         if not cut:
             extras = _take(file, scan, opcode, position, body, inside) or extras
+        if opcode != Opcode.MESSAGE or length < SHORTEST_MESSAGE or cut:
+            scan.joins = scan.joins and not cut and (opcode in _DEFINITIONS or opcode > Opcode.DATA_END)
+        if len(scan.blocks) > most:
+            scan.blocks.pop()
+            following = _stop(file, scan, position)
         position = following
     return scan
+
+
+def _stop(file: int, scan: Scan, position: int) -> int:
+    """Take note that there are too many chunks; return where to go on: at the summary, once."""
+    most, footer = scan.limits.chunks_of(scan.size), _footer(file, scan)
+    scan.refused = scan.refused or BeyondLimitError(f"more than {most} chunks", "chunks", scan.limits.chunks, 4 * most)
+    again, scan.stopped = scan.stopped, True
+    if again or footer is None:
+        return scan.size
+    scan.finished = not footer.summary_start
+    return footer.summary_start if footer.summary_start > position else scan.size
 
 
 def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside: bytes) -> Span | None:
@@ -161,21 +185,19 @@ def _take(file: int, scan: Scan, opcode: int, position: int, body: Span, inside:
             _add_plain(scan, position, HEAD.size + length, time)
         case Opcode.ATTACHMENT:
             found = _extras_span(body, inside)
-            if found is None and len(scan.attachments) < _MOST_METADATA:
+            if found is None and _has_place(scan, scan.attachments):
                 scan.attachments.append(body)
             return found
         case Opcode.METADATA:
-            if len(scan.metadata) < _MOST_METADATA:
+            if _has_place(scan, scan.metadata):
                 scan.metadata.append((_text(inside, 0)[0], body))
-            else:
-                scan.damaged.add(0)
         case Opcode.HEADER:
             scan.header = scan.header or parse(Header, os.pread(file, min(length, 1 << 16), body.offset))
         case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.STATISTICS:
-            if length <= _MOST_DEFINITIONS:
+            if length <= scan.limits.definitions:
                 define(scan, opcode, os.pread(file, length, body.offset))
             else:
-                scan.damaged.add(position)
+                _refuse(scan, length, position)
         case Opcode.FOOTER:
             scan.finished = True
     return None
@@ -187,12 +209,16 @@ def _after_gap(file: int, scan: Scan, position: int) -> int:
 
     found = next_record(file, position + 1, scan.size, scan.channels)
     if found is None:
-        tail = os.pread(file, FOOTER_BYTES, scan.size - FOOTER_BYTES) if scan.size > FOOTER_BYTES else b""
-        footer = parse_footer(tail)
+        footer = _footer(file, scan)
         found = footer.summary_start if footer is not None and footer.summary_start else scan.size
         if not position < found <= scan.size - FOOTER_BYTES:
             found = scan.size
     return found
+
+
+def _footer(file: int, scan: Scan) -> Footer | None:
+    tail = os.pread(file, FOOTER_BYTES, scan.size - FOOTER_BYTES) if scan.size > FOOTER_BYTES else b""
+    return parse_footer(tail)
 
 
 def parse_footer(tail: bytes) -> Footer | None:
@@ -205,6 +231,9 @@ def parse_footer(tail: bytes) -> Footer | None:
 def define(scan: Scan, opcode: int, body: bytes) -> None:
     """Take in a schema, channel or statistics record; a damaged one is left out and counted."""
     record: Schema | Channel | Statistics | None
+    if len(body) > scan.limits.definitions:
+        _refuse(scan, len(body), crc32(body))
+        return
     if opcode == Opcode.SCHEMA:
         record = parse(Schema, body)
     else:
@@ -225,11 +254,28 @@ def define(scan: Scan, opcode: int, body: bytes) -> None:
 
 
 def _has_room(scan: Scan, body: bytes) -> bool:
-    if scan.room < len(body):
-        scan.damaged.add(crc32(body))
+    if scan.defined + len(body) > scan.limits.definitions:
+        _refuse(scan, scan.defined + len(body), crc32(body))
         return False
-    scan.room -= len(body)
+    scan.defined += len(body)
     return True
+
+
+def _refuse(scan: Scan, needed: int, mark: int) -> None:
+    """Take note of a definition that is too large; the mark is its own."""
+    scan.damaged.add(mark)
+    most = scan.limits.definitions
+    scan.refused = scan.refused or BeyondLimitError(f"{needed} bytes of definitions", "definitions", most, needed)
+
+
+def _has_place(scan: Scan, among: Sequence[object]) -> bool:
+    """Return whether another record of metadata, or another attachment, is taken in."""
+    most = scan.limits.chunks_of(scan.size)
+    if len(among) < most:
+        return True
+    scan.damaged.add(0)
+    scan.refused = scan.refused or BeyondLimitError(f"more than {most} such records", "chunks", most, 4 * most)
+    return False
 
 
 def parse(kind: type[RecordT], body: bytes) -> RecordT | None:
@@ -241,26 +287,26 @@ def parse(kind: type[RecordT], body: bytes) -> RecordT | None:
     return record
 
 
-def read_metadata(file: int, span: Span) -> dict[str, str] | None:
-    """Load a metadata record, None if it is damaged."""
-    if span.length > _LARGEST_METADATA:
+def read_metadata(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> dict[str, str] | None:
+    """Load a metadata record, None if it is damaged, or beyond the limits."""
+    if span.length > limits.definitions:
         return None
     record = parse(Metadata, os.pread(file, span.length, span.offset))
     return None if record is None else record.metadata
 
 
-def read_attachment(file: int, span: Span) -> bytes:
+def read_attachment(file: int, span: Span, limits: LogLimits = DEFAULT_LIMITS) -> bytes:
     """Return the data of an attachment.
 
     Args:
         file: Descriptor of the log.
         span: Body of its record.
+        limits: Of what is read.
 
     Raises:
-        ValueError: It is too large or damaged.
+        ValueError: It is damaged or, as BeyondLimitError, too large.
     """
-    if span.length > MAX_BLOCK:
-        raise ValueError(f"an attachment of {span.length} bytes")
+    limits.check_size(span.length, span.length)
     body = os.pread(file, span.length, span.offset)
     if crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
         raise ValueError("checksum of an attachment")
@@ -282,7 +328,7 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
         ValueError: The block is damaged; of a block that was cut off, what is left is returned instead.
     """
     entries: list[MessageEntry] = []
-    order, place, others = block.number << 32, 0, 0
+    order, place, others, most = block.number << 32, 0, 0, scan.limits.messages
     position, size = 0, len(data)
     unpack, head_size, is_message = _MESSAGE.unpack_from, _MESSAGE.size, int(Opcode.MESSAGE)
     while position + HEAD.size <= size:
@@ -294,8 +340,8 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
             payload = data[position + head_size : following]
             entries.append(MessageEntry(time, order + place, channel, sequence, published, payload, extras.get(place)))
             place += 1
-            if place > MOST_MESSAGES:
-                raise ValueError(f"more than {MOST_MESSAGES} messages")
+            if place > most:
+                scan.limits.check_messages(place)
         else:
             opcode, length = HEAD.unpack_from(data, position)
             following = position + 9 + length
@@ -314,20 +360,20 @@ def load_block(data: bytes, block: Block, scan: Scan, extras: dict[int, dict[str
 
 def learn_block(file: int, block: Block, scan: Scan) -> None:
     """Take in a block's schemas and channels alone; raises ValueError if it is damaged."""
-    data = read_block(file, block)
-    for opcode, start, end in records_of(data, cut=block.cut).others:
+    data = read_block(file, block, scan.limits)
+    for opcode, start, end in records_of(data, scan.limits, cut=block.cut).others:
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             define(scan, opcode, data[start:end])
 
 
 def _add_plain(scan: Scan, position: int, length: int, time: int) -> None:
     last = scan.blocks[-1] if scan.blocks else None
-    joins = last and not last.chunked and sum(last.body) == position
-    if last and joins and last.body.length < _PLAIN_BLOCK:
-        last.body = Span(last.body.offset, last.body.length + length)
+    if last and scan.joins and position < last.body.offset + _PLAIN_BLOCK:
+        last.body = Span(last.body.offset, position + length - last.body.offset)
         last.start, last.end = min(last.start, time), max(last.end, time)
     else:
         scan.blocks.append(Block(len(scan.blocks), Span(position, length), time, time, chunked=False))
+        scan.joins = True
 
 
 def _extras_span(body: Span, inside: bytes) -> Span | None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Header, MetadataIndex, Schema, Statistics
+from mcap.records import Channel, Header, MetadataIndex, Schema, Statistics
 
 from riot_bus.log.engine.blocks import HEAD, Span
 from riot_bus.log.engine.checksum import crc32
+from riot_bus.log.engine.limits import DEFAULT_LIMITS, LogLimits
 from riot_bus.log.engine.scan import FOOTER_BYTES, MAGIC, parse, parse_footer
 
 if TYPE_CHECKING:
@@ -18,8 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Summary", "read_summary"]
 
-_LARGEST = 1 << 28
 _DATA_END = HEAD.size + 4
+_INDEX = struct.Struct("<QQQQI")
+_OFFSET = struct.Struct("<HQ")
+_DEFINING = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS})
 _OPCODES = frozenset(
     {
         Opcode.SCHEMA,
@@ -34,40 +38,73 @@ _OPCODES = frozenset(
 
 
 @dataclass(slots=True)
+class ChunkIndexes:
+    """What the indexes of chunks say together; they may be many, so none is kept.
+
+    Attributes:
+        most: How many are taken in.
+        count: Number of chunks.
+        spans: From when to when the chunks go that have messages of a channel, by channel.
+        ends: Where the first and the last chunk begin, and their bytes.
+        end: Where the last one ends, with its message index.
+    """
+
+    most: int
+    count: int = 0
+    spans: dict[int, tuple[int, int]] = field(default_factory=dict)
+    ends: tuple[Span, Span] | None = None
+    end: int = len(MAGIC)
+
+    def take(self, body: bytes) -> bool:
+        """Take in an index; return whether it is whole, behind the chunk before it, and not one too many."""
+        if len(body) < _INDEX.size:
+            return False
+        start, end, offset, length, size = _INDEX.unpack_from(body)
+        middle = _INDEX.size + size
+        if size % _OFFSET.size or middle + 8 > len(body) or offset < self.end or self.count >= self.most:
+            return False
+        for channel, _ in _OFFSET.iter_unpack(body[_INDEX.size : middle]):
+            low, high = self.spans.get(channel, (start, end))
+            self.spans[channel] = min(low, start), max(high, end)
+        place = Span(offset, length)
+        self.ends = place if self.ends is None else self.ends[0], place
+        self.count += 1
+        self.end = offset + length + int.from_bytes(body[middle : middle + 8], "little")
+        return True
+
+
+@dataclass(slots=True)
 class Summary:
     """What the summary says."""
 
     size: int
     header: Header
     statistics: Statistics
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    metadata: list[tuple[str, Span]] = field(default_factory=list)
+    schemas: dict[int, Schema]
+    channels: dict[int, Channel]
+    chunks: ChunkIndexes
+    metadata: list[tuple[str, Span]]
 
     def spans(self) -> dict[int, tuple[int, int]]:
         """Return about from when to when the messages of each channel go: as the chunks say that have some."""
         known = self.statistics
-        if not self.chunks or not any(chunk.message_index_offsets for chunk in self.chunks):
-            return dict.fromkeys(self.channels, (known.message_start_time, known.message_end_time))
-        found: dict[int, tuple[int, int]] = {}
-        for chunk in self.chunks:
-            start, end = chunk.message_start_time, chunk.message_end_time
-            for channel in chunk.message_index_offsets:
-                low, high = found.get(channel, (start, end))
-                found[channel] = min(low, start), max(high, end)
-        return found
+        return self.chunks.spans or dict.fromkeys(self.channels, (known.message_start_time, known.message_end_time))
 
 
-def read_summary(file: int) -> Summary | None:
-    """Return the summary of a file; None if it has none, or one that disagrees with itself or with the file."""
+def read_summary(file: int, limits: LogLimits = DEFAULT_LIMITS) -> Summary | None:
+    """Return the summary of a file; None if it has none, or one that disagrees with itself or with the file.
+
+    Args:
+        file: Descriptor of the log.
+        limits: Of what is read; a summary that is beyond them is none.
+    """
     try:
-        return _read(file)
+        return _read(file, limits)
     except OSError:
         return None
 
 
-def _read(file: int) -> Summary | None:
+def _read(file: int, limits: LogLimits) -> Summary | None:
     size = os.fstat(file).st_size
     head = os.pread(file, len(MAGIC) + HEAD.size + (1 << 16), 0)
     tail = os.pread(file, FOOTER_BYTES, size - FOOTER_BYTES) if size > len(head[:8]) + FOOTER_BYTES else b""
@@ -78,7 +115,7 @@ def _read(file: int) -> Summary | None:
     opcode, length = HEAD.unpack_from(head, len(MAGIC))
     begin = len(MAGIC) + HEAD.size
     header = parse(Header, head[begin : begin + length]) if opcode == Opcode.HEADER else None
-    if header is None or not begin + length + _DATA_END <= start < end or end - start > _LARGEST:
+    if header is None or not begin + length + _DATA_END <= start < end or end - start > limits.held:
         return None
     if HEAD.unpack(os.pread(file, HEAD.size, start - _DATA_END)) != (Opcode.DATA_END, 4):
         return None
@@ -86,18 +123,22 @@ def _read(file: int) -> Summary | None:
     signed = crc32(tail[: HEAD.size + 16], crc32(data))
     if footer.summary_crc and footer.summary_crc != signed:
         return None
-    found = _parse(data, size, header)
+    found = _parse(data, size, header, limits)
     return found if found is not None and _is_sound(file, found, start) else None
 
 
-def _parse(data: bytes, size: int, header: Header) -> Summary | None:
+def _parse(data: bytes, size: int, header: Header, limits: LogLimits) -> Summary | None:
     statistics: Statistics | None = None
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    chunks: list[ChunkIndex] = []
     metadata: list[tuple[str, Span]] = []
+    most, defined = limits.chunks_of(size), 0
+    chunks = ChunkIndexes(most)
     for opcode, body in _records(data):
-        if opcode not in _OPCODES:
+        defined += len(body) if opcode in _DEFINING else 0
+        if opcode not in _OPCODES or defined > limits.definitions or len(metadata) > most:
+            return None
+        if opcode == Opcode.CHUNK_INDEX and not chunks.take(body):
             return None
         if opcode == Opcode.SCHEMA and (schema := parse(Schema, body)) is not None:
             schemas[schema.id] = schema
@@ -105,8 +146,6 @@ def _parse(data: bytes, size: int, header: Header) -> Summary | None:
             channels[channel.id] = channel
         elif opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, body)
-        elif opcode == Opcode.CHUNK_INDEX and (chunk := parse(ChunkIndex, body)) is not None:
-            chunks.append(chunk)
         elif opcode == Opcode.METADATA_INDEX and (index := parse(MetadataIndex, body)) is not None:
             metadata.append((index.name, Span(index.offset + HEAD.size, max(0, index.length - HEAD.size))))
     if statistics is None:
@@ -132,22 +171,15 @@ def _is_sound(file: int, summary: Summary, end: int) -> bool:
     counts = known.channel_message_counts
     agree = (
         known.channel_count == len(summary.channels)
-        and known.chunk_count == len(summary.chunks)
+        and known.chunk_count == summary.chunks.count
         and known.metadata_count == len(summary.metadata)
         and known.message_count == sum(counts.values())
         and summary.channels.keys() >= counts.keys()
         and all(each.schema_id == 0 or each.schema_id in summary.schemas for each in summary.channels.values())
     )
-    if not agree:
-        return False
-    position = len(MAGIC)
-    for chunk in sorted(summary.chunks, key=lambda each: each.chunk_start_offset):
-        if chunk.chunk_start_offset < position:
-            return False
-        position = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
-    return position <= end and all(_is_there(file, chunk) for chunk in (summary.chunks[:1] + summary.chunks[-1:]))
+    return agree and summary.chunks.end <= end and all(_is_there(file, chunk) for chunk in summary.chunks.ends or ())
 
 
-def _is_there(file: int, chunk: ChunkIndex) -> bool:
-    head = os.pread(file, HEAD.size, chunk.chunk_start_offset)
-    return len(head) == HEAD.size and HEAD.unpack(head) == (Opcode.CHUNK, chunk.chunk_length - HEAD.size)
+def _is_there(file: int, chunk: Span) -> bool:
+    head = os.pread(file, HEAD.size, chunk.offset)
+    return len(head) == HEAD.size and HEAD.unpack(head) == (Opcode.CHUNK, chunk.length - HEAD.size)

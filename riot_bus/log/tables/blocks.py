@@ -14,7 +14,6 @@ from mcap.opcode import Opcode
 from riot_bus.log.engine.blocks import (
     CHUNK,
     HEAD,
-    MAX_BLOCK,
     SHORTEST_MESSAGE,
     Records,
     packed_size,
@@ -44,6 +43,7 @@ _MESSAGE = np.dtype(
 )
 """What stands before a payload."""
 _LATEST = (1 << 63) - 1
+_SMALL = 1 << 14  # to hand over so little takes longer than to load it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,20 +113,20 @@ def load_ahead(
         threads: How many blocks are decompressed at the same time; 0: none ahead.
         largest: Bytes that a single one may take, if not `memory`; larger ones are counted as damaged.
     """
-    limit = min(MAX_BLOCK, memory if largest is None else largest)
+    limit = memory if largest is None else largest
     known = np.zeros(1 << 16, np.bool_)
     known[list(reader.sources())] = True
     if threads < 1 or len(blocks) < 2:
         for block in blocks:
             try:
-                loaded = _load(reader.file, block, limit)
+                loaded = _load(reader, block, limit)
             except ValueError as error:
                 yield from _rest(reader, block, error, limit, known)
             else:
                 yield _take(reader, *loaded, known)
                 del loaded
         return
-    waiting: deque[tuple[Block, int, Future[tuple[LoadedBlock, Records]]]] = deque()
+    waiting: deque[tuple[Block, int, Future[tuple[LoadedBlock, Records]] | None]] = deque()
     held, following = 0, 0
     with ThreadPoolExecutor(threads, thread_name_prefix="riot-columns") as pool:
         try:
@@ -136,12 +136,13 @@ def load_ahead(
                     size = min(limit, _claimed(reader.file, block))
                     if waiting and held + size > memory:
                         break
-                    waiting.append((block, size, pool.submit(_load, reader.file, block, limit)))
+                    ahead = pool.submit(_load, reader, block, limit) if size > _SMALL else None
+                    waiting.append((block, size, ahead))
                     held += size
                     following += 1
                 block, size, future = waiting.popleft()
                 try:
-                    loaded = future.result()
+                    loaded = _load(reader, block, limit) if future is None else future.result()
                 except ValueError as error:
                     yield from _rest(reader, block, error, limit, known)
                 else:
@@ -151,12 +152,13 @@ def load_ahead(
                 held -= size
         finally:
             for _, _, future in waiting:
-                future.cancel()
+                if future is not None:
+                    future.cancel()
 
 
-def _load(file: int, block: Block, limit: int) -> tuple[LoadedBlock, Records]:
-    data = read_block(file, block, limit=limit)
-    records = records_of(data, cut=block.cut)
+def _load(reader: LogReader, block: Block, memory: int) -> tuple[LoadedBlock, Records]:
+    data = read_block(reader.file, block, reader.limits, memory=memory)
+    records = records_of(data, reader.limits, cut=block.cut)
     return _arrays(block, data, records), records
 
 
@@ -164,8 +166,8 @@ def _rest(
     reader: LogReader, block: Block, error: ValueError, limit: int, known: NDArray[np.bool_]
 ) -> Iterator[LoadedBlock]:
     """Take note that a block is damaged, and yield what is salvaged of it."""
-    reader.count_damage(block, str(error))
-    rest = reader.rest_of(block, limit=limit)
+    reader.count_damage(block, error)
+    rest = reader.rest_of(block, memory=limit)
     if rest is not None:
         yield _take(reader, _arrays(block, rest.data, rest.records, rest.places), rest.records, known)
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.log.engine.blocks import MAX_BLOCK
 from riot_bus.log.tables.blocks import load_ahead
 from riot_bus.log.tables.plan import Feed, delivered_sources, log_registry
 from riot_bus.types.bulk import as_array, gather
@@ -145,7 +144,7 @@ def field_ranges(
     found: dict[str, TopicFields] = {}
     surveys: dict[tuple[str, int], _Survey] = {}
     read = 0
-    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=1, largest=MAX_BLOCK):
+    for block in load_ahead(reader, reader.blocks(), memory=_MEMORY, threads=1, largest=reader.limits.chunk):
         for number in np.unique(block.channels).tolist():
             feed = feeds.get(number)
             rows = block.rows_of(number, 0, 1 << 64) if feed is not None else ()

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from riot_bus.agent.options import AgentOptions
 from riot_bus.agent.request import Lead, PlayRequest, RecordRequest, check_key, parse_request
+from riot_bus.log.limits import tight_limits
 from riot_bus.play.options import PlayOptions
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -30,7 +31,7 @@ def test_a_request_becomes_options_of_the_player() -> None:
     assert options == PlayOptions(
         logs=[Path("/logs/a.mcap")], endpoint=AGENT.endpoint, name="r7", rate=2.0, topics=["/odom"], clock=40.0,
         paused=True, remap=["/a:=/b"], seed=3, until="5", inject=Path("/plan.toml"), types=[], exclude=[], lockstep=[],
-        latched=[],
+        latched=[], limits=tight_limits(),
     )  # fmt: skip
     assert (request.on_lost_controller, request.grace) == ("stop", 10.0)
 

@@ -1,0 +1,71 @@
+"""How much of a log is taken in: a small file must not take large memory, nor its numbers long time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["DEFAULT_LIMITS", "BeyondLimitError", "LogLimits"]
+
+_PER_CHUNK = 1 << 16
+_MOST_RATIO = 1 << 15  # of zstd: a block of 128 KiB that is one byte again and again takes 4
+
+
+class BeyondLimitError(ValueError):
+    """Something would take more than a limit allows.
+
+    Args:
+        what: What it is, and how much.
+        name: Of the limit.
+        value: Of the limit.
+        needed: What it would have to be.
+    """
+
+    def __init__(self, what: str, name: str, value: int, needed: int) -> None:
+        super().__init__(f"{what}, more than {name}={value}")
+        self.lift = f"{name}={needed}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogLimits:
+    """LogLimits of what is read; what is beyond is treated as damage.
+
+    Attributes:
+        chunk: Bytes of a chunk or attachment, uncompressed.
+        ratio: How many times as large as compressed a chunk may be, if it has more than `loose` bytes.
+        loose: Bytes of a chunk that may be compressed in any ratio: blank images reach 30000, but chunks of them are
+            small. A larger chunk is one large message, and such messages hold more than zeros.
+        chunks: Chunks, and runs of messages outside of any; one more is allowed for each 64 KiB of the file.
+        messages: Messages of a chunk.
+        held: Bytes of what is read ahead, and of messages that wait for earlier ones of other chunks.
+        definitions: Bytes of all schemas and channels, and of a single record of metadata.
+    """
+
+    chunk: int = 1 << 30
+    ratio: int = 200
+    loose: int = 1 << 27
+    chunks: int = 1 << 18
+    messages: int = 1 << 20
+    held: int = 1 << 28
+    definitions: int = 1 << 26
+
+    def check_size(self, size: int, packed: int) -> None:
+        """Raise BeyondLimitError if nobody should make so many bytes of so few, ValueError if nobody can."""
+        if size > _MOST_RATIO * packed and size > _PER_CHUNK:
+            raise ValueError(f"{size} bytes cannot be made of {packed}")
+        if size > self.chunk:
+            raise BeyondLimitError(f"{size} bytes", "chunk", self.chunk, size)
+        if size > self.loose and size > self.ratio * packed:
+            needed = -(-size // max(packed, 1))
+            raise BeyondLimitError(f"{size} bytes, {needed} times as large as compressed", "ratio", self.ratio, needed)
+
+    def check_messages(self, count: int) -> None:
+        """Raise BeyondLimitError if a chunk has more messages than it may; nobody has counted them to the end."""
+        if count > self.messages:
+            raise BeyondLimitError(f"more than {self.messages} messages", "messages", self.messages, 4 * self.messages)
+
+    def chunks_of(self, size: int) -> int:
+        """Return how many chunks a file of so many bytes may have."""
+        return self.chunks + size // _PER_CHUNK
+
+
+DEFAULT_LIMITS = LogLimits()

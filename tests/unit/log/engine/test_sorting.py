@@ -1,0 +1,34 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from riot_bus.log.engine.scan import MessageEntry
+from riot_bus.log.engine.sorting import Waiting
+
+_BLOCKS = st.lists(st.tuples(st.lists(st.integers(0, 50), max_size=20), st.integers(0, 60)), max_size=12)
+
+
+def entries(block, times):
+    return [MessageEntry(time, (block << 32) + place, 1, 0, time, b"x", None) for place, time in enumerate(times)]
+
+
+@given(_BLOCKS)
+def test_what_is_taken_is_what_sorting_everything_gives(blocks):
+    waiting, plain = Waiting(), []
+    for number, (times, before) in enumerate(blocks):
+        waiting.add(entries(number, times), len(times))
+        plain += entries(number, times)
+        plain.sort()
+        ready = [each for each in plain if each.time < before]
+        assert waiting.take(before) == ready
+        plain = [each for each in plain if each.time >= before]
+        assert (waiting.held > 0) == bool(plain)
+    assert waiting.take() == plain
+    assert waiting.held == 0
+
+
+def test_what_is_gone_is_no_longer_held():
+    waiting = Waiting()
+    waiting.add(entries(0, range(1000)), 1000)
+    before = waiting.held
+    assert len(waiting.take(900)) == 900
+    assert waiting.held < before / 5
