@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +14,7 @@ from riot_bus.agent.library import Library
 from riot_bus.fleet.index import IndexReport
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.zenoh.session import wait_until
+from tests.log_mutants import chunk, statistics, whole
 from tests.tiers import scaled
 from tests.unit.fleet.fleet_logs import write
 
@@ -160,3 +162,19 @@ def test_what_cannot_be_looked_at_is_said_once(folder: Path, tmp_path: Path) -> 
     library.close()
     assert [each.rpartition(": ")[2] for each in told] == ["the name is not UTF-8"]
     library.close()
+
+
+def test_a_hostile_log_is_named_and_takes_no_memory(tmp_path: Path) -> None:
+    size = 64 << 20
+    packed = zstandard.compress(bytes(size))
+    zeros = chunk(b"", packed=packed, size=size, checksum=0, start=1, end=2)
+    (tmp_path / "a.mcap").write_bytes(whole(zeros, summary=statistics(1, channels=0)))
+    library = Library(tmp_path, "r7")
+    library.start()
+    try:
+        assert wait_until(lambda: library.logs()["complete"], 10)
+        (row,) = library.logs()["logs"]
+        assert "more than ratio=200" in row["problem"]
+        assert "RIOT_LOG_LIMITS=ratio=" in row["problem"]
+    finally:
+        library.close()
