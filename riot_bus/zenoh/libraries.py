@@ -10,7 +10,10 @@ The types of one copy are strange to another: whoever gives something to a sessi
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import importlib.util
+import mmap
 import os
 import shutil
 import sys
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["borrow", "give_back", "library_of", "moved"]
+__all__ = ["borrow", "check_ahead", "give_back", "library_of", "moved"]
 
 _NAME = "zenoh.zenoh"
 _CHUNK = 1 << 26
@@ -36,6 +39,7 @@ _lock = threading.Lock()
 _copies: list[ModuleType] = []
 _idle: list[ModuleType] = []
 _by_type: dict[type, ModuleType] = {}
+_ahead: list[_Check] = []
 
 
 def borrow() -> ModuleType:
@@ -87,7 +91,7 @@ def _load(number: int) -> ModuleType:
 
     original = Path(sys.modules[_NAME].__file__ or "")
     try:
-        return _loaded(str(_kept(original, number)), zenoh)
+        return _loaded(_take_checked(original, number), zenoh)
     except (OSError, ImportError, RuntimeError):  # such as no home, or one from which nothing may be executed
         try:
             return _loaded(_in_memory(original), zenoh)
@@ -96,17 +100,96 @@ def _load(number: int) -> ModuleType:
             raise EnvironmentFaultError(text, hint="set XDG_CACHE_HOME to where libraries may be kept") from error
 
 
-def _kept(original: Path, number: int) -> Path:
-    """Return a copy on disk, which processes share; the loader takes files with one inode for the same library."""
+class _Check(threading.Thread):
+    """Checks a copy beside whatever is done until it is wanted, after another check."""
+
+    def __init__(self, number: int, before: _Check | None) -> None:
+        super().__init__(name="riot-library", daemon=True)
+        self.number, self.original = number, Path()
+        self.file: int | None = None
+        self._before = before
+
+    def run(self) -> None:
+        """Open the copy if it is there and right; else it is looked at again once it is wanted."""
+        if self._before is not None:
+            self._before.join()
+        with suppress(OSError, RuntimeError, AttributeError, StopIteration):
+            package = importlib.util.find_spec("zenoh")  # without importing it
+            self.original = next(Path(package.origin).parent.glob("zenoh.*.so"))  # type: ignore[union-attr, arg-type]
+            self.file = _opened(_place(self.original, self.number), _digest(self.original))
+
+
+def check_ahead(count: int = 3) -> None:
+    """Begin to check copies that will be wanted soon: it takes 20 ms for each, but needs nobody else.
+
+    Args:
+        count: How many; two segments and a junction need three.
+    """
+    for number in range(count):
+        _ahead.append(_Check(number, _ahead[-1] if _ahead else None))
+    for each in _ahead:
+        each.start()
+
+
+def _take_checked(original: Path, number: int) -> int:
+    """Return an open copy that is what was installed."""
+    for check in [each for each in _ahead if each.number == number]:
+        _ahead.remove(check)
+        check.join()
+        if check.file is not None and check.original == original:
+            return check.file
+    return _kept(original, number)
+
+
+def _kept(original: Path, number: int) -> int:
+    """Open a copy on disk, which processes share; the loader takes files with one inode for the same library."""
+    path, digest = _place(original, number), _digest(original)
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    file = _opened(path, digest)
+    if file is None:  # there is none, or not as it should be, such as after a loss of power
+        _copy(original, path)
+        file = _opened(path, digest)
+    if file is None:
+        raise OSError(f"{path} is not what was installed")
+    return file
+
+
+def _place(original: Path, number: int) -> Path:
     home = os.environ.get("XDG_CACHE_HOME", "")
     folder = (Path(home) if home else Path.home() / ".cache") / "riot-bus"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path = folder / f"zenoh-{_build(original)}-{number}.so"
-    if not path.exists() or path.stat().st_size != original.stat().st_size:  # such as after a loss of power
-        _copy(original, path)
-    if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (path.stat(), folder.stat())):
-        raise PermissionError(f"others may write to {path}")
-    return path
+    return folder / f"zenoh-{_build(original)}-{number}.so"
+
+
+def _opened(path: Path, digest: str) -> int | None:
+    """Open a copy; None if there is none, or if it is not what was installed.
+
+    What is loaded is this descriptor, so nobody can put another file in its place.
+
+    Raises:
+        PermissionError: Others may write to it.
+    """
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return None
+    try:
+        if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (os.fstat(file), path.parent.stat())):
+            raise PermissionError(f"others may write to {path}")
+        if _hashed(file) == digest:
+            return file
+    except BaseException:
+        os.close(file)
+        raise
+    os.close(file)
+    return None
+
+
+def _hashed(file: int) -> str:
+    """Return a SHA-256 as wheels write it; others run meanwhile."""
+    if not os.fstat(file).st_size:
+        return ""
+    with mmap.mmap(file, 0, prot=mmap.PROT_READ) as data:
+        return base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode().rstrip("=")
 
 
 def _copy(original: Path, path: Path) -> None:
@@ -127,23 +210,39 @@ def _copy(original: Path, path: Path) -> None:
 
 def _build(original: Path) -> str:
     """Return what tells one build from others: the checksum that its wheel gave, else the time of the file."""
+    return (_recorded(original) or str(original.stat().st_mtime_ns))[:20]
+
+
+def _digest(original: Path) -> str:
+    """Return the checksum of what was installed: its wheel's, else that of the file."""
+    recorded = _recorded(original)
+    if recorded:
+        return recorded
+    with original.open("rb") as file:
+        return _hashed(file.fileno())
+
+
+def _recorded(original: Path) -> str:
+    """Return the checksum that the wheel gave; empty if there is none."""
     for record in original.parents[1].glob("eclipse_zenoh-*.dist-info/RECORD"):
         for line in record.read_text(encoding="utf-8").splitlines():
             name, _, rest = line.partition(",")
             if name == f"{original.parent.name}/{original.name}":
-                return rest.partition(",")[0].removeprefix("sha256=")[:20]
-    return str(original.stat().st_mtime_ns)
+                return rest.partition(",")[0].removeprefix("sha256=")
+    return ""
 
 
-def _in_memory(original: Path) -> str:
-    file = os.memfd_create("zenoh")  # it stays open: the loader knows libraries by their path, too
+def _in_memory(original: Path) -> int:
+    file = os.memfd_create("zenoh")
     with original.open("rb") as source:
         while os.sendfile(file, source.fileno(), None, _CHUNK):
             pass
-    return f"/proc/self/fd/{file}"
+    return file
 
 
-def _loaded(path: str, original: ModuleType) -> ModuleType:
+def _loaded(file: int, original: ModuleType) -> ModuleType:
+    """Load a library from an open file, which stays open: the loader knows libraries by their path, too."""
+    path = f"/proc/self/fd/{file}"
     before = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == original.__name__}
     try:
         library = _executed(_NAME, path, ExtensionFileLoader(_NAME, path))

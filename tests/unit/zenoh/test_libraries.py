@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -83,28 +84,82 @@ def test_timestamps_keep_their_time_and_their_source(pair: tuple[Any, Any]) -> N
     assert moved(None, pair[0]) is None
 
 
+def kept(original: Path, number: int) -> bytes:
+    """What would be loaded."""
+    file = libraries._kept(original, number)
+    try:
+        return os.pread(file, os.fstat(file).st_size, 0)
+    finally:
+        os.close(file)
+
+
 def test_copies_are_kept_where_nobody_else_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     original = Path(sys.modules["zenoh.zenoh"].__file__ or "")
-    path = libraries._kept(original, 3)
-    assert path.read_bytes() == original.read_bytes()
+    path = libraries._place(original, 3)
+    assert kept(original, 3) == original.read_bytes()
     assert path.parent.stat().st_mode & 0o777 == 0o700
     assert [each.name for each in path.parent.iterdir()] == [path.name]
     before = path.stat()
-    assert libraries._kept(original, 3).stat().st_mtime_ns == before.st_mtime_ns  # it is not made again
+    assert kept(original, 3) == original.read_bytes()
+    assert path.stat().st_mtime_ns == before.st_mtime_ns  # it is not made again
     path.chmod(0o777)
     with pytest.raises(PermissionError, match="others may write"):
         libraries._kept(original, 3)
     path.chmod(0o700)
     path.write_bytes(b"cut off")
-    assert libraries._kept(original, 3).read_bytes() == original.read_bytes()
+    assert kept(original, 3) == original.read_bytes()
     assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_one_wrong_byte_in_a_copy_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    original = Path(sys.modules["zenoh.zenoh"].__file__ or "")
+    os.close(libraries._kept(original, 0))
+    path = libraries._place(original, 0)
+    path.chmod(0o700)
+    with path.open("r+b") as file:
+        file.seek(5_000_000)
+        wrong = bytes([file.read(1)[0] ^ 1])
+        file.seek(5_000_000)
+        file.write(wrong)
+    assert kept(original, 0) == original.read_bytes()
+
+
+def test_what_is_loaded_is_what_was_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    original = Path(sys.modules["zenoh.zenoh"].__file__ or "")
+    file = libraries._kept(original, 0)
+    path = libraries._place(original, 0)
+    path.unlink()
+    path.write_bytes(b"something else")
+    assert libraries._loaded(file, zenoh).Session is not zenoh.Session
+    path.unlink()
+    (tmp_path / "elsewhere").write_bytes(original.read_bytes())
+    path.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic links"):
+        libraries._kept(original, 0)
+
+
+def test_copies_can_be_checked_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    original = Path(sys.modules["zenoh.zenoh"].__file__ or "")
+    os.close(libraries._kept(original, 1))
+    libraries.check_ahead(2)
+    checks = list(libraries._ahead)
+    found = [libraries._take_checked(original, number) for number in range(2)]
+    assert [check.file for check in checks] == [None, found[1]]  # there was no first one
+    assert not libraries._ahead
+    assert libraries._hashed(found[0]) == libraries._hashed(found[1]) == libraries._digest(original)
+    for file in found:
+        os.close(file)
 
 
 def test_builds_are_told_by_their_wheels_checksum_or_by_their_time(tmp_path: Path) -> None:
     library = tmp_path / "zenoh" / "zenoh.abi3.so"
     library.parent.mkdir()
     library.write_bytes(b"1")
+    assert libraries._digest(library) == "a4ayc_80_OGda4BO_1o_V0etpOqiLx1JwB5S3beHW0s"
     assert libraries._build(library) == str(library.stat().st_mtime_ns)
     wheel = tmp_path / "eclipse_zenoh-1.10.2.dist-info"
     wheel.mkdir()
@@ -112,6 +167,7 @@ def test_builds_are_told_by_their_wheels_checksum_or_by_their_time(tmp_path: Pat
         "zenoh/ext.py,sha256=other,1\nzenoh/zenoh.abi3.so,sha256=zlC9dOHWBVVIXOAezufs-rest,1\n"
     )
     assert libraries._build(library) == "zlC9dOHWBVVIXOAezufs"
+    assert libraries._digest(library) == "zlC9dOHWBVVIXOAezufs-rest"
 
 
 _IN_MEMORY = """
