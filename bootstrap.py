@@ -5,11 +5,13 @@
     python3 bootstrap.py interop                  programs of others that some tests need; `test` does it first
     python3 bootstrap.py run COMMAND ...          any command of the environment, such as `ruff check`
 
-Needs Python 3.11 or newer and nothing else. The environment is only built anew when pyproject.toml has changed.
+Needs Python 3.11 or newer and nothing else. The environment is only built anew when pyproject.toml or requirements.lock
+has changed. Where the latter knows Python and processor, exactly its files are installed, else the newest releases.
 """
 
 import hashlib
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -19,6 +21,8 @@ ROOT = Path(__file__).resolve().parent
 ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / "bin"
 STAMP = ENVIRONMENT / "bootstrap.stamp"
+LOCK = ROOT / "requirements.lock"
+LOCKED_PYTHONS, LOCKED_MACHINES = ((3, 11), (3, 12), (3, 13)), ("x86_64", "aarch64")
 
 FAILED, INTERRUPTED, NOTHING_COLLECTED = 1, 2, 5  # exit codes of pytest; the last one: no test of this phase is chosen
 WAITING_WORKERS = 6  # integration tests mostly wait, so that more of them than processors run well together
@@ -26,15 +30,24 @@ WAITING_WORKERS = 6  # integration tests mostly wait, so that more of them than 
 
 def environment() -> None:
     """Create or refresh .venv with the project, all extras and the development tools."""
-    wanted = hashlib.sha256((ROOT / "pyproject.toml").read_bytes() + sys.version.encode()).hexdigest()
+    files = (ROOT / "pyproject.toml").read_bytes() + LOCK.read_bytes()
+    wanted = hashlib.sha256(files + sys.version.encode()).hexdigest()
     if STAMP.is_file() and STAMP.read_text() == wanted:
         return
     print(f"building {ENVIRONMENT} (once, about a minute)", file=sys.stderr, flush=True)
     pip = [str(BIN / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    if sys.version_info[:2] in LOCKED_PYTHONS and platform.machine() in LOCKED_MACHINES:
+        # pip cannot check an editable installation, and a build of its own would fetch what nobody has locked.
+        project = ["--no-deps", "--no-build-isolation", "--editable", str(ROOT)]
+        steps = [["--require-hashes", "--requirement", str(LOCK)], project]
+    else:
+        print(f"{LOCK.name} does not know this Python or processor: the newest releases", file=sys.stderr, flush=True)
+        project = ["--editable", f"{ROOT}[all]", "--group", f"{ROOT / 'pyproject.toml'}:dev"]
+        steps = [["--upgrade", "pip>=25.1"], project]
     try:
         subprocess.run([sys.executable, "-m", "venv", "--clear", str(ENVIRONMENT)], check=True)
-        subprocess.run([*pip, "--upgrade", "pip>=25.1"], check=True)
-        subprocess.run([*pip, "--editable", f"{ROOT}[all]", "--group", f"{ROOT / 'pyproject.toml'}:dev"], check=True)
+        for step in steps:
+            subprocess.run([*pip, *step], check=True)
     except subprocess.CalledProcessError as error:
         command = " ".join(map(str, error.cmd))
         sys.exit(f"bootstrap.py: {command} failed (on Debian and Ubuntu: apt install python3-venv)")
