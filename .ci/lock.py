@@ -32,12 +32,12 @@ Target = tuple[str, str]
 
 
 def wanted(project: dict[str, Any]) -> list[str]:
-    """Return the requirements of the project, of all its extras and of its development."""
+    """Return the requirements of the project, of all its extras and of its development: what bootstrap.py installs."""
     extras: dict[str, list[str]] = project["project"]["optional-dependencies"]
     groups: dict[str, list[Any]] = project["dependency-groups"]
     texts = [*project["project"]["dependencies"], *project["build-system"]["requires"], *BESIDE]
     texts += [text for name, each in extras.items() if name != "all" for text in each]
-    texts += [text for each in groups.values() for text in each if isinstance(text, str)]
+    texts += [text for each in groups["dev"] for text in groups[each["include-group"]]]
     return sorted(set(texts))
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from riot_bus.cli.options import Format, OutputFormat, Salvage
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -170,7 +171,7 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
         if dry:
             typer.echo("nothing is written")
     for warning in result.warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        typer.echo(escape_control_chars(f"warning: {warning}"), err=True)
     problems = [f"{path}: {loss}" for path, loss in result.losses.items()]
     if result.unwritable:
         parts = ", ".join(f"{topic} {count}" for topic, count in list(result.unwritable.items())[:5])
@@ -181,6 +182,7 @@ def _tell(result: EditResult, form: OutputFormat, *, dry: bool) -> None:
 
 def _table(result: EditResult) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table("topic", box=None, header_style="bold", pad_edge=False)
@@ -194,7 +196,8 @@ def _table(result: EditResult) -> None:
         table.add_column("written as")
     for each in result.topics:
         row = [each.topic, *(str(getattr(each, name)) for name in columns)]
-        table.add_row(*row, *([each.written_as if each.written_as != each.topic else ""] if renamed else []))
+        row += [each.written_as if each.written_as != each.topic else ""] if renamed else []
+        table.add_row(*(escape(escape_control_chars(cell)) for cell in row))
     Console(soft_wrap=True).print(table)
 
 

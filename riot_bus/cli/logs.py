@@ -10,6 +10,7 @@ import typer
 
 from riot_bus.cli.archives import messages_to_file
 from riot_bus.cli.options import Format, OutputFormat, Salvage
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -110,7 +111,7 @@ def types(
         if form is OutputFormat.JSON:
             typer.echo(json.dumps(asdict(listing), indent=1))
         else:
-            typer.echo(f"{listing.name} ({listing.encoding})")
+            typer.echo(escape_control_chars(f"{listing.name} ({listing.encoding})"))
             _print_fields(listing)
 
 
@@ -171,7 +172,7 @@ def export(
         typer.echo(f"{out}: {done.rows} rows")
     for name, count in done.values.items():
         if not count:
-            typer.echo(f"riot: no message has a value of {name}", err=True)
+            typer.echo(f"riot: no message has a value of {escape_control_chars(name)}", err=True)
     _end(done.loss, None, log)
 
 
@@ -268,23 +269,22 @@ def _print_info(found: LogInfo) -> None:
     for name in ("messages", "Hz", *(["missing"] if missing else [])):
         table.add_column(name, justify="right")
     for topic in found.topics:
-        cells = [escape(_printable(topic.topic)), escape(_printable(topic.type or topic.encoding))]
+        cells = [escape(escape_control_chars(topic.topic)), escape(escape_control_chars(topic.type or topic.encoding))]
         cells += [str(topic.count), f"{topic.rate:.1f}"]
         table.add_row(*cells, *([str(topic.missing or 0)] if missing else []))
     _console().print(table)
     begun = f", from {_date(found.start)}" if found.start is not None else ""
-    profile = f", profile {_printable(found.profile)}" if found.profile else ""
+    profile = f", profile {escape_control_chars(found.profile)}" if found.profile else ""
     typer.echo(f"{found.seconds:.3f} s, {found.count} messages{begun}")
-    typer.echo(
-        f"{size_text(found.size)} in {found.chunks} chunks{profile}, by {_printable(found.library) or 'unknown'}"
-    )
+    library = escape_control_chars(found.library) or "unknown"
+    typer.echo(f"{size_text(found.size)} in {found.chunks} chunks{profile}, by {library}")
     for name, value in found.metadata.items():
         if name == "options" and "command" in found.metadata:
             continue  # the command line says it shorter; --format json has both
-        typer.echo(f"  {_printable(name)}: {_printable(value)}")
+        typer.echo(f"  {escape_control_chars(name)}: {escape_control_chars(value)}")
     for reason, topics in found.account.lost.items() if found.account is not None else ():
         for name, count in topics.items():
-            typer.echo(f"lost when recorded ({_printable(reason)}): {count} of {_printable(name)}")
+            typer.echo(f"lost when recorded ({escape_control_chars(reason)}): {count} of {escape_control_chars(name)}")
     if not found.scanned:
         typer.echo("from the summary alone; --scan reads all of the file and checks it")
 
@@ -296,7 +296,7 @@ def _print_ranges(ranges: list[TopicFields]) -> None:
     for topic in ranges:
         unreadable = f", {topic.unreadable} do not decode" if topic.unreadable else ""
         name = f"{topic.topic} ({topic.type or 'unknown type'}): {topic.count} messages{unreadable}"
-        typer.echo(f"\n{_printable(name)}")
+        typer.echo(f"\n{escape_control_chars(name)}")
         if not topic.fields:
             continue
         table = Table(box=None, header_style="bold", pad_edge=False)
@@ -310,7 +310,7 @@ def _print_ranges(ranges: list[TopicFields]) -> None:
             partial |= each.partial
             mark = "+" if each.partial else ""
             cells = (each.path, each.type, f"{each.count}{mark}", str(each.nan or ""), low, high)
-            table.add_row(*(escape(_printable(cell)) for cell in cells))
+            table.add_row(*(escape(escape_control_chars(cell)) for cell in cells))
         _console().print(table)
         if topic.omitted:
             typer.echo(f"and {topic.omitted} further fields, not looked at")
@@ -334,7 +334,8 @@ def _log_types(
         typer.echo(json.dumps([{"topic": topic, **asdict(listing)} for topic, listing in found], indent=1))
     else:
         for topic, listing in found:
-            typer.echo(f"{_printable(topic)}: {_printable(listing.name) or 'unknown type'} ({listing.encoding})")
+            kind = f"{listing.name or 'unknown type'} ({listing.encoding})"
+            typer.echo(escape_control_chars(f"{topic}: {kind}"))
             _print_fields(listing)
     _end(loss, None, log)
 
@@ -344,9 +345,9 @@ def _print_fields(listing: Any) -> None:
     for each in listing.fields:
         length = f"[{each.length}]" if each.length else ""
         unit = f"  {each.unit}" if each.unit else ""
-        typer.echo(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{_printable(unit)}")
+        typer.echo(escape_control_chars(f"  {each.path.ljust(width)}  {each.type}{length}{_bounds(each)}{unit}"))
     if listing.problem:
-        typer.echo(f"  {_printable(listing.problem)}")
+        typer.echo(f"  {escape_control_chars(listing.problem)}")
 
 
 def _bounds(field: Any) -> str:
@@ -360,11 +361,6 @@ def _console() -> Any:
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 200, highlight=False)
-
-
-def _printable(text: str) -> str:
-    """Return text of a file without what could command a terminal."""
-    return "".join(letter if letter.isprintable() else f"\\x{ord(letter):02x}" for letter in text)
 
 
 def _texts(examples: list[str]) -> str:

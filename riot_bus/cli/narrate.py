@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 import typer
 
 from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,7 +68,8 @@ class ConsoleNarrator:
 
     def _say(self, step: str, text: str) -> None:
         self._stop()
-        self._console.print(f"{step:>12}  {text}", markup=False, highlight=False, soft_wrap=True)
+        line = f"{step:>12}  {escape_control_chars(text, keep=chr(10))}"
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _stop(self) -> None:
         if self._bar is not None:

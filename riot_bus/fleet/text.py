@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log.text import size_text
+from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -44,7 +45,7 @@ def list_lines(entries: Sequence[LogEntry]) -> list[str]:
                 str(each.messages),
                 size_text(each.size),
                 state,
-                _plain(each.place),
+                escape_control_chars(each.place),
             )
         )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
@@ -62,7 +63,7 @@ def list_lines(entries: Sequence[LogEntry]) -> list[str]:
 def show_lines(entry: LogEntry) -> list[str]:
     """Return all that is known of a log."""
     lines = [
-        f"log {entry.number}: {_plain(entry.place)}",
+        f"log {entry.number}: {escape_control_chars(entry.place)}",
         f"robot {entry.robot} (as the {entry.named_by} says), {size_text(entry.size)}, profile {entry.profile or '-'}",
         f"{_moment(entry.start)} to {_moment(entry.end)} UTC, {entry.seconds:.3f} s, {entry.messages} messages",
     ]
@@ -77,7 +78,7 @@ def show_lines(entry: LogEntry) -> list[str]:
         touched = f", {each.originals} originals" if each.originals else ""
         kind = each.type or each.encoding or "-"
         lines.append(f"  {_short(each.topic).ljust(width)}  {each.count:>9}  {_short(kind)}{touched}")
-    return [_plain(line) for line in lines]
+    return [escape_control_chars(line) for line in lines]
 
 
 def entry_json(entry: LogEntry) -> dict[str, Any]:
@@ -93,7 +94,7 @@ def answer_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for row in rows:
         share = f" {row['failed']} of {row['trials']}" if row["answer"] == "failed" else ""
         detail = f": {_short(row['detail'].splitlines()[0], 200)}" if row["detail"] else ""
-        lines.append(_plain(f"{row['answer'] + share:<14} {row['place']}{detail}"))
+        lines.append(escape_control_chars(f"{row['answer'] + share:<14} {row['place']}{detail}"))
     counts = {kind: sum(row["answer"] == kind for row in rows) for kind in ("fixed", "failed", "error")}
     return [*lines, f"{len(rows)} logs: " + ", ".join(f"{number} {kind}" for kind, number in counts.items())]
 
@@ -102,13 +103,8 @@ def _lossy(entry: LogEntry) -> bool:
     return bool(entry.problem or entry.lost)
 
 
-def _plain(text: str) -> str:
-    """Replace what a terminal would obey."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in text)
-
-
 def _short(text: str, longest: int = _LONGEST) -> str:
-    text = _plain(text)
+    text = escape_control_chars(text)
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 

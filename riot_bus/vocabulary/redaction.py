@@ -20,6 +20,22 @@ def redacted(text: str) -> str:
     return _USER.sub(r"\1...@", text) if "://" in text else text
 
 
-def escape_control_chars(text: object) -> str:
-    """Replace what a terminal would obey."""
-    return "".join(each if each.isprintable() else "\ufffd" for each in str(text))
+def escape_control_chars(text: object, *, keep: str = "") -> str:
+    r"""Return text with escapes in place of what a terminal would obey.
+
+    Args:
+        text: Any.
+        keep: What stays as it is nevertheless, such as line breaks.
+
+    Example:
+        >>> escape_control_chars("a\x1b[31m")
+        'a\\x1b[31m'
+    """
+    plain = str(text)
+    if plain.isprintable():
+        return plain
+    return "".join(each if each.isprintable() or each in keep else _escaped(each) for each in plain)
+
+
+def _escaped(letter: str) -> str:
+    return letter.encode("unicode_escape", "surrogatepass").decode()

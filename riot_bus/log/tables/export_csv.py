@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from riot_bus.vocabulary.redaction import escape_control_chars
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
@@ -70,13 +72,8 @@ def _harmless(value: Any) -> Any:
 
 @lru_cache(maxsize=1 << 12)
 def _harmless_text(value: str) -> str:
-    if not value.isprintable():
-        value = "".join(each if each.isprintable() or each == "\n" else _escape(each) for each in value)
+    value = escape_control_chars(value, keep="\n")
     return f"'{value}" if value.startswith(_FORMULA) and not _NUMBER.fullmatch(value) else value
-
-
-def _escape(letter: str) -> str:
-    return letter.encode("unicode_escape", "surrogatepass").decode()
 
 
 def _text(value: Any) -> Any:

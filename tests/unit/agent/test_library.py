@@ -172,7 +172,7 @@ def test_a_hostile_log_is_named_and_takes_no_memory(tmp_path: Path) -> None:
     library = Library(tmp_path, "r7")
     library.start()
     try:
-        assert wait_until(lambda: library.logs()["complete"], 10)
+        look_at(library)
         (row,) = library.logs()["logs"]
         assert "more than ratio=200" in row["problem"]
         assert "RIOT_LOG_LIMITS=ratio=" in row["problem"]

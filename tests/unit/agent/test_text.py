@@ -24,7 +24,7 @@ def test_a_status() -> None:
         "r7: riot_bus 0.1.0, process 5, up for 10 s, bus tcp/127.0.0.1:7447",
         "playing play a.mcap, 1.2 of 4.0 s, 2x, 7 messages",
         "for ann@desk; stops if the controller is lost for 10 s (not seen for 3 s)",
-        "warning: odd\ufffd[2J",
+        "warning: odd\\x1b[2J",
     ]
     assert status_lines({**STATUS, "operation": None})[1:] == ["idle"]
 

@@ -1,12 +1,17 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import COMMANDS, make_app
+from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.message import Message
 
 
 @pytest.mark.parametrize("module", COMMANDS)
@@ -28,3 +33,28 @@ def test_a_wrong_command_is_answered_as_if_all_were_known() -> None:
     result = CliRunner().invoke(make_app("recrod"), ["recrod"])
     assert result.exit_code == 2
     assert "No such command 'recrod'" in result.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["info", "--fields"],
+        ["types"],
+        ["types", "--topics", "reed"],
+        ["export", "--field", "reed:x", "-o", "a.csv"],
+        ["export", "--field", "**:x", "-o", "a.csv"],
+        ["edit", "b.mcap"],
+        ["edit", "b.mcap", "--keep", "reed"],
+        ["edit", "b.mcap", "--set", "reed:x=5"],
+    ],
+)
+def test_no_name_in_a_log_commands_a_terminal(words: list[str], tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "a.mcap", metadata={"robot": "\x1b[2J"}) as writer:
+        writer.write(Message(10**18, "red\x1b[31m\x07", b'{"x\\u001b": 1, "x": 2}', encoding="application/json"))
+    command = [sys.executable, "-m", "riot_bus", words[0], "a.mcap", *words[1:]]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    assert "\x1b" not in said
+    assert "\x07" not in said
+    table = tmp_path / "a.csv"
+    assert "\\x1b" in said + (table.read_text() if table.exists() else "")

@@ -25,7 +25,7 @@ def test_a_table_of_logs() -> None:
     late = LogEntry(place="/f.mcap", size=1, stamp="", robot="r1", start=2**63 - 1, end=2**63 - 1, lost=1, gone=True)
     assert list_lines([LOG, empty, late]) == [
         "    robot  begin (UTC)          length  messages    size             log",
-        " 3  r7\ufffd    2023-11-14 22:13:20  90.0 s        12  3.1 MB             /logs/\ufffd[31mred.mcap",
+        " 3  r7\\n   2023-11-14 22:13:20  90.0 s        12  3.1 MB             /logs/\\x1b[31mred.mcap",
         "12  r1     -                     0.0 s         0     0 B  not a log  /e.mcap",
         " 0  r1     2262-04-11 23:47:16   0.0 s         0     1 B  gone       /f.mcap",
     ]
@@ -33,10 +33,10 @@ def test_a_table_of_logs() -> None:
 
 def test_one_log() -> None:
     assert show_lines(LOG) == [
-        "log 3: /logs/\ufffd[31mred.mcap",
-        "robot r7\ufffd (as the folder says), 3.1 MB, profile -",
+        "log 3: /logs/\\x1b[31mred.mcap",
+        "robot r7\\n (as the folder says), 3.1 MB, profile -",
         "2023-11-14 22:13:20 to 2023-11-14 22:14:50 UTC, 90.000 s, 12 messages",
-        "note: a\ufffdb",
+        "note: a\\x07b",
         "seed: 4",
         "  /odom         10  nav_msgs/msg/Odometry, 2 originals",
         "  x              2  json",
