@@ -12,6 +12,7 @@ from riot_bus.agent.names import UNDER, agent_token, controller_key, progress_ke
 from riot_bus.agent.proof import new_secret, prove
 from riot_bus.control.server import Control
 from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import client_config
 
@@ -129,7 +130,7 @@ class FleetLink:
                 self._failed(EnvironmentFaultError(f"the link to the fleet failed: {error!r}", where=self._endpoint))
                 return
             else:
-                self._say(f"connected to the fleet router at {self._endpoint}")
+                self._say(f"connected to the fleet router at {redacted(self._endpoint)}")
                 return
 
     def _open(self) -> None:

@@ -10,6 +10,7 @@ from riot_bus.bridge.port import message_of, put_one_by_one
 from riot_bus.router.advanced.proxy_publisher import StoreFilter
 from riot_bus.router.audience import Audience, Inner
 from riot_bus.vocabulary.message import Qos
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.session import release
@@ -90,7 +91,7 @@ class InnerPort:
     def __init__(self, bus: Bus, segment: str) -> None:
         self._bus, self._segment = bus, segment
         self._session, self._zid = bus.segment(segment).session, bus.segment(segment).zid
-        self.endpoint = bus.endpoint(segment)
+        self.endpoint = redacted(bus.endpoint(segment))
         self._ramp = bus.ramp(segment)
         # Who records a router of one segment listens on this very session, and so do we.
         self._speaking = threading.local() if len(bus.sessions) == 1 else None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.bridge.token_table import TokenTable
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.keyexpr_pins import begin_pinning, end_pinning, pin
 from riot_bus.zenoh.session import open_session, prepare_runtime, release
 from riot_bus.zenoh.session_config import client_config
@@ -204,7 +205,7 @@ class SegmentPort:
 
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
         self._session = session
-        self.endpoint = endpoint
+        self.endpoint = redacted(endpoint)
         self.zid = str(session.info.zid())
         self._tokens: dict[str, TokenTable] = {}
         self._watching = threading.Lock()

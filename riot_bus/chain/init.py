@@ -56,6 +56,7 @@ def init_ros2(
     check_path(path, force=force)
     registry = TypeRegistry(load_adapters(["ros2"]))
     seen = survey(endpoint, registry, seconds=seconds, config=client_cfg(cfg))
+    shown = redacted(endpoint)
     found = sketch(
         seen.announcements,
         offered=seen.offered,
@@ -63,12 +64,10 @@ def init_ros2(
         unit=unit,
         external=external,
         started=seen.started,
-        where=endpoint,
+        where=shown,
     )
-    write_system(
-        path, sketch_toml(found, origin=f"what {redacted(endpoint)} announced within {seconds:g} s"), force=force
-    )
-    return {"file": str(path), "endpoint": endpoint, "skipped": seen.skipped, **sketch_json(found)}
+    write_system(path, sketch_toml(found, origin=f"what {shown} announced within {seconds:g} s"), force=force)
+    return {"file": str(path), "endpoint": shown, "skipped": seen.skipped, **sketch_json(found)}
 
 
 def init_links(

@@ -48,17 +48,17 @@ def agent(
     cfg: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=VALUE|KEY=@FILE",
+            metavar="KEY=VALUE",
             envvar="RIOT_CLIENT_CFG",
-            help="A Zenoh setting of clients of the robot's bus; repeatable.",
+            help="A Zenoh setting of clients of the robot's bus; KEY=@FILE for passwords; repeatable.",
         ),
     ] = None,
     fleet_cfg: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=VALUE|KEY=@FILE",
+            metavar="KEY=VALUE",
             envvar="RIOT_FLEET_CFG",
-            help="Of the client of the fleet's router, such as a certificate, or a password in a file; repeatable.",
+            help="Of the client of the fleet's router, such as a certificate; KEY=@FILE for passwords; repeatable.",
         ),
     ] = None,
     allow: Annotated[
@@ -99,7 +99,7 @@ def agent(
         endpoint=endpoint,
         fleet=fleet,
         config=client_cfg(cfg or ()),
-        fleet_config=client_cfg(fleet_cfg or ()),
+        fleet_config=client_cfg(fleet_cfg or (), where="--fleet-cfg"),
         allow=() if allow == ["nothing"] else allow or PERMISSIONS,
         catalogue=catalogue,
         keep_free=parse_size(keep_free, "--keep-free"),

@@ -32,9 +32,9 @@ RouterName = Annotated[
 Cfg = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="KEY=VALUE|KEY=@FILE",
+        metavar="KEY=VALUE",
         envvar="RIOT_CLIENT_CFG",
-        help="A Zenoh setting of this client, such as a certificate, or a password in a file; repeatable.",
+        help="A Zenoh setting of this client, such as a certificate; KEY=@FILE for passwords; repeatable.",
     ),
 ]
 Keys = Annotated[list[str], typer.Argument(metavar="KEYEXPR...", help="Key expressions, or ROS names such as /odom.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import logging
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.cli.fastpath import quick_start, warn
 from riot_bus.findings.steps import STEPS
 from riot_bus.vocabulary.errors import RiotError
-from riot_bus.vocabulary.redaction import escape_control_chars
+from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
     import typer
@@ -62,8 +63,17 @@ def make_app(command: str | None = None) -> typer.Typer:
     return app
 
 
+class _Redacting(logging.Formatter):
+    """Leaves secrets out of what is logged, tracebacks included."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return redacted(super().format(record))
+
+
 def run() -> None:
     """Entry point of the console scripts."""
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(_Redacting())
     arguments = sys.argv[1:]
     try:
         if not quick_start(arguments):

@@ -13,6 +13,8 @@ from riot_bus.cli.options import Format, OutputFormat
 
 __all__ = ["register"]
 
+_SECRET = ("--cfg", "--fleet-cfg")
+
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
@@ -162,7 +164,7 @@ def _notes(texts: list[str] | tuple[()]) -> dict[str, str]:
 
 
 def _command(words: list[str]) -> str:
-    """Return the command line without the values of --cfg, which may be passwords, and what endpoints hold."""
+    """Return the command line without the values of --cfg, which may be passwords, and configurations of endpoints."""
     import shlex
 
     from riot_bus.vocabulary.redaction import redacted
@@ -172,9 +174,9 @@ def _command(words: list[str]) -> str:
         option, equals, value = word.partition("=")
         if hide:
             shown.append(word.partition("=")[0] + "=...")
-        elif option == "--cfg" and equals:
-            shown.append(f"--cfg={value.partition('=')[0]}=...")
+        elif option in _SECRET and equals:
+            shown.append(f"{option}={value.partition('=')[0]}=...")
         else:
-            shown.append(word)
-        hide = word == "--cfg"
-    return shlex.join(["riot", *map(redacted, shown[1:])])
+            shown.append(redacted(word))
+        hide = word in _SECRET
+    return shlex.join(["riot", *shown[1:]])

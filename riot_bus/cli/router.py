@@ -56,7 +56,11 @@ def router(
     ] = None,
     cfg: Annotated[
         list[str] | None,
-        typer.Option(metavar="SEGMENT:KEY=VALUE", envvar="RIOT_CFG", help="A Zenoh setting of a segment; repeatable."),
+        typer.Option(
+            metavar="SEGMENT:KEY=VALUE",
+            envvar="RIOT_CFG",
+            help="A Zenoh setting of a segment; KEY=@FILE for secrets; repeatable.",
+        ),
     ] = None,
     name: Annotated[
         str | None, typer.Option(metavar="NAME", envvar="RIOT_NAME", help="The router's name. [default: router]")
@@ -150,7 +154,10 @@ def env(
     ] = FlavourName.RMW_ZENOH,
     host: Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")] = None,
     cfg: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the component; repeatable.")
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."
+        ),
     ] = None,
     file: Annotated[
         Path | None, typer.Option(help="For zenoh: the file to write. [default: zenoh-SEGMENT.json5]")

@@ -14,8 +14,7 @@ from riot_bus.control.environment import (
     session_file,
 )
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.config_files import absolute_file, cfg_value
-from riot_bus.zenoh.config_keys import leaves
+from riot_bus.zenoh.config_files import settings_of_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,25 +24,24 @@ if TYPE_CHECKING:
 __all__ = ["client_cfg", "component_environment", "segment_endpoints"]
 
 
-def client_cfg(texts: Sequence[str], *, cwd: Path | None = None) -> dict[str, Any]:
+def client_cfg(texts: Sequence[str], *, cwd: Path | None = None, where: str = "--cfg") -> dict[str, Any]:
     """Parse `KEY=VALUE`, settings of a client's Zenoh configuration.
 
     Args:
-        texts: As written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`, whose text is the value.
+        texts: As written; a value is JSON5, or text where Zenoh takes it as such, or `@FILE`.
         cwd: Where relative paths start from, by default the working folder.
+        where: The option, for errors.
 
     Raises:
-        ConfigError: A text is not of this form, or Zenoh refuses it.
+        ConfigError: A text is not of this form, Zenoh refuses it, or a file is missing or readable by others.
     """
     config: dict[str, Any] = {}
-    root = cwd or Path.cwd()
     for text in texts:
         key, equals, value = text.partition("=")
         if not key or not equals:
             hint = "write KEY=VALUE, such as transport/link/tls/root_ca_certificate=ca.pem"
-            raise ConfigError(f"{text!r} is not a Zenoh setting", where="--cfg", hint=hint)
-        parts = leaves({key.strip("/"): cfg_value(key.strip("/"), value, root, where="--cfg")})
-        config |= {leaf: absolute_file(leaf, each, root, where="--cfg") for leaf, each in parts.items()}
+            raise ConfigError(f"{text!r} is not a Zenoh setting", where=where, hint=hint)
+        config |= settings_of_text(key.strip("/"), value, cwd or Path.cwd(), where=where)
     return config
 
 

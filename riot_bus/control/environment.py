@@ -115,8 +115,8 @@ def missing_for_clients(segment: SegmentSettings, config: Mapping[str, Any]) -> 
             known.setdefault(f"{TLS}/enable_mtls", True)
     if segment.config.get(f"{USERS}/dictionary_file"):
         hints += [
-            f"the segment asks for a {key}: --cfg {USERS}/{key}=..."
-            for key in ("user", "password")
+            f"the segment asks for a {key}: --cfg {USERS}/{key}={value}"
+            for key, value in (("user", "..."), ("password", "@FILE"))
             if f"{USERS}/{key}" not in known
         ]
     return known, hints

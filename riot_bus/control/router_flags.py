@@ -12,8 +12,7 @@ from riot_bus.config.router_settings import DEFAULT_SEGMENTS, RouterSettings, Se
 from riot_bus.config.setting_checks import SEGMENT_NAME
 from riot_bus.config.toml_file import MistakeError
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.zenoh.config_files import absolute_file, cfg_value, check_certificates, endpoint_files
-from riot_bus.zenoh.config_keys import leaves
+from riot_bus.zenoh.config_files import check_certificates, endpoint_files, settings_of_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -119,8 +118,7 @@ def _segments(settings: RouterSettings, flags: RouterFlags, cwd: Path) -> dict[s
         name, key, value = parse_cfg(text)
         _check_known(name, segments, "--cfg")
         where = f"--cfg {name}"
-        parts = leaves({key: cfg_value(key, value, cwd, where=where)})
-        config = {leaf: absolute_file(leaf, each, cwd, where=where) for leaf, each in parts.items()}
+        config = settings_of_text(key, value, cwd, where=where)
         segments[name] = _changed(segments[name], "config", {**segments[name].config, **config}, where)
     return segments
 

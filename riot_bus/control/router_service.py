@@ -163,9 +163,9 @@ class RouterService(Operations):
 
     @property
     def endpoints(self) -> dict[str, tuple[str, ...]]:
-        """Where components of each segment connect."""
+        """Where components of each segment connect, to be shown."""
         bus = self._open_bus()
-        return {name: bus.segment(name).endpoints for name in self.settings.segments}
+        return {name: status.shown_endpoints(bus.segment(name)) for name in self.settings.segments}
 
     def status(self) -> dict[str, Any]:
         """Return all that there is to say, as JSON values."""

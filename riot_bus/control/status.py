@@ -20,11 +20,26 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.bus import Bus
     from riot_bus.router.counts import Losses
+    from riot_bus.zenoh.segments import Segment
 
-__all__ = ["bypass_rows", "count_rows", "count_table", "interceptor_rows", "loss_rows", "plan_row", "segment_rows"]
+__all__ = [
+    "bypass_rows",
+    "count_rows",
+    "count_table",
+    "interceptor_rows",
+    "loss_rows",
+    "plan_row",
+    "segment_rows",
+    "shown_endpoints",
+]
 
 MOST_TOPICS = 2000
 """How many topics are told one by one, the busiest; the rest is told as one."""
+
+
+def shown_endpoints(segment: Segment) -> tuple[str, ...]:
+    """Return where a segment listens, without what stands behind `#`."""
+    return tuple(redacted(each) for each in segment.endpoints)
 
 
 def segment_rows(bus: Bus, graph: Graph) -> dict[str, dict[str, Any]]:
@@ -38,7 +53,7 @@ def segment_rows(bus: Bus, graph: Graph) -> dict[str, dict[str, Any]]:
             known = graph.component(zid, name)
             label = known.label if known is not None and known.label != zid[:8] else ""
             components.append({"zid": zid, "mode": found[zid], "name": label})
-        rows[name] = {"endpoints": list(map(redacted, bus.segment(name).endpoints)), "components": components}
+        rows[name] = {"endpoints": list(shown_endpoints(bus.segment(name))), "components": components}
     return rows
 
 

@@ -16,6 +16,7 @@ from riot_bus.doctor.host import (
     shared_memory,
     versions,
 )
+from riot_bus.vocabulary.redaction import redacted
 from riot_bus.zenoh.scouting import THIS_HOST, scout
 
 if TYPE_CHECKING:
@@ -181,7 +182,7 @@ def _processors(facts: Facts) -> Check:
 
 
 def _port(found: PortState) -> Check:
-    name = f"port {found.endpoint}"
+    name = f"port {redacted(found.endpoint)}"
     match found.state:
         case "free":
             return Check(name, "ok", "free")

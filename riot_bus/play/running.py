@@ -86,10 +86,9 @@ def _ready(service: PlayService, *, as_json: bool) -> str:
         return json.dumps(started, sort_keys=True)
     status = service.status()
     logs = ", ".join(str(path) for path in options.logs)
-    length = status["end"] - status["start"]
+    length, where = status["end"] - status["start"], redacted(options.endpoint)
     return escape_control_chars(
-        f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, "
-        f"to {redacted(options.endpoint)}"
+        f"{service.name}: {len(topics)} topics of {logs}, {length:.1f} s, {speed(options.rate)}, to {where}"
     )
 
 

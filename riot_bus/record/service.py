@@ -402,7 +402,7 @@ class CaptureService:
         linked = any(True for _ in self._session.info.transports())
         if linked != self._linked:
             self._linked = linked
-            where = self.options.endpoint
+            where = redacted(self.options.endpoint)
             if linked:
                 self._warn(f"the link to {where} is back")
             else:
@@ -415,6 +415,7 @@ class CaptureService:
         options = self.options
         hidden = {"config", "notes", "definitions", "monitors"}  # configuration may hold passwords
         settings = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in hidden}
+        settings["endpoint"] = redacted(options.endpoint)
         found = {
             "recorder": self.name,
             **run_facts(),

@@ -54,7 +54,7 @@ class BridgePort(Protocol):
 
     @property
     def endpoint(self) -> str:
-        """Where it is connected."""
+        """Where it is connected, to be shown: without what stands behind `#`."""
 
     def publisher(
         self, key: str, *, reliable: bool, changed: Callable[[], None] | None = None, encoding: str = ""
@@ -80,7 +80,7 @@ class SegmentAccess(Protocol):
 
     @property
     def endpoint(self) -> str:
-        """Where it is connected."""
+        """Where it is connected, to be shown: without what stands behind `#`."""
 
     def publisher(
         self, key: str, *, reliable: bool, latched: int | None = None, changed: Callable[[], None] = lambda: None

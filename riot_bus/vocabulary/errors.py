@@ -25,7 +25,7 @@ __all__ = [
 
 
 class RiotError(Exception):
-    """Root of every error that riot_bus raises on purpose.
+    """Root of every error that riot_bus raises on purpose; secrets in its texts are left out.
 
     Secrets that an endpoint may hold are left out of its texts.
 
@@ -38,10 +38,10 @@ class RiotError(Exception):
     exit_code = 2
 
     def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
-        super().__init__(redacted(message))
         self.message = redacted(message)
-        self.where = None if where is None else redacted(where)
-        self.hint = None if hint is None else redacted(hint)
+        self.where = where and redacted(where)
+        self.hint = hint and redacted(hint)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.message}" if self.where else self.message

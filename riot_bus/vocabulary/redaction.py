@@ -1,4 +1,4 @@
-"""What is kept or shown of texts that come from elsewhere: no secrets, and nothing that a terminal would obey."""
+"""What is kept or shown of texts from elsewhere: no secrets of endpoints, and nothing that a terminal would obey."""
 
 from __future__ import annotations
 
@@ -6,18 +6,49 @@ import re
 
 __all__ = ["escape_control_chars", "redacted"]
 
-_CONFIG = re.compile(r"(?<![\w/])((?:tcp|tls|quic|udp|ws|unixsock-stream|serial)/[^\s#'\",]+)#[^\s'\",]*")
-_USER = re.compile(r"\b([a-z][a-z0-9+.-]*://)[^\s/@'\"]+@")
+_MARK = re.compile(r"#|(?:password|private_key_base64|private_key_pem)=(?!@)", re.ASCII)
+_ENDPOINT = re.compile(
+    r"(?:^|[^\w.+-])(?:tcp|tls|quic|udp|ws|wss|unixsock-stream|unixpipe|serial|vsock)/", re.IGNORECASE
+)
+_SETTING = re.compile(r"\w+=", re.ASCII)
+_USER = re.compile(r"(://|(?<![\w/.+-])(?:tcp|tls|quic|udp|wss?)/)[^\s/'\"@:#]*:[^\s/'\"#]*@", re.IGNORECASE)
+_BREAK = re.compile(r"[\s'\"]")
+_QUOTED = {quote: re.compile(rf"(?:\\.|[^\\{quote}])*+", re.DOTALL) for quote in "'\""}
+_WORD = re.compile(r"\S*")
+_PUNCTUATION = ",:;)]"
 
 
 def redacted(text: str) -> str:
-    """Return a text in which endpoints end at their `#`, and URLs name no user.
+    """Return a text in which no endpoint shows its configuration or a password.
 
-    `tls/host:1#a=b;c=d` becomes `tls/host:1#...`: keys and passwords may stand there, and their names tell enough.
+    Behind a quote a secret ends with the quote, else at white space. What is a file (`password=@FILE`) stays.
+
+    Args:
+        text: An endpoint, or a longer text with endpoints and settings in it.
+
+    Example:
+        >>> redacted("nobody answers at tls/host:1#a=b;c=d: is it there?")
+        'nobody answers at tls/host:1#...: is it there?'
     """
-    if "#" in text:
-        text = _CONFIG.sub(r"\1#...", text)
-    return _USER.sub(r"\1...@", text) if "://" in text else text
+    if "@" in text:
+        text = _USER.sub(r"\1...@", text)
+    shown, done = [], 0
+    while mark := _MARK.search(text, done):
+        before = text[done : mark.start()]
+        word = _BREAK.split(before)[-1]
+        shown.append(before + mark[0])
+        done = mark.end()
+        if mark[0] != "#" or _ENDPOINT.search(word) or ("/" in word and _SETTING.match(text, done)):
+            quote = before[: len(before) - len(word)][-1:]
+            done = _end(text, done, quote)
+            shown.append("...")
+    return "".join(shown) + text[done:]
+
+
+def _end(text: str, start: int, quote: str) -> int:
+    found = _QUOTED.get(quote, _WORD).match(text, start)
+    secret = found.group() if found else ""
+    return start + len(secret if quote in _QUOTED else secret.rstrip(_PUNCTUATION))
 
 
 def escape_control_chars(text: object, *, keep: str = "") -> str:

@@ -1,8 +1,9 @@
-"""Files that a segment's Zenoh configuration names: made absolute, and missed before Zenoh misses them."""
+"""Files that a Zenoh configuration names: made absolute, missed before Zenoh misses them, and secrets for one user."""
 
 from __future__ import annotations
 
-import json
+import os
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.config.endpoints import ENCRYPTED, Endpoint, parse_endpoint
 from riot_bus.config.toml_file import place_of
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.zenoh.config_keys import check_config, leaves, value_of
+from riot_bus.zenoh.config_keys import check_config, leaves, value_of, value_of_file
 
 if TYPE_CHECKING:
     from riot_bus.config.router_settings import RouterSettings, SegmentSettings
@@ -20,11 +21,9 @@ __all__ = [
     "TLS",
     "USERS",
     "absolute_file",
-    "cfg_value",
     "check_certificates",
-    "check_private",
     "endpoint_files",
-    "read_secret",
+    "settings_of_text",
     "with_files",
 ]
 
@@ -41,9 +40,8 @@ FILE_KEYS = frozenset(
 )
 """Keys whose value is the path of a file."""
 
-_PRIVATE_KEYS = frozenset(key for key in FILE_KEYS if "private_key" in key or key.endswith("dictionary_file"))
-_LONGEST_SECRET = 1 << 16
-
+_LARGEST_SECRET = 64 << 10
+_OTHERS = 0o077
 _LISTENER_NEEDS = ("listen_certificate", "listen_private_key")
 
 
@@ -74,67 +72,57 @@ def with_files(segment: SegmentSettings, root: Path, *, path: Path, text: str, n
     return replace(segment, config=config, **ends)
 
 
-def read_secret(text: str, root: Path, *, where: str) -> str:
-    """Return the text of a file that holds a secret, without its last line feed.
+def settings_of_text(key: str, text: str, root: Path, *, where: str) -> dict[str, Any]:
+    """Return what `KEY=TEXT` of a command line sets: `@FILE` is replaced by what the file holds, paths are absolute.
 
     Args:
-        text: Its path, as written.
+        key: As Zenoh has it.
+        text: JSON5, or text where Zenoh takes it as such, or `@FILE`.
         root: Folder that relative paths start from.
-        where: Place for errors.
+        where: The option, for errors.
 
     Raises:
-        ConfigError: It does not exist, is too long or no text, or others may read it.
-    """
-    path = _existing(text, root, where=where)
-    check_private(path, where=where)
-    try:
-        with path.open(encoding="utf-8") as file:
-            found = file.read(_LONGEST_SECRET + 1)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {error}", where=where) from None
-    if len(found) > _LONGEST_SECRET:
-        raise ConfigError(f"{path} is longer than {_LONGEST_SECRET} letters", where=where, hint="is it the right file?")
-    return found.removesuffix("\n")
-
-
-def cfg_value(key: str, text: str, root: Path, *, where: str) -> Any:
-    """Return a value of `--cfg KEY=VALUE`: JSON5, or text, or the text of a file that `@FILE` names.
-
-    Raises:
-        ConfigError: Zenoh does not know the key or refuses the value, or the file cannot be used.
+        ConfigError: Zenoh does not know the key or refuses its value, or a file is missing or readable by others.
     """
     if not text.startswith("@"):
-        return value_of(key, text, where=where)
-    return value_of(key, json.dumps(read_secret(text[1:], root, where=f"{where}: {key}")), where=where)
+        value = value_of(key, text, where=where)
+    elif key in FILE_KEYS:
+        raise ConfigError(f"{key} is the path of a file", where=where, hint="leave the @ out")
+    else:
+        path = _existing(text[1:], root, where=f"{where}: {key}", secret=True)
+        value = value_of_file(key, _held(path, where=f"{where}: {key}"), where=f"{where}: {path}")
+    return {leaf: absolute_file(leaf, each, root, where=where) for leaf, each in leaves({key: value}).items()}
 
 
-def check_private(path: Path, *, where: str) -> None:
-    """Raise ConfigError if others than its owner may read a file."""
-    mode = path.stat().st_mode & 0o777
-    if mode & 0o077:
-        hint = f"chmod 600 {path}"
-        raise ConfigError(f"others may read the secrets in {path} (mode {mode:03o})", where=where, hint=hint)
+def _held(path: Path, *, where: str) -> str:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(_LARGEST_SECRET + 1)
+        if len(data) > _LARGEST_SECRET:
+            raise ConfigError(f"{path} is larger than 64 KiB", where=where, hint="is it the right file?")
+        return data.decode().removesuffix("\n").removesuffix("\r")
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}", where=where) from error
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path} is not text in UTF-8", where=where, hint="is it the right file?") from None
 
 
 def absolute_file(key: str, value: Any, root: Path, *, where: str) -> Any:
     """Return a value with its path made absolute, if the key is one of a file.
 
     Raises:
-        ConfigError: The file does not exist, or it holds secrets that others may read.
+        ConfigError: The file does not exist, or holds a secret and may be read by others.
     """
     if key not in FILE_KEYS or not isinstance(value, str):
         return value
-    path = _existing(value, root, where=f"{where}: {key}")
-    if key in _PRIVATE_KEYS:
-        check_private(path, where=f"{where}: {key}")
-    return str(path)
+    return str(_existing(value, root, where=f"{where}: {key}", secret=_is_secret(key)))
 
 
 def endpoint_files(text: str, root: Path, *, where: str) -> str:
     """Return an endpoint with the paths in its config part made absolute: `tls/host:1#root_ca_certificate_file=x`.
 
     Raises:
-        ConfigError: A file does not exist, or it holds secrets that others may read.
+        ConfigError: A file does not exist, or holds a secret and may be read by others.
     """
     endpoint = parse_endpoint(text)
     parameters = endpoint.parameters
@@ -142,19 +130,36 @@ def endpoint_files(text: str, root: Path, *, where: str) -> str:
         return text
     for key, value in parameters.items():
         if key.endswith("_file"):
-            path = _existing(value, root, where=f"{where}: {key}")
-            if "private_key" in key:
-                check_private(path, where=f"{where}: {key}")
-            parameters[key] = str(path)
+            parameters[key] = str(_existing(value, root, where=f"{where}: {key}", secret=_is_secret(key)))
     return str(endpoint.with_parameters(parameters))
 
 
-def _existing(text: str, root: Path, *, where: str) -> Path:
+def _is_secret(key: str) -> bool:
+    return "private_key" in key or key.endswith("dictionary_file")
+
+
+def _existing(text: str, root: Path, *, where: str, secret: bool) -> Path:
     path = root / Path(text).expanduser()
     if not path.is_file():
         hint = "relative paths start from the folder of riot.toml, in options from the working folder"
         raise ConfigError(f"there is no file {path}", where=where, hint=hint)
+    if secret:
+        _check_private(path, where=where)
     return path.absolute()  # links stay links: certificates are renewed behind them
+
+
+def _check_private(path: Path, *, where: str) -> None:
+    mode = path.stat().st_mode & 0o777
+    if os.name != "posix" or not mode & _OTHERS or _is_credential(path):
+        return
+    hint = f"chmod 600 {shlex.quote(str(path))}"
+    raise ConfigError(f"others may read {path} (mode {mode:04o}), which holds a secret", where=where, hint=hint)
+
+
+def _is_credential(path: Path) -> bool:
+    """Whether systemd keeps it (`LoadCredential=`), where only this service may look; its mode shows an ACL."""
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    return folder is not None and path.resolve().is_relative_to(Path(folder).resolve())
 
 
 def check_certificates(settings: RouterSettings) -> None:

@@ -13,10 +13,12 @@ from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["check_config", "leaves", "value_of"]
+__all__ = ["check_config", "leaves", "value_of", "value_of_file"]
 
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+.*", re.DOTALL)
 _REASON = re.compile(r'msg: "(.*?)", location', re.DOTALL)
+_UNKNOWN = "unknown key"
+_VALUES = "values are JSON; keys and values are those of Zenoh's DEFAULT_CONFIG.json5"
 
 
 def leaves(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -67,6 +69,27 @@ def value_of(key: str, text: str, *, where: str) -> Any:
     raise _refused(key, text, problem, where)
 
 
+def value_of_file(key: str, text: str, *, where: str) -> Any:
+    """Return the value that a file holds: its text, or JSON5 where Zenoh takes no text. Errors do not show it.
+
+    Args:
+        key: The key that it is meant for.
+        text: What the file holds.
+        where: Place for errors.
+
+    Raises:
+        ConfigError: Zenoh does not know the key, or takes neither.
+    """
+    problem = _refusal(key, json.dumps(text))
+    if problem is None:
+        return text
+    if _refusal(key, text) is None:
+        return _json5(text)
+    if _UNKNOWN in problem:
+        raise _refused(key, "", problem, where)
+    raise ConfigError(f"Zenoh refuses what this file holds for {key!r}", where=where, hint=_VALUES)
+
+
 def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
     if not isinstance(value, dict) or not isinstance(known := _default(key), dict) or not known:
         yield key, value
@@ -106,12 +129,11 @@ def _refusal(key: str, value: str) -> str | None:
 
 
 def _refused(key: str, value: str, problem: str, where: str) -> ConfigError:
-    if "unknown key" in problem:
+    if _UNKNOWN in problem:
         return ConfigError(f"Zenoh has no key {key!r}", where=where, hint=did_you_mean(key, _known()))
     found = _REASON.search(problem)
     short = _PLACE.sub("", found.group(1) if found else problem).replace("\\n", "\n").strip().splitlines()[-1]
-    hint = "values are JSON; keys and values are those of Zenoh's DEFAULT_CONFIG.json5"
-    return ConfigError(f"Zenoh refuses {value} for {key!r}: {short.strip(' =')}", where=where, hint=hint)
+    return ConfigError(f"Zenoh refuses {value} for {key!r}: {short.strip(' =')}", where=where, hint=_VALUES)
 
 
 def _json5(text: str) -> Any:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from riot_bus.zenoh.config_files import endpoint_files
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,9 +69,14 @@ def client_config(endpoint: str, *, extra: Mapping[str, Any] | None = None) -> S
     """Return the configuration of a client of one router.
 
     Args:
-        endpoint: Where the router listens.
+        endpoint: Where the router listens; paths behind its `#` start from the working folder.
         extra: Further keys; they win.
+
+    Raises:
+        ConfigError: A file that the endpoint names does not exist, or holds a secret and may be read by others.
     """
+    if "_file=" in endpoint:
+        endpoint = endpoint_files(endpoint, Path.cwd(), where="endpoint")
     return {
         "mode": "client",
         "connect/endpoints": [endpoint],

@@ -124,7 +124,9 @@ def mavlink(
 
     joins = segment is not None or endpoint is not None
     wanted = {"listen": listen, "intercept": intercept, "interceptor": interceptor, "inject": inject, "record": record}
-    _check_ways(segment, endpoint, cfg, joins=joins, of_router=[name for name, value in wanted.items() if value])
+    source = context.get_parameter_source("cfg")  # a variable may be meant for other commands
+    written = cfg if source is not None and source.name == "COMMANDLINE" else None
+    _check_ways(segment, endpoint, written, joins=joins, of_router=[name for name, value in wanted.items() if value])
     options = MavlinkBridgeOptions(
         links=link or (),
         dialect=dialect or DEFAULT,

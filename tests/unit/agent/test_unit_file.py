@@ -19,7 +19,8 @@ def test_its_variables_and_options_exist() -> None:
     text = UNIT.read_text()
     told = CliRunner().invoke(make_app(), ["agent", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
     variables = set(re.findall(r"\bRIOT_\w+", text))
-    assert variables == {"RIOT_ROBOT", "RIOT_ENDPOINT", "RIOT_FLEET", "RIOT_AGENT_LOGS", "RIOT_AGENT_CATALOGUE"}
+    others = {"RIOT_ROBOT", "RIOT_ENDPOINT", "RIOT_AGENT_LOGS", "RIOT_AGENT_CATALOGUE"}
+    assert variables == others | {"RIOT_FLEET", "RIOT_FLEET_CFG"}
     options = set(re.findall(r"--[a-z][a-z-]+", text)) - {"--now"}
     assert [each for each in variables | options if each not in told] == []
     assert "ExecStart=/opt/riot/bin/riot agent " in text

@@ -141,3 +141,10 @@ def test_options_that_do_not_go_together(words: list[str], message: str) -> None
     result = riot(*words)
     assert isinstance(result.exception, ConfigError)
     assert message in str(result.exception)
+
+
+def test_a_variable_for_clients_does_not_disturb_a_bridge_that_is_its_own_router(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("RIOT_CLIENT_CFG", "timestamping/enabled=true")
+    assert "no link to be bridged" in str(riot("mavlink").exception)

@@ -29,6 +29,26 @@ def test_one_command_needs_its_module_alone() -> None:
     assert list(typer.main.get_group(make_app("--version")).commands) == list(everything)
 
 
+def test_what_is_logged_shows_no_secret() -> None:
+    code = """
+import logging, sys
+from riot_bus.cli import main
+sys.argv = ["riot", "--version"]
+try:
+    main.run()
+except SystemExit:
+    pass
+try:
+    raise ValueError("tls/host:1#key=s3kR1t")
+except ValueError:
+    logging.getLogger("riot_bus.any").exception("no link to %s", "tls/host:1#key=s3kR1t")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert "no link to tls/host:1#...\n" in done.stderr
+    assert "ValueError: tls/host:1#..." in done.stderr
+    assert "s3kR1t" not in done.stderr
+
+
 def test_a_wrong_command_is_answered_as_if_all_were_known() -> None:
     result = CliRunner().invoke(make_app("recrod"), ["recrod"])
     assert result.exit_code == 2

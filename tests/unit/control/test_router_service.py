@@ -13,6 +13,7 @@ from riot_bus.config.router_settings import RouterSettings, SegmentSettings
 from riot_bus.control.commands import answer, refusal
 from riot_bus.control.remote import Remote, find_routers
 from riot_bus.control.router_flags import RouterFlags, merged
+from riot_bus.control.router_process import _ready
 from riot_bus.control.router_service import ROUTER_COMMANDS as COMMANDS
 from riot_bus.control.router_service import RouterService
 from riot_bus.graph.history import replay
@@ -24,7 +25,7 @@ from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
-from riot_bus.zenoh.session import wait_until
+from riot_bus.zenoh.session import free_endpoint, wait_until
 
 PLAN = '[[inject]]\ntopic = "{}"\nfield = "v"\nvalue = 1\n'
 FREE = ("a=tcp/127.0.0.1:0", "b=tcp/127.0.0.1:0")
@@ -135,6 +136,18 @@ def test_a_recording_begins_goes_on_elsewhere_and_ends(router: RouterService, tm
         with LogReader(tmp_path / name) as reader:
             assert not reader.loss
             assert reader.metadata["router"] == "router"
+
+
+def test_what_is_behind_the_hash_of_an_endpoint_is_not_told_and_not_recorded(tmp_path: Path) -> None:
+    place = free_endpoint().replace("tcp", "ws")  # Zenoh does not say where it listens for ws
+    segments = [f"a={place}#so_sndbuf=65536", "b=tcp/127.0.0.1:0#so_sndbuf=65536"]
+    flags = RouterFlags(segments=segments, record=tmp_path / "a.mcap")
+    with RouterService(merged(RouterSettings(), flags), scouting=None) as router:
+        told = [json.dumps(router.status()), *(_ready(router, as_json=each) for each in (True, False))]
+        assert router.endpoints["a"] == (f"{place}#...",)
+    assert all(f"{place}#..." in text and "65536" not in text for text in told)
+    with LogReader(tmp_path / "a.mcap") as reader:
+        assert reader.metadata["segments"] == f"a={place}#... b=tcp/127.0.0.1:0#..."
 
 
 def test_components_are_told_to_interceptors_and_written_into_each_log(tmp_path: Path) -> None:

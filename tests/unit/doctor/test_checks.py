@@ -69,6 +69,11 @@ def test_ports_are_tried() -> None:
     assert host.port("unixsock-stream/x").state == "other"
 
 
+def test_what_is_behind_the_hash_of_an_endpoint_is_not_told() -> None:
+    facts = Facts(versions=GOOD, ports=[PortState("tls/a:1#key=secret", "free")])
+    assert [each.name for each in judge(facts) if each.name.startswith("port")] == ["port tls/a:1#..."]
+
+
 def test_a_privileged_port_is_denied(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: socket.socket, address: object) -> None:
         raise OSError(errno.EACCES, "denied")

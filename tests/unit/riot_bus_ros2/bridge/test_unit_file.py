@@ -16,7 +16,7 @@ UNIT = Path(__file__).resolve().parents[4] / "deploy" / "riot-bridge-ros2@.servi
 def test_its_variables_and_options_exist():
     text = UNIT.read_text()
     told = CliRunner().invoke(make_app(), ["bridge", "ros2", "--help"], env={"COLUMNS": "200", "NO_COLOR": "1"}).output
-    assert set(re.findall(r"\bRIOT_\w+", text)) == {"RIOT_ROS_SETUP"}
+    assert set(re.findall(r"\bRIOT_\w+", text)) == {"RIOT_CLIENT_CFG", "RIOT_ROS_SETUP"}
     options = set(re.findall(r"--[a-z][a-z-]+", text)) - {"--now"}
     assert options == {"--domain", "--endpoint"}
     assert [each for each in {"RIOT_ROS_SETUP", *options} if each not in told] == []
