@@ -13,7 +13,26 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["ComponentView", "Invariant", "Monitor", "TrialView", "judge"]
+__all__ = ["ComponentView", "Invariant", "Monitor", "ResourceSample", "TrialView", "judge"]
+
+
+@dataclass(frozen=True, slots=True)
+class ResourceSample:
+    """What a component had of the machine at one moment, all its processes together.
+
+    Attributes:
+        time: Nanoseconds since the epoch.
+        messages: So many inputs had been published by then.
+        memory: Resident bytes.
+        files: Open file descriptors.
+        threads: Threads.
+    """
+
+    time: int
+    messages: int
+    memory: int
+    files: int
+    threads: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +44,8 @@ class ComponentView:
         errors: What it wrote to stderr.
         root: Folder of its code; frames outside it are somebody else's.
         tracebacks: Whether a traceback in stderr of a live process counts as a crash.
+        printed: What it wrote to stdout.
+        resources: What it had of the machine, over time.
     """
 
     name: str
@@ -32,6 +53,8 @@ class ComponentView:
     errors: str
     root: Path
     tracebacks: bool = True
+    printed: str = ""
+    resources: Sequence[ResourceSample] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +65,7 @@ class TrialView:
         settled: False when components were still busy at the deadline.
         waited: That deadline, seconds.
         outputs: Messages of the watched outputs, in order of reception.
+        inputs: Messages that were published to the components, each with the time at which it was.
         end: When watching ended, nanoseconds since the epoch.
     """
 
@@ -53,6 +77,7 @@ class TrialView:
     begin: int = 0
     end: int = 0
     stalled: Sequence[str] = field(default_factory=list)
+    inputs: Sequence[Message] = ()
 
 
 class Monitor(Protocol):
