@@ -143,7 +143,7 @@ class _Work:
         self._runner: Runner
 
     def prepare(self) -> None:
-        self._runner = self._workspace.runners.unit(self._unit)
+        self._runner = self._workspace.runners.unit(self._unit, lambda: self._workspace.known_unit_log(self._unit))
 
     def stop(self) -> None:
         self._stopping.set()

@@ -69,7 +69,7 @@ class StepRun:
 
     def unit_runner(self, unit: str) -> StoredRunner:
         """Return a runner for trials of a unit alone."""
-        return self._stored(self.workspace.runners.unit(unit), {"unit": unit})
+        return self._stored(self.workspace.runners.unit(unit, lambda: self.workspace.unit_log(unit)), {"unit": unit})
 
     def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
         """Return a runner for runs of the whole system."""
@@ -224,6 +224,12 @@ class Workspace:
                 hint=did_you_mean(next(iter(component.inputs), ""), {registry.topic(message.key) for message in log}),
             )
         return messages
+
+    def known_unit_log(self, name: str) -> tuple[Message, ...]:
+        """Return `unit_log` if there is a nominal log already, else nothing: none is recorded for it."""
+        file = self.context.file
+        recorded = (self.out / "nominal.mcap").is_file()
+        return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
 
     @property
     def findings(self) -> Path:

@@ -1,18 +1,18 @@
-"""Crash and hang: the monitors that are always on."""
+"""Crash, exit, hang and silence: the monitors that are always on."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.signature import crash_in
+from riot_bus.monitors.signature import Crash, crashes_in
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.monitors.model import TrialView
+    from riot_bus.monitors.model import ComponentView, TrialView
 
-__all__ = ["CrashMonitor", "HangMonitor"]
+__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "HangMonitor", "SilenceMonitor"]
 
 
 class CrashMonitor:
@@ -23,30 +23,83 @@ class CrashMonitor:
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return one violation per crashed component."""
+        return [
+            Violation("crash", component.name, f"crash in {component.name}: {crash.place}", crash.detail)
+            for component in view.components
+            for crash in _crashes(component)
+        ]
+
+
+class ExitMonitor:
+    """A component ended with status 0, its main thread or another one of its threads ended; nominal trials end none."""
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return one violation per component that has ended, or has ended inside."""
         found = []
         for component in view.components:
-            if component.status is None and not component.tracebacks:
+            signs = component.signs
+            if _crashes(component):
                 continue
-            crash = crash_in(component.status, component.errors, component.root)
-            if crash is not None:
-                signature = f"crash in {component.name}: {crash.place}"
-                found.append(Violation("crash", component.name, signature, crash.detail))
+            if signs.ended:
+                found.append(_violation("exit", component, signs.ended))
+            elif signs.lost and not signs.blocked:
+                found.append(_violation("exit", component, f"a thread has ended: {', '.join(signs.lost)}"))
         return found
 
 
 class HangMonitor:
-    """A component never came to rest after its last input, or stopped taking messages from its link."""
+    """A component never came to rest after its last input, stands where it does not at rest, or takes no messages."""
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return one violation per component that hangs."""
         found = []
         for component in view.components:
-            if component.status is not None:
+            if component.status is not None or component.signs.ended or _crashes(component):
                 continue
+            where = f" in {', '.join(component.signs.blocked)}" if component.signs.blocked else ""
             if component.name in view.stalled:
                 detail = "it stopped taking messages from its link"
-                found.append(Violation("hang", component.name, f"hang of {component.name}", detail))
             elif not view.settled:
                 detail = f"still busy {view.waited:g} s after its last input"
-                found.append(Violation("hang", component.name, f"hang of {component.name}", detail))
+            elif where:
+                detail = f"a thread stands{where}, where none does at rest"
+                if component.signs.silent:
+                    detail += f"; no more output on {', '.join(component.signs.silent)}"
+            else:
+                continue
+            found.append(_violation("hang", component, where.strip(), detail))
         return found
+
+
+class SilenceMonitor:
+    """A component lives, but outputs of nominal trials no longer come, whatever nominal input it gets."""
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return one violation per component that stays silent."""
+        found = []
+        for component in view.components:
+            signs = component.signs
+            if not signs.silent or signs.ended or signs.blocked or signs.lost or component.status is not None:
+                continue
+            if _crashes(component):
+                continue
+            topics = ", ".join(signs.silent)
+            detail = f"the whole nominal log brings nothing on {topics}, as it does in nominal trials"
+            found.append(_violation("silent", component, f"nothing on {topics}", detail))
+        return found
+
+
+LIVENESS = (CrashMonitor, ExitMonitor, HangMonitor, SilenceMonitor)
+"""In the order of their severity."""
+
+
+def _crashes(component: ComponentView) -> tuple[Crash, ...]:
+    """Return the crashes of a component; all else that is wrong with it then comes of them."""
+    if component.status is None and not component.tracebacks:
+        return ()
+    return crashes_in(component.status, component.errors, component.root, component.printed)
+
+
+def _violation(monitor: str, component: ComponentView, place: str, detail: str = "") -> Violation:
+    signature = f"{monitor} of {component.name}" + (f": {place}" if place else "")
+    return Violation(monitor, component.name, signature, detail or place)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["ComponentView", "Invariant", "Monitor", "ResourceSample", "TrialView", "judge"]
+__all__ = ["NO_SIGNS", "ComponentView", "Invariant", "Monitor", "ResourceSample", "Signs", "TrialView", "judge"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,28 @@ class ResourceSample:
 
 
 @dataclass(frozen=True, slots=True)
+class Signs:
+    """What a component's state after a trial differs in from that after nominal trials; nothing where none is known.
+
+    Attributes:
+        ended: Why it has ended, or has ended inside though its process goes on; empty if it has not, or may.
+        silent: Outputs that nominal trials have, and that no nominal input brings back.
+        blocked: Functions in which threads stand that stand elsewhere at rest.
+        lost: Functions in which threads began that are no longer there.
+        stacks: Stacks of all threads, as text.
+    """
+
+    ended: str = ""
+    silent: Sequence[str] = ()
+    blocked: Sequence[str] = ()
+    lost: Sequence[str] = ()
+    stacks: str = ""
+
+
+NO_SIGNS = Signs()
+
+
+@dataclass(frozen=True, slots=True)
 class ComponentView:
     """One component at the end of a trial.
 
@@ -46,6 +68,7 @@ class ComponentView:
         tracebacks: Whether a traceback in stderr of a live process counts as a crash.
         printed: What it wrote to stdout.
         resources: What it had of the machine, over time.
+        signs: What its state differs in from that after nominal trials.
     """
 
     name: str
@@ -55,6 +78,7 @@ class ComponentView:
     tracebacks: bool = True
     printed: str = ""
     resources: Sequence[ResourceSample] = ()
+    signs: Signs = NO_SIGNS
 
 
 @dataclass(frozen=True, slots=True)

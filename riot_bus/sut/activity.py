@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from riot_bus.monitors.model import ResourceSample
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["STILL", "Activity", "Idle", "Shares", "activity", "families", "idle_between", "shares"]
+__all__ = ["STILL", "Activity", "Idle", "Shares", "activity", "families", "idle_between", "resources", "shares"]
 
 _LEAST_SHARE = 0.1
 
@@ -115,6 +118,22 @@ def shares(pids: Sequence[int]) -> Shares:
             thread = int(task.rpartition("/")[2])
             ran[thread], waited[thread] = int(numbers[0]) / 1e9, int(numbers[1]) / 1e9
     return Shares(ran, waited)
+
+
+def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:
+    """Read from /proc what processes have of the machine; processes that are gone count as nothing.
+
+    Args:
+        pids: The processes.
+        messages: Inputs that had been published by now.
+    """
+    memory = files = threads = 0
+    for pid in pids:
+        memory += int(_read(f"/proc/{pid}/status").partition(b"VmRSS:")[2].split(b"kB")[0] or 0) << 10
+        with suppress(OSError):
+            files += len(os.listdir(f"/proc/{pid}/fd"))
+            threads += len(os.listdir(f"/proc/{pid}/task"))
+    return ResourceSample(time.time_ns(), messages, memory, files, threads)
 
 
 def _tasks(pids: Sequence[int]) -> list[str]:

@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.liveness import CrashMonitor, HangMonitor
+from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.sut.system import SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
@@ -69,7 +69,7 @@ def open_system(path: Path) -> Context:
             raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
         files.append(source)
     registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
-    return Context(file, registry, (CrashMonitor(), HangMonitor(), *file.invariants))
+    return Context(file, registry, (*(monitor() for monitor in LIVENESS), *file.invariants))
 
 
 def invariants_of(path: Path) -> list[Invariant]:

@@ -40,10 +40,18 @@ class ComponentProcess:
 
     def errors(self) -> str:
         """Return what it has written to stderr (at most the last 256 KiB)."""
-        with self.stderr.open("rb") as stream:
-            stream.seek(0, 2)
-            stream.seek(max(0, stream.tell() - (256 << 10)))
-            return stream.read().decode(errors="replace")
+        return _tail(self.stderr)
+
+    def printed(self) -> str:
+        """Return what it has written to stdout (at most the last 256 KiB)."""
+        return _tail(self.stdout)
+
+
+def _tail(path: Path) -> str:
+    with path.open("rb") as stream:
+        stream.seek(0, 2)
+        stream.seek(max(0, stream.tell() - (256 << 10)))
+        return stream.read().decode(errors="replace")
 
 
 class Launcher:
@@ -72,15 +80,30 @@ class Launcher:
         self.close()
 
     def start(
-        self, name: str, argv: Sequence[str], *, env: Mapping[str, str], cwd: Path, directory: Path
+        self,
+        name: str,
+        argv: Sequence[str],
+        *,
+        env: Mapping[str, str],
+        cwd: Path,
+        directory: Path,
+        fixed: bool = False,
     ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
+
+        Args:
+            name: What it is called.
+            argv: Its command.
+            env: Its whole environment.
+            cwd: Its working folder.
+            directory: Folder for its output.
+            fixed: Whether addresses are the same each time, as far as the kernel allows it.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
         """
         stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
-        request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd)}
+        request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
         with self._lock:
             self._send({**request, "stdout": str(stdout), "stderr": str(stderr)})
             reply = self._reply()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 from riot_bus.sut.launcher import Launcher
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
@@ -85,9 +85,14 @@ class Pool:
 
 
 class LocalRunner:
-    """A `Runner` over a pool."""
+    """A `Runner` over a pool.
 
-    def __init__(self, trial: Trial, pool: Pool) -> None:
+    Args:
+        trial: Returns what executes the cases; called when there are some.
+        pool: Where they are executed.
+    """
+
+    def __init__(self, trial: Callable[[], Trial], pool: Pool) -> None:
         self._trial = trial
         self._pool = pool
 
@@ -98,4 +103,4 @@ class LocalRunner:
 
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
         """Execute all cases and return their outcomes in the same order."""
-        return self._pool.map(self._trial, cases)
+        return self._pool.map(self._trial(), cases) if cases else []

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, Protocol
 
-from riot_bus.sut.calibration import measure_idle
 from riot_bus.sut.local import LocalRunner, Pool
+from riot_bus.sut.nominal import measure_baseline
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from riot_bus.sut.activity import Idle
+    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
+    from riot_bus.sut.local import Trial
     from riot_bus.sut.system import RunPace
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner
 
 __all__ = ["LocalRunners", "RunnerFactory"]
@@ -24,8 +27,13 @@ __all__ = ["LocalRunners", "RunnerFactory"]
 class RunnerFactory(Protocol):
     """Gives the runners that answer the questions of a chain."""
 
-    def unit(self, unit: str) -> Runner:
-        """Return a runner for trials of a unit alone."""
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> Runner:
+        """Return a runner for trials of a unit alone.
+
+        Args:
+            unit: Its name.
+            log: Returns its nominal log, what it does with which is what it is held against; asked when first needed.
+        """
         ...
 
     def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> Runner:
@@ -55,7 +63,8 @@ class LocalRunners:
     def __init__(self, context: Context, *, jobs: int, keep: Path) -> None:
         self._context, self._jobs, self._keep = context, jobs, keep
         self._started: Pool | None = None
-        self._idle: dict[str, Idle] = {}
+        self._baselines: dict[str, Baseline] = {}
+        self._measuring = threading.Lock()
 
     @property
     def _pool(self) -> Pool:
@@ -64,15 +73,21 @@ class LocalRunners:
             self._started = Pool(self._jobs, keep=self._keep)
         return self._started
 
-    def unit(self, unit: str) -> LocalRunner:
-        """Return a runner for trials of a unit alone; what the unit does without input is measured once."""
-        if unit not in self._idle:
-            self._idle[unit] = measure_idle(self._context, unit, self._pool)
-        return LocalRunner(UnitTrial(self._context, unit, idle=self._idle[unit]), self._pool)
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
+        """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
+
+        def trial() -> Trial:
+            with self._measuring:
+                if unit not in self._baselines:
+                    self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log())
+            return UnitTrial(self._context, unit, self._baselines[unit])
+
+        return LocalRunner(trial, self._pool)
 
     def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
-        return LocalRunner(SystemTrial(self._context, pace, tuple(observe), record), self._pool)
+        trial = SystemTrial(self._context, pace, tuple(observe), record)
+        return LocalRunner(lambda: trial, self._pool)
 
     def close(self) -> None:
         """Kill what still runs."""

@@ -8,11 +8,14 @@ import sys
 import time
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.monitors.model import ComponentView, TrialView
+from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
-from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, shares
+from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, resources, shares
+from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.settling import wait_settled
+from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.message import Qos
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -67,6 +70,9 @@ class TrialSetup:
         self.processes: dict[str, ComponentProcess] = {}
         self._families: dict[tuple[int, ...], list[int]] = {}
         self.outputs: list[Message] = []
+        self.inputs: list[Message] = []
+        self.python = PythonReport(directory)
+        self._samples: dict[str, list[ResourceSample]] = {}
         self.idle = STILL
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
@@ -104,10 +110,12 @@ class TrialSetup:
             "{duration}": f"{pace.duration if pace else 0:g}",
             "{speed}": f"{pace.speed if pace else 1:g}",
         }
-        env = {**os.environ, **_filled(component.env, words)}
+        fixed = self.context.file.system.surroundings == "fixed"
+        given = {**os.environ, **_filled(component.env, words)}
+        env = {**given, **self.python.environment(given), **(fixed_environment(component.env) if fixed else {})}
         argv = [_fill(part, words) for part in component.command]
         cwd = (self.context.file.root / component.cwd).resolve()
-        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory)
+        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed)
         self.processes[name] = process
         return process
 
@@ -206,6 +214,39 @@ class TrialSetup:
         for expression in self.context.topics(*topics):
             self.bus.subscribe(segment, expression, self.outputs.append)
 
+    def watch_all_outputs(self, *, segment: str, inputs: Iterable[str]) -> None:
+        """Collect whatever is published on a segment, but for some topics."""
+        registry, inputs = self.context.registry, tuple(inputs)
+        known: dict[str, bool] = {}
+
+        def take(message: Message) -> None:
+            if message.key not in known:
+                known[message.key] = not any(registry.matches(topic, message.key) for topic in inputs)
+            if known[message.key]:
+                self.outputs.append(message)
+
+        self.bus.subscribe(segment, "**", take)
+
+    def put(self, segment: str, message: Message) -> None:
+        """Publish an input; it waits if receivers are slow."""
+        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express))
+        self.bus.put(segment, sent)
+        self.inputs.append(sent.with_(time=time.time_ns()))
+
+    def sample_resources(self, names: Iterable[str]) -> None:
+        """Note what components have of the machine just now."""
+        for name in names:
+            sample = resources(self._family([name]), messages=len(self.inputs))
+            self._samples.setdefault(name, []).append(sample)
+
+    def stacks(self, names: Iterable[str]) -> list[ThreadStack]:
+        """Ask Python components where their threads stand; empty for others."""
+        return self.python.stacks(self._family(names))
+
+    def main_end(self, name: str) -> MainEnd | None:
+        """Return how the main thread of a Python component has ended; None if it has not, or is no Python."""
+        return self.python.main_end(self._family([name]))
+
     def activity(self, names: Iterable[str]) -> Activity:
         """Return how busy components have been so far."""
         return activity(self._family(names))
@@ -259,8 +300,17 @@ class TrialSetup:
                 return False
         return True
 
-    def view(self, names: Sequence[str], *, settled: bool, waited: float) -> TrialView:
-        """Return what the monitors judge, for these components."""
+    def view(
+        self, names: Sequence[str], *, settled: bool, waited: float, signs: Mapping[str, Signs] | None = None
+    ) -> TrialView:
+        """Return what the monitors judge, for these components.
+
+        Args:
+            names: The components.
+            settled: False when they were still busy at the deadline.
+            waited: That deadline, seconds.
+            signs: What else is known of each, compared with nominal trials.
+        """
         views = []
         for name in names:
             component = self.context.file.components[name]
@@ -268,11 +318,30 @@ class TrialSetup:
             self.launcher.alive(process)
             root = (self.context.file.root / component.cwd).resolve()
             traced = component.tracebacks == "fail"
-            views.append(ComponentView(name, process.status, process.errors(), root, traced))
+            views.append(
+                ComponentView(
+                    name,
+                    process.status,
+                    process.errors(),
+                    root,
+                    traced,
+                    printed=process.printed(),
+                    resources=tuple(self._samples.get(name, ())),
+                    signs=(signs or {}).get(name, NO_SIGNS),
+                )
+            )
         broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}
         stalled = [name for name in names if self.context.file.segment_of(self.context.file.components[name]) in broken]
         return TrialView(
-            views, settled, waited, self.context.registry, tuple(self.outputs), self._begin, time.time_ns(), stalled
+            views,
+            settled,
+            waited,
+            self.context.registry,
+            tuple(self.outputs),
+            self._begin,
+            time.time_ns(),
+            stalled,
+            tuple(self.inputs),
         )
 
 

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
 PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
+ADDR_NO_RANDOMIZE = 0x0040000
 
-_prctl = ctypes.CDLL(None, use_errno=True).prctl
+_libc = ctypes.CDLL(None, use_errno=True)
+_prctl = _libc.prctl
 
 
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -37,6 +39,15 @@ def become_component() -> None:
     for number in IGNORED:
         signal.signal(number, signal.SIG_DFL)
     _prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+
+
+def become_fixed_component() -> None:
+    """Become a component whose addresses are the same each time, so that a write out of bounds hits the same each time.
+
+    Where the kernel refuses that, as in some containers, they stay random.
+    """
+    become_component()
+    _libc.personality(_libc.personality(0xFFFFFFFF) | ADDR_NO_RANDOMIZE)
 
 
 def children_of(parent: int) -> list[int]:
@@ -73,7 +84,7 @@ class Supervisor:
                     stdout=out,
                     stderr=err,
                     start_new_session=True,
-                    preexec_fn=become_component,
+                    preexec_fn=become_fixed_component if request["fixed"] else become_component,
                 )
         except (OSError, subprocess.SubprocessError) as error:
             self.tell(event="refused", error=str(error))

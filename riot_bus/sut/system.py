@@ -41,7 +41,7 @@ class RunPace(_Table):
 
 
 class System(_Table):
-    """`[system]`: name, segments, message types, and how long runs of the whole system last."""
+    """`[system]`: name, segments, message types, surroundings of trials, and how long runs of the whole system last."""
 
     name: str = "system"
     segments: tuple[str, ...] = ("system",)
@@ -50,6 +50,7 @@ class System(_Table):
     types: dict[str, str] = {}
     adapters: tuple[str, ...] | None = None
     sources: tuple[str, ...] = ()
+    surroundings: Literal["fixed", "as they are"] = "fixed"
     nominal_run: RunPace = RunPace(duration=60.0)
     trial_run: RunPace = RunPace(duration=10.0)
     perturbed_run: RunPace = RunPace(duration=30.0)

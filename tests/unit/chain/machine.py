@@ -157,7 +157,7 @@ class Machine:
     executed: list[TestCase] = field(default_factory=list)
     closed: bool = False
 
-    def unit(self, unit: str) -> PureRunner:
+    def unit(self, unit: str, log: object) -> PureRunner:
         assert unit == "drive"
         return PureRunner(self.play)
 

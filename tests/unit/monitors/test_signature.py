@@ -2,7 +2,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from riot_bus.monitors.signature import crash_in, last_traceback
+import pytest
+
+from riot_bus.monitors.signature import Crash, crashes_in, tracebacks
 
 ROOT = Path("/srv/rover")
 
@@ -12,56 +14,105 @@ def traceback(*frames: str, error: str) -> str:
 
 
 OWN = '"/srv/rover/part.py", line 7, in place'
+OTHER = '"/srv/rover/part.py", line 9, in elsewhere'
 LIBRARY = '"/usr/lib/python3.11/json/decoder.py", line 3, in raw'
 INSTALLED = '"/srv/rover/.venv/lib/site-packages/zenoh/x.py", line 9, in get'
 
 
+def crash_in(status: int | None, errors: str, printed: str = "") -> Crash | None:
+    return next(iter(crashes_in(status, errors, ROOT, printed)), None)
+
+
 def test_place_is_the_innermost_own_frame() -> None:
-    crash = crash_in(1, "warning\n" + traceback(OWN, LIBRARY, INSTALLED, error="ValueError: no") + "\n", ROOT)
+    crash = crash_in(1, "warning\n" + traceback(OWN, LIBRARY, INSTALLED, error="ValueError: no") + "\n")
+    assert crash == Crash("place: x()", "ValueError: no (part.py:7)")
+
+
+@pytest.mark.parametrize(
+    "frame", ['"/srv/rover/part.py", line 57, in place', '"/srv/rover/new/name.py", line 7, in place']
+)
+def test_a_shifted_line_and_a_renamed_file_are_the_same_place(frame: str) -> None:
+    first, second = crash_in(1, traceback(OWN, error="E: 1")), crash_in(1, traceback(frame, error="E: 1"))
+    assert first is not None
+    assert second is not None
+    assert first.place == second.place
+
+
+def test_two_lines_of_a_function_are_two_places() -> None:
+    errors = traceback(OWN, error="ValueError: 1")
+    assert crash_in(1, errors) != crash_in(1, errors.replace("x()", "y()"))
+
+
+def test_without_the_text_of_the_line_its_file_is_named() -> None:
+    crash = crash_in(1, f"Traceback (most recent call last):\n  File {OWN}\nValueError: 1")
     assert crash is not None
-    assert crash.place == "part.py:7 in place"
-    assert crash.detail == "ValueError: no"
+    assert crash.place == "place of part.py"
 
 
 def test_different_exceptions_at_one_place_are_one_crash() -> None:
-    first = crash_in(1, traceback(OWN, error="ValueError: -1"), ROOT)
-    second = crash_in(1, traceback(OWN, error="MemoryError"), ROOT)
+    first = crash_in(1, traceback(OWN, error="ValueError: -1"))
+    second = crash_in(1, traceback(OWN, error="MemoryError"))
     assert first is not None
     assert second is not None
     assert first.place == second.place
 
 
 def test_the_last_of_chained_exceptions_counts() -> None:
-    chained = traceback(LIBRARY, error="KeyError: 1") + "\n\nDuring handling\n\n" + traceback(OWN, error="OSError: 2")
-    assert last_traceback(chained) == traceback(OWN, error="OSError: 2")
+    words = "\n\nDuring handling of the above exception, another exception occurred:\n\n"
+    chained = traceback(LIBRARY, error="KeyError: 1") + words + traceback(OWN, error="OSError: 2")
+    assert tracebacks(chained) == [traceback(OWN, error="OSError: 2")]
+
+
+def test_all_places_of_a_trial_count_the_last_one_first() -> None:
+    errors = "\n".join(traceback(frame, error="E: 1") for frame in (OWN, OTHER, OWN, OTHER))
+    assert [crash.place for crash in crashes_in(None, errors, ROOT)] == ["elsewhere: x()", "place: x()"]
+
+
+def test_tracebacks_count_on_stdout_too() -> None:
+    assert crash_in(None, "", traceback(OWN, error="ValueError: no")) is not None
 
 
 def test_live_process_with_a_traceback_has_crashed() -> None:
-    assert crash_in(None, traceback(OWN, error="ValueError: no"), ROOT) is not None
-    assert crash_in(None, "all is well", ROOT) is None
+    assert crash_in(None, traceback(OWN, error="ValueError: no")) is not None
+    assert crash_in(None, "all is well") is None
 
 
 def test_abort_while_ending_of_an_exception_is_that_exception() -> None:
     errors = traceback(OWN, error="ValueError: no") + "\nFATAL: exception not rethrown\n"
-    crash = crash_in(-6, errors, ROOT)
-    assert crash is not None
-    assert (crash.place, crash.detail) == ("part.py:7 in place", "ValueError: no")
+    crash = crash_in(-6, errors)
+    assert crash == Crash("place: x()", "ValueError: no (part.py:7)")
     long_ago = traceback(OWN, error="ValueError: no") + "\nline" * 9 + "\n"
-    assert crash_in(-11, long_ago, ROOT) != crash
-    segfault = crash_in(-11, long_ago, ROOT)
-    assert segfault is not None
-    assert segfault.place == "SIGSEGV"
+    assert [each.place for each in crashes_in(-11, long_ago, ROOT)] == ["SIGSEGV", "place: x()"]
 
 
 def test_signals_and_native_last_words() -> None:
     def place(status: int, errors: str = "") -> str:
-        crash = crash_in(status, errors, ROOT)
+        crash = crash_in(status, errors)
         assert crash is not None
         return crash.place
 
     assert place(-11) == "SIGSEGV"
     thrown = "terminate called after throwing an instance of 'std::bad_alloc'\n  what():  std::bad_alloc"
     assert place(-6, thrown) == "SIGABRT std::bad_alloc"
-    assert place(-6, "thread 'main' panicked at src/main.rs:12:5:\nboom") == "SIGABRT src/main.rs:12"
+    assert place(-6, "thread 'main' panicked at src/main.rs:12:5:\nboom") == "SIGABRT src/main.rs"
     assert place(3) == "exit status 3"
-    assert crash_in(0, "", ROOT) is None
+    assert crash_in(0, "") is None
+    assert crash_in(0, traceback(OWN, error="ValueError: no")) is None
+
+
+FATAL = """Fatal Python error: Segmentation fault
+
+Thread 0x00007f (most recent call first):
+  File "/srv/rover/part.py", line 1 in worker
+
+Current thread 0x00007f (most recent call first):
+  File "/usr/lib/python3.11/ctypes/__init__.py", line 3 in call
+  File "/srv/rover/part.py", line 12 in poke
+  File "/srv/rover/part.py", line 20 in on_map
+
+Extension modules: numpy (total: 1)
+"""
+
+
+def test_a_native_crash_has_the_functions_of_python_around_it() -> None:
+    assert crash_in(-11, FATAL) == Crash("SIGSEGV in poke < on_map", "Fatal Python error: Segmentation fault")

@@ -1,4 +1,4 @@
-"""What a unit does when nobody asks anything of it: needed to tell working from idling."""
+"""Measures what a unit does in nominal trials, before it is tested."""
 
 from __future__ import annotations
 
@@ -6,21 +6,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.sut.activity import Idle
+from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of
 from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher
     from riot_bus.sut.local import Pool
+    from riot_bus.vocabulary.message import Message
 
-__all__ = ["measure_idle"]
+__all__ = ["measure_baseline"]
 
 _WARM_UP = 0.15
 _WATCH = 0.5
+_TRIALS = 3
+"""Nominal trials of a baseline. What only some of them show, such as the output of a rare timer, is not expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +50,10 @@ class _IdleTrial:
         return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
 
 
-def measure_idle(context: Context, unit: str, pool: Pool) -> Idle:
-    """Return what a unit does that gets no input.
+def measure_baseline(context: Context, unit: str, pool: Pool, log: Sequence[Message]) -> Baseline:
+    """Return what a unit does without input, and with its nominal log.
+
+    Where nominal trials fail, only the former is known.
 
     Raises:
         EnvironmentFaultError: The unit does not start.
@@ -53,4 +61,12 @@ def measure_idle(context: Context, unit: str, pool: Pool) -> Idle:
     outcome = pool.execute(_IdleTrial(context, unit), TestCase())
     if outcome.verdict is Verdict.ERROR:
         raise EnvironmentFaultError(outcome.detail)
-    return Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
+    idle = Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
+    if not log:
+        return Baseline(idle=idle)
+    seen: list[NominalTrial] = []
+    trial = UnitTrial(context, unit, Baseline(idle=idle), seen)
+    outcomes = pool.map(trial, [TestCase(tuple(log), seed=number) for number in range(_TRIALS)])
+    if any(one.verdict is not Verdict.PASS for one in outcomes):
+        return Baseline(idle=idle)
+    return baseline_of(seen, idle=idle, log=log)

@@ -1,0 +1,120 @@
+"""What a unit does in nominal trials: needed to tell working from idling, and a live unit from a silent one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.activity import STILL, Idle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.sut.python_report import ThreadStack
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["UNKNOWN", "Baseline", "NominalTrial", "baseline_of", "probe_of"]
+
+_PROBE = 16
+"""Messages of a probe, at least: few, as each trial that passes pays for them."""
+
+
+@dataclass(frozen=True, slots=True)
+class NominalTrial:
+    """What one nominal trial has shown.
+
+    Attributes:
+        log_answers: Outputs while the log was played, by topic.
+        probe_answers: Outputs while the probe was played after it, by topic.
+        stacks: Where Python threads stood at rest.
+        main_ended: Whether a Python main thread had come to its end.
+        status: Exit status, None if the unit still ran.
+    """
+
+    log_answers: Mapping[str, int]
+    probe_answers: Mapping[str, int]
+    stacks: Sequence[ThreadStack]
+    main_ended: bool
+    status: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What all nominal trials of a unit have in common.
+
+    Attributes:
+        idle: What the unit does without any input.
+        trials: Nominal trials behind it; 0 if nothing is known, and then nothing can be told from it.
+        log: The nominal log.
+        probe: Some messages of it that a live unit answers.
+        log_answers: Least number of outputs that the whole log brought, by topic; topics without any are left out.
+        probe_answers: Likewise of the probe after the log.
+        at_rest: Functions in which Python threads stood at rest, and how many there were at least.
+        threads: Functions in which Python threads began, and how many there were at least.
+        main_ends: Whether the main thread ends though the process goes on.
+        ends: Whether the unit ends by itself with status 0.
+    """
+
+    idle: Idle = STILL
+    trials: int = 0
+    log: tuple[Message, ...] = ()
+    probe: tuple[Message, ...] = ()
+    log_answers: Mapping[str, int] = field(default_factory=dict)
+    probe_answers: Mapping[str, int] = field(default_factory=dict)
+    at_rest: Mapping[str, int] = field(default_factory=dict)
+    threads: Mapping[str, int] = field(default_factory=dict)
+    main_ends: bool = True
+    ends: bool = True
+
+    def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
+        """Return the functions in which threads stand that stand elsewhere at rest.
+
+        Args:
+            stacks: Where threads stand.
+            anywhere: Whether threads count as well that are not missing where threads stand at rest, such as new ones.
+        """
+        standing = Counter(stack.functions[0] for stack in stacks)
+        if not anywhere and all(standing[name] >= count for name, count in self.at_rest.items()):
+            return ()
+        return tuple(sorted(standing.keys() - self.at_rest.keys()))
+
+    def lost(self, stacks: Iterable[ThreadStack]) -> tuple[str, ...]:
+        """Return the functions in which threads began that are no longer there."""
+        now = Counter(stack.functions[-1] for stack in stacks)
+        return tuple(sorted(name for name, count in self.threads.items() if now[name] < count))
+
+
+UNKNOWN = Baseline()
+"""Nothing is known, and nothing is concluded."""
+
+
+def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
+    """Return a short nominal stretch: the last messages of a log, and before them the last one of each other key."""
+    first = max(0, len(log) - _PROBE)
+    last = {message.key: number for number, message in enumerate(log)}
+    return tuple(message for number, message in enumerate(log) if number >= first or last[message.key] == number)
+
+
+def baseline_of(trials: Sequence[NominalTrial], *, idle: Idle, log: Sequence[Message]) -> Baseline:
+    """Return what nominal trials have in common."""
+    if not trials:
+        return Baseline(idle=idle)
+    return Baseline(
+        idle=idle,
+        trials=len(trials),
+        log=tuple(log),
+        probe=probe_of(log),
+        log_answers=_least([trial.log_answers for trial in trials]),
+        probe_answers=_least([trial.probe_answers for trial in trials]),
+        at_rest=_least([Counter(stack.functions[0] for stack in trial.stacks) for trial in trials]),
+        threads=_least([Counter(stack.functions[-1] for stack in trial.stacks) for trial in trials]),
+        main_ends=any(trial.main_ended for trial in trials),
+        ends=any(trial.status is not None for trial in trials),
+    )
+
+
+def _least(counts: Sequence[Mapping[str, int]]) -> dict[str, int]:
+    """Return the least of each count; what is not in all is left out."""
+    least = {name: min(count.get(name, 0) for count in counts) for name in counts[0]}
+    return {name: count for name, count in least.items() if count}

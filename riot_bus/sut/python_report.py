@@ -1,0 +1,163 @@
+"""What Python components told of themselves in a trial (see `python_hook/sitecustomize.py`), read from riot's side."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+__all__ = ["MainEnd", "PythonReport", "ThreadStack", "deepest_common", "parse_stacks"]
+
+HOOK = Path(__file__).with_name("python_hook")
+
+_FRAME = re.compile(r'^\s*File "(?P<file>[^"]+)", line \d+ in (?P<function>.+)$')
+_LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
+_LARGEST = 1 << 20
+_STACKS_S = 1.0
+_POLL = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class MainEnd:
+    """The end of a main thread: by which call, such as `sys.exit(3)`, and in which function; empty if it returned."""
+
+    call: str = ""
+    function: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadStack:
+    """Where a thread stands.
+
+    Attributes:
+        functions: Functions of the component's own code, the innermost first; those of libraries are left out.
+        text: The stack as Python wrote it.
+    """
+
+    functions: tuple[str, ...]
+    text: str
+
+
+class PythonReport:
+    """The files of one trial that the hook writes.
+
+    Args:
+        directory: Folder of the trial.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._events = directory / "python.events"
+        self._stacks = directory / "python.stacks"
+
+    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
+        """Return the variables that make the hook work, for a component with these."""
+        path = [str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])]
+        return {
+            "PYTHONPATH": os.pathsep.join(path),
+            "RIOT_TRIAL_EVENTS": str(self._events),
+            "RIOT_TRIAL_STACKS": str(self._stacks),
+        }
+
+    def main_end(self, pids: Iterable[int]) -> MainEnd | None:
+        """Return how a main thread of these processes has ended; None if none has, as far as Python knows."""
+        events = self._read()
+        for pid in pids:
+            last = MainEnd()
+            for event in events:
+                if event.get("pid") != pid:
+                    continue
+                if event.get("event") == "exit":
+                    last = MainEnd(f"{event.get('call')}({event.get('status')})", str(event.get("function")))
+                elif event.get("event") == "main ended":
+                    return last
+        return None
+
+    def exit_call(self, pids: Iterable[int]) -> MainEnd | None:
+        """Return the last call that was to end one of these processes; None if there was none."""
+        wanted = set(pids)
+        calls = [event for event in self._read() if event.get("event") == "exit" and event.get("pid") in wanted]
+        if not calls:
+            return None
+        return MainEnd(f"{calls[-1].get('call')}({calls[-1].get('status')})", str(calls[-1].get("function")))
+
+    def stacks(self, pids: Iterable[int]) -> list[ThreadStack]:
+        """Ask Python processes where their threads stand; nothing for processes without the hook."""
+        signals = {event["pid"]: str(event["signal"]) for event in self._read() if event.get("event") == "ready"}
+        found = []
+        for pid in pids:
+            if pid in signals:
+                found += parse_stacks(self._ask(pid, int(signals[pid])))
+        return found
+
+    def _ask(self, pid: int, number: int) -> str:
+        path = Path(f"{self._stacks}.{pid}")
+        before = path.stat().st_size if path.exists() else 0
+        with suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, number)
+        deadline, size = time.monotonic() + _STACKS_S, before
+        while time.monotonic() < deadline:
+            time.sleep(_POLL)
+            now = path.stat().st_size if path.exists() else 0
+            if now > before and now == size:
+                break
+            size = now
+        if not path.exists():
+            return ""
+        with path.open("rb") as stream:
+            stream.seek(before)
+            return stream.read(_LARGEST).decode(errors="replace")
+
+    def _read(self) -> list[dict[str, object]]:
+        try:
+            with self._events.open("rb") as stream:
+                lines = stream.read(_LARGEST).splitlines()
+        except OSError:
+            return []
+        found = []
+        for line in lines:
+            with suppress(ValueError):
+                event = json.loads(line)
+                if isinstance(event, dict):
+                    found.append(event)
+        return found
+
+
+def parse_stacks(text: str) -> list[ThreadStack]:
+    """Return the threads of what `faulthandler` has written; those that never ran the component's code are left out."""
+    found = []
+    for part in re.split(r"\n\s*\n", text):
+        functions = []
+        for line in part.splitlines():
+            frame = _FRAME.match(line)
+            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(str(HOOK)):
+                functions.append(frame["function"])
+        if functions:
+            found.append(ThreadStack(tuple(functions), part.strip()))
+    return found
+
+
+def deepest_common(looks: Sequence[Sequence[ThreadStack]]) -> list[ThreadStack]:
+    """Return the threads of several looks, each down to the innermost function in which it stood in all of them.
+
+    Threads are told apart by their place in the list, which is that of Python's own, newest first; where their number
+    changes between looks, the last look stands.
+    """
+    if len({len(look) for look in looks}) != 1:
+        return list(looks[-1])
+    found = []
+    for stacks in zip(*looks, strict=True):
+        common = []
+        for functions in zip(*(reversed(stack.functions) for stack in stacks), strict=False):
+            if len(set(functions)) > 1:
+                break
+            common.append(functions[0])
+        found.append(ThreadStack(tuple(reversed(common)) or stacks[-1].functions, stacks[-1].text))
+    return found

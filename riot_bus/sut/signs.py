@@ -1,0 +1,188 @@
+"""Is a unit still itself after a trial? Told by a probe, by its threads and by how it ended, beside nominal trials."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from riot_bus.log.playback.player import play
+from riot_bus.monitors.model import NO_SIGNS, Signs
+from riot_bus.sut.baseline import Baseline, NominalTrial, probe_of
+from riot_bus.sut.python_report import deepest_common
+from riot_bus.sut.settling import wait_sent
+from riot_bus.vocabulary.clock import SystemClock
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.sut.python_report import ThreadStack
+    from riot_bus.sut.stage import TrialSetup
+    from riot_bus.sut.system import Unit
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Feeder"]
+
+_CHECK_EVERY = 64
+_SAMPLES = 16
+_POLL = 0.005
+_LATE_STILL, _LATE_TIMERS = 0.25, 2.0
+_LOOKS, _BETWEEN_LOOKS = 3, 0.02
+
+
+class Feeder:
+    """Plays messages to the unit on a stage, and finds out whether it is still itself afterwards.
+
+    Args:
+        stage: Where it runs.
+        name: Its component.
+        unit: Its settings.
+        baseline: What it does in nominal trials.
+
+    Attributes:
+        sent: Messages that were published the last time.
+    """
+
+    def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline) -> None:
+        file = stage.context.file
+        self.sent = 0
+        self._stage, self._name, self._baseline = stage, name, baseline
+        self._segment = file.segment_of(file.components[name])
+        self._settle, self._rate = unit.settle, unit.rate
+        self._process = stage.processes[name]
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return self._stage.launcher.alive(self._process)
+
+    def feed(self, messages: Sequence[Message]) -> bool:
+        """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline."""
+        stage, names = self._stage, [self._name]
+        before, self.sent = stage.activity(names), 0
+        samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
+
+        def publish(message: Message) -> None:
+            nonlocal before
+            if self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
+                before = stage.activity(names)
+            if self.sent % samples == 0:
+                stage.sample_resources(names)
+            self.sent += 1
+            stage.put(self._segment, message)
+
+        def stop() -> bool:
+            return self.sent % _CHECK_EVERY == 0 and not self.alive
+
+        play(messages, publish, rate=self._rate, clock=SystemClock(), stop=stop)
+        wait_sent(timeout=self._settle.timeout)
+        return stage.settle(
+            names,
+            window=self._settle.window,
+            timeout=self._settle.timeout,
+            idle=self._baseline.idle,
+            since=before if messages else None,
+        )
+
+    def nominal(self, messages: Sequence[Message]) -> NominalTrial:
+        """Return what the unit does after its nominal log, which it has got, and to a probe of it."""
+        answers, begin = self._answers(0), len(self._stage.outputs)
+        probed: Mapping[str, int] = {}
+        if self.alive and self.feed(probe_of(messages)):
+            self._linger()
+            probed = self._answers(begin)
+        stacks = self._stage.stacks([self._name]) if self.alive else []
+        ended = self._stage.main_end(self._name) is not None
+        return NominalTrial(answers, probed, stacks, ended, self._process.status)
+
+    def signs(self, *, settled: bool) -> tuple[Signs, bool]:
+        """Return what is different from nominal trials, and whether the unit has come to rest after all input.
+
+        A unit that answers nominal input as in nominal trials is alive. One that does not gets the whole nominal log:
+        an input may have put it into a state that another one ends, or it has not seen yet what it needs.
+
+        Args:
+            settled: Whether it has come to rest after the log.
+        """
+        baseline = self._baseline
+        if not settled:
+            return self._standing(), False
+        if not self.alive or not baseline.probe_answers:
+            self._linger()
+            return self._changed(), True
+        silent: tuple[str, ...] = ()
+        for messages, expected in ((baseline.probe, baseline.probe_answers), (baseline.log, baseline.log_answers)):
+            begin = len(self._stage.outputs)
+            if not self.feed(messages):
+                return self._standing(), False
+            silent = self._missing(expected, begin)
+            if not silent or not self.alive:
+                break
+        if silent:
+            self._linger()
+            return self._changed(silent), True
+        ended = self._ended()
+        return (Signs(ended=ended) if ended else NO_SIGNS), True
+
+    def _answers(self, begin: int) -> Counter[str]:
+        """Return how many outputs there have been since an index of all outputs, by topic."""
+        topic = self._stage.context.registry.topic
+        return Counter(topic(message.key) for message in self._stage.outputs[begin:])
+
+    def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
+        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
+        self._stage.bus.drain(self._settle.timeout)
+        wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
+        deadline = time.monotonic() + wait
+        while missing := expected.keys() - self._answers(begin).keys():
+            if time.monotonic() > deadline or not self.alive:
+                break
+            time.sleep(_POLL)
+        return tuple(sorted(missing))
+
+    def _linger(self) -> None:
+        if self.alive:
+            self._stage.linger([self._name], seconds=self._settle.linger, timeout=self._settle.timeout)
+
+    def _changed(self, silent: Sequence[str] = ()) -> Signs:
+        stacks = self._look() if self.alive else []
+        return Signs(
+            self._ended(),
+            silent,
+            self._baseline.blocked(stacks, anywhere=bool(silent)),
+            self._baseline.lost(stacks) if stacks else (),
+            _text(stacks),
+        )
+
+    def _standing(self) -> Signs:
+        stacks = self._look()
+        return Signs(blocked=self._baseline.blocked(stacks, anywhere=True), stacks=_text(stacks))
+
+    def _look(self) -> list[ThreadStack]:
+        """Return where threads stand: of a thread that runs, what several looks have in common."""
+        looks = []
+        for _ in range(_LOOKS):
+            looks.append(self._stage.stacks([self._name]))
+            if not looks[0]:
+                break
+            time.sleep(_BETWEEN_LOOKS)
+        return deepest_common(looks)
+
+    def _ended(self) -> str:
+        """Return how the unit has ended though nominal trials do not end it; empty if it has not."""
+        if not self.alive:
+            if self._process.status != 0 or self._baseline.ends:
+                return ""
+            call = self._stage.python.exit_call([self._process.pid])
+            return f"status 0 by {call.call} in {call.function}" if call and call.call else "status 0"
+        if self._baseline.main_ends or not self._baseline.trials:
+            return ""
+        end = self._stage.main_end(self._name)
+        if end is None:
+            return ""
+        by = f" by {end.call} in {end.function}" if end.call else ""
+        return f"the main thread has ended{by}, though the process has not"
+
+
+def _text(stacks: Sequence[ThreadStack]) -> str:
+    return "\n\n".join(stack.text for stack in stacks)
