@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from riot_bus.backchain.box import Box, Sample, fit_box
-from riot_bus.backchain.extras import clopper_pearson
+from riot_bus.statistics.rates import exact_interval
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping, Sequence
@@ -89,7 +89,6 @@ def map_region(
 
     Raises:
         ValueError: `tolerance`, `budget` or `parallelism` is not positive, or both axes are one field.
-        MissingExtraError: scipy is not installed.
     """
     widths = tolerance if isinstance(tolerance, tuple) else (tolerance, tolerance)
     if min(widths) <= 0 or budget < 1 or parallelism < 1 or axes[0].name == axes[1].name:
@@ -259,7 +258,7 @@ def _edges(mapper: _Mapper, box: Box, rng: np.random.Generator) -> list[tuple[in
 def _report(mapper: _Mapper, box: Box) -> Region:
     inside = [failed for x, y, failed in mapper.samples if box.contains(x, y)]
     outside = [failed for x, y, failed in mapper.samples if not box.contains(x, y)]
-    low, high = clopper_pearson(sum(inside), len(inside)) if inside else (0.0, 1.0)
+    low, high = exact_interval(sum(inside), len(inside))
     clear = [one for one in mapper.samples if box.clearance(one[0], one[1], mapper.widths) > 0.5]
     right = [[failed for x, y, failed in clear if box.contains(x, y) is side] for side in (True, False)]
     good = bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1])

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.confirm import repeat
 from riot_bus.campaign.triage import Failure, group
-from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Progress, Runner
+    from riot_bus.vocabulary.trial import Outcome, Progress, Runner
 
 __all__ = ["CampaignResult", "run_campaign"]
+
+_NOMINAL = 4
+_MORE_NOMINAL = 16
+_ATTEMPTS = 3
+"""Cases of one signature that are repeated before it counts as not confirmed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +31,75 @@ class CampaignResult:
     """What a campaign found.
 
     Attributes:
-        failures: By signature, in the order of discovery.
+        failures: Those that fresh trials have confirmed, by signature, in the order of discovery.
+        unconfirmed: Those that no fresh trial has shown again.
         failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up (False: time ran out, or the campaign was told to stop).
+        notes: What monitors said of themselves: they raised, or saw nothing.
     """
 
     trials: int
     failing: int
     failures: Mapping[str, Failure]
     exhausted: bool
+    unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
+    notes: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Campaign:
+    runner: Runner
+    found: Callable[[Failure], object]
+    failures: dict[str, Failure] = field(default_factory=dict)
+    failing: int = 0
+    notes: dict[str, int] = field(default_factory=dict)
+    nominal: list[Outcome] = field(default_factory=list)
+
+    def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
+        """Take in the outcomes of some trials, and confirm what is new in them."""
+        fresh: dict[str, Failure] = {}
+        for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
+            if outcome.detail and outcome.verdict is not Verdict.ERROR:
+                self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
+            if outcome.verdict is Verdict.FAIL:
+                self.failing += 1
+                fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
+        for failure in fresh.values():
+            self.confirm(failure)
+
+    def confirm(self, failure: Failure) -> None:
+        """Repeat a failure that is not confirmed yet, unless it has been repeated often enough, or this very case."""
+        if failure.confirmed or failure.attempts >= _ATTEMPTS or failure.trial in failure.tried:
+            return
+        failure.attempts += 1
+        failure.tried.add(failure.trial)
+        signature = failure.violation.signature
+        failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
+        failure.rate = rate = repeat(failure.case, signature, self.runner)
+        if rate.hits:
+            self.found(failure)
+
+    def simplify(self, failure: Failure) -> None:
+        """Let the simplest case stand for a failure if it fails as often."""
+        if failure.simpler is None or failure.rate is None:
+            return
+        rate = repeat(failure.simpler[0], failure.violation.signature, self.runner)
+        if rate.rate >= failure.rate.rate:
+            failure.take(*failure.simpler)
+            failure.rate = rate
+        failure.simpler = None
+
+    def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
+        """Try the nominal log, more often if it fails; return the number of trials."""
+        cases = {-number: TestCase(log, seed=seed + number - 1) for number in range(1, _NOMINAL + 1)}
+        outcomes = list(self.runner.run(list(cases.values())))
+        if len({outcome.verdict for outcome in outcomes}) > 1:
+            more = {-number: TestCase(log, seed=seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
+            outcomes += self.runner.run(list(more.values()))
+            cases |= more
+        self.nominal = outcomes
+        self.judge(cases, outcomes)
+        return len(outcomes)
 
 
 def run_campaign(
@@ -45,49 +111,38 @@ def run_campaign(
     trials: int,
     seconds: float | None = None,
     progress: Progress | None = None,
+    found: Callable[[Failure], object] = lambda _: None,
 ) -> CampaignResult:
-    """Run trials until the budget ends.
+    """Run trials until the budget ends; each failure is repeated with fresh processes before it counts.
+
+    A unit that always fails on the nominal log is not tested further. One that sometimes does is: what fails so is a
+    finding without injections, with its rate.
 
     Args:
         messages: The nominal log of the unit's inputs.
         schedule: Draws the injections of each trial.
         runner: Executes test cases.
         seed: Seed of the campaign.
-        trials: At most so many injected trials.
+        trials: At most so many injected trials; nominal and repeated ones come on top.
         seconds: At most so much time; None for no limit.
         progress: Told after each batch.
-
-    Raises:
-        InconclusiveError: The unit fails on the nominal log already, in one of two trials.
+        found: Called with each failure as soon as it is confirmed.
     """
     log = tuple(messages)
-    check = runner.run([TestCase(log, seed=seed), TestCase(log, seed=seed + 1)])
-    failures: dict[str, Failure] = {}
-    bad = [outcome for outcome in check if outcome.verdict is Verdict.FAIL]
-    if bad and len(bad) < len(check):
-        raise InconclusiveError(
-            f"the unit fails on the nominal log in one of two trials: {bad[0].violations[0].signature}",
-            hint="make it deterministic, give it more time to settle ([unit.NAME.settle]), or use another nominal log",
-        )
-    if bad:
-        group(failures, bad[0], trial=-1, injections=(), modified=0)
-        return CampaignResult(len(check), len(bad), failures, exhausted=False)
-    started = time.monotonic()
-    done = failing = 0
-    while done < trials and (seconds is None or time.monotonic() - started < seconds):
+    work = _Campaign(runner, found)
+    nominal = work.check_nominal(log, seed)
+    done, started = 0, time.monotonic()
+    hopeless = work.failing == nominal
+    while not hopeless and done < trials and (seconds is None or time.monotonic() - started < seconds):
         batch = range(done, min(trials, done + 2 * runner.parallelism))
-        cases = [TestCase(log, schedule.injections(trial), seed=seed) for trial in batch]
-        for trial, case, outcome in zip(batch, cases, runner.run(cases), strict=True):
-            failing += _judge(failures, trial, case, outcome)
+        cases = {trial: TestCase(log, schedule.injections(trial), seed=seed) for trial in batch}
+        work.judge(cases, runner.run(list(cases.values())))
         done = batch.stop
         if progress:
-            progress(done, trials, f"{failing} failing, {len(failures)} distinct")
-    return CampaignResult(done + len(check), failing, failures, exhausted=done >= trials)
-
-
-def _judge(failures: dict[str, Failure], trial: int, case: TestCase, outcome: Outcome) -> int:
-    if outcome.verdict is not Verdict.FAIL:
-        return 0
-    modified = int(outcome.statistics.get("modified", len(case.injections)))
-    group(failures, outcome, trial=trial, injections=case.injections, modified=modified)
-    return 1
+            distinct = sum(failure.confirmed for failure in work.failures.values())
+            progress(done, trials, f"{work.failing} failing, {distinct} distinct")
+    confirmed = {key: each for key, each in work.failures.items() if each.confirmed}
+    for failure in confirmed.values():
+        work.simplify(failure)
+    rest = {key: each for key, each in work.failures.items() if not each.confirmed}
+    return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, work.notes)

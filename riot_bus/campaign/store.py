@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import threading
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -17,7 +17,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.vocabulary.trial import Runner, TestCase
@@ -77,6 +77,11 @@ class TrialStore:
                 stream.write(b"\n")
 
 
+@runtime_checkable
+class _RunsEach(Protocol):
+    def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]: ...
+
+
 class StoredRunner:
     """A `Runner` that asks the store first.
 
@@ -120,7 +125,9 @@ class StoredRunner:
             pending = {key: case for key, case in fresh.items() if key not in known}
             if not pending:
                 break
-            for key, outcome in zip(pending, self._runner.run(list(pending.values())), strict=True):
+            keys_pending = list(pending)
+            for number, outcome in _each(self._runner, list(pending.values())):
+                key = keys_pending[number]
                 self.executed += 1
                 if outcome.verdict is not Verdict.ERROR:
                     self._store.put(key, outcome)
@@ -133,3 +140,10 @@ class StoredRunner:
             for outcome in outcomes:
                 self._told(outcome)
         return outcomes
+
+
+def _each(runner: Runner, cases: Sequence[TestCase]) -> Iterable[tuple[int, Outcome]]:
+    """Yield outcomes as they end where a runner can tell them so, so that an end in between loses none."""
+    if isinstance(runner, _RunsEach):
+        return runner.each(cases)
+    return enumerate(runner.run(cases))

@@ -1,4 +1,4 @@
-"""Triage: failures with one signature are one finding (RIOT II-A)."""
+"""Triage: failures with one signature are one finding (RIOT II-A), once fresh trials of it have failed again."""
 
 from __future__ import annotations
 
@@ -8,28 +8,72 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from riot_bus.vocabulary.injection import Injection
-    from riot_bus.vocabulary.trial import Outcome, Violation
+    from riot_bus.statistics.rates import Proportion
+    from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
-__all__ = ["Failure", "finding_id", "group", "primary"]
+__all__ = ["SEVERITIES", "Failure", "finding_id", "group", "severity"]
+
+SEVERITIES = ("catastrophic", "restart", "abort", "silent", "hindering")
+"""The CRASH scale of robustness testing (Koopman and DeVale, 1999), the worst first."""
+
+_SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort"}
+_MOST_DETAILS = 5
 
 
 @dataclass(slots=True)
 class Failure:
-    """All failures of one signature so far; `injections` and `trial` are those of the simplest one."""
+    """All failures of one signature so far.
+
+    Attributes:
+        case: The simplest one that was repeated, else the simplest one.
+        trial: Its number.
+        outcome: Its outcome.
+        occurrences: Trials of the campaign that failed so.
+        rate: How often fresh trials of the case failed so; None while there were none.
+        nominal: How often trials of the nominal log failed so.
+        details: What was told of them, each once.
+        simpler: A case with fewer modified messages that failed so later, its trial and outcome.
+    """
 
     violation: Violation
+    case: TestCase
     trial: int
-    injections: tuple[Injection, ...]
-    played: int
+    outcome: Outcome
     modified: int
     occurrences: int = 0
+    rate: Proportion | None = None
+    nominal: Proportion | None = None
     details: list[str] = field(default_factory=list)
+    simpler: tuple[TestCase, int, Outcome] | None = None
+    attempts: int = 0
+    tried: set[int] = field(default_factory=set)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether fresh trials have failed so again."""
+        return self.rate is not None and self.rate.hits > 0
+
+    @property
+    def played(self) -> int:
+        """Messages of the case that were played before the failure; 0 if that is not known."""
+        return int(self.outcome.statistics.get("played", 0))
+
+    def take(self, case: TestCase, trial: int, outcome: Outcome) -> None:
+        """Let another case stand for the failure."""
+        self.case, self.trial, self.outcome, self.modified = case, trial, outcome, _modified(case, outcome)
 
 
-def primary(outcome: Outcome) -> Violation:
-    """Return the violation that names a failure: the first, since crashes are judged before everything else."""
-    return outcome.violations[0]
+def _modified(case: TestCase, outcome: Outcome) -> int:
+    return int(outcome.statistics.get("modified", len(case.injections)))
+
+
+def severity(violation: Violation) -> str:
+    """Return where a failure stands on the CRASH scale.
+
+    A component that must be restarted is worse than one that ended by itself; wrong outputs and silence come without
+    any sign of an error.
+    """
+    return _SEVERITY.get(violation.monitor, "silent")
 
 
 def finding_id(violation: Violation) -> str:
@@ -38,19 +82,22 @@ def finding_id(violation: Violation) -> str:
     return f"{words[:40]}-{hashlib.sha256(violation.signature.encode()).hexdigest()[:6]}"
 
 
-def group(
-    failures: dict[str, Failure], outcome: Outcome, *, trial: int, injections: tuple[Injection, ...], modified: int
-) -> Failure:
-    """Add one failing outcome to the failure of its signature, keeping the one with the fewest modified messages."""
-    violation = primary(outcome)
-    played = int(outcome.statistics.get("played", 0))
-    known = failures.get(violation.signature)
-    if known is None or modified < known.modified:
-        fresh = Failure(violation, trial, injections, played, modified)
-        if known is not None:
-            fresh.occurrences, fresh.details = known.occurrences, known.details
-        failures[violation.signature] = known = fresh
-    known.occurrences += 1
-    if violation.detail not in known.details and len(known.details) < 5:
-        known.details.append(violation.detail)
-    return known
+def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, trial: int) -> list[Failure]:
+    """Add a failing outcome to the failures of all its signatures; return these.
+
+    A failure keeps the case with the fewest modified messages; one that comes later waits as `simpler`.
+    """
+    modified = _modified(case, outcome)
+    found = []
+    for violation in {each.signature: each for each in outcome.violations}.values():
+        known = failures.setdefault(violation.signature, Failure(violation, case, trial, outcome, modified))
+        simplest = min(known.modified, _modified(*known.simpler[::2]) if known.simpler else known.modified)
+        if modified < simplest and known.confirmed:
+            known.simpler = case, trial, outcome
+        elif modified < simplest:
+            known.take(case, trial, outcome)
+        known.occurrences += 1
+        if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:
+            known.details.append(violation.detail)
+        found.append(known)
+    return found

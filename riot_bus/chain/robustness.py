@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import logging
-import shutil
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule
 from riot_bus.campaign.targets import targets_of
-from riot_bus.campaign.triage import Failure, finding_id
+from riot_bus.campaign.triage import SEVERITIES, Failure, finding_id, severity
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.events import CampaignFinished, FindingWritten
-from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.findings.records import CampaignRecord, FindingRecord, MinimalRecord, ProportionRecord, UnconfirmedRecord
 from riot_bus.inject.apply import inject_log
 from riot_bus.report.reproduce import write_reproduce
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
+    from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["test_unit", "tested"]
@@ -65,16 +65,19 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             trials=trials,
             seconds=seconds,
             progress=step.progress,
+            found=lambda failure: _save(step, unit, failure, log),
         )
-        folders = [
-            _save(step, unit, failure, log)
-            for failure in sorted(result.failures.values(), key=lambda one: (-one.occurrences, one.trial))
-        ]
+        failures = sorted(
+            result.failures.values(), key=lambda one: (SEVERITIES.index(severity(one.violation)), -one.occurrences)
+        )
+        folders = [_save(step, unit, failure, log) for failure in failures]
         record = CampaignRecord(
             unit=unit,
             fingerprint=workspace.fingerprint,
             failing=result.failing,
             findings=tuple(folder.name for folder in folders),
+            unconfirmed=tuple(_unconfirmed(each) for each in result.unconfirmed.values()),
+            notes=dict(result.notes),
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,
@@ -98,47 +101,109 @@ def tested(workspace: Workspace, unit: str) -> list[Path] | None:
     return [workspace.findings / name for name in record.findings]
 
 
-def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
-    return (
-        f"{result.trials} trials of {unit} with {len(log)} messages each: {result.failing} failed, "
-        f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
+def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
+    repeats = failure.rate.total if failure.rate else 0
+    return UnconfirmedRecord(
+        signature=failure.violation.signature,
+        details=tuple(failure.details),
+        occurrences=failure.occurrences,
+        repeats=repeats,
+        injections=tuple(each.row() for each in failure.case.injections),
     )
 
 
+def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
+    text = (
+        f"{result.trials} trials of {unit} with {len(log)} messages each: {result.failing} failed, "
+        f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
+    )
+    if result.unconfirmed:
+        repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
+        text += f"; {len(result.unconfirmed)} more did not come again in {repeats} fresh trials"
+    if result.notes:
+        text += f"; monitors that did not judge: {'; '.join(result.notes)[:500]}"
+    return text
+
+
 def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) -> Path:
+    """Write a finding; of one that is there already, only what has become of it since. Nothing is deleted."""
     workspace = step.workspace
+    name = finding_id(failure.violation)
+    folder = workspace.findings / name
+    known = FindingRecord.load(folder) if FindingRecord.exists(folder) else None
+    told = known is None
+    if known is not None and known.fingerprint not in ("", workspace.fingerprint):
+        _put_aside(folder, known.fingerprint)
+        known, told = None, True
+    elif known is not None and failure.modified < known.modified and not MinimalRecord.exists(folder):
+        known = None  # a simpler case has been found since
+    if known is None:
+        record = _write(step, unit, failure, log, folder)
+    else:
+        record = known.model_copy(
+            update={
+                "occurrences": max(known.occurrences, failure.occurrences),
+                "details": tuple(dict.fromkeys([*known.details, *failure.details])),
+                "rate": _rate(failure.rate),
+                "nominal": _rate(failure.nominal),
+                "trials": step.trials,
+                "seconds": step.seconds,
+            }
+        )
+    record.save(folder)
+    write_reproduce(folder)
+    if told:
+        workspace.tell(
+            FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
+        )
+    return folder
+
+
+def _put_aside(folder: Path, fingerprint: str) -> None:
+    """Move what was learnt of a finding in another version of the system into a folder of its own."""
+    target = folder / "earlier" / fingerprint
+    target.mkdir(parents=True, exist_ok=True)
+    for path in folder.iterdir():
+        if path.name != "earlier":
+            path.replace(target / path.name)
+
+
+def _rate(rate: Proportion | None) -> ProportionRecord | None:
+    if rate is None:
+        return None
+    return ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
+
+
+def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], folder: Path) -> FindingRecord:
+    workspace, injections = step.workspace, failure.case.injections
     context = workspace.context
     numbered = [message.with_(sequence=number) for number, message in enumerate(log)]
-    delivered, touched = inject_log(numbered, failure.injections, registry=context.registry, seed=workspace.seed)
+    delivered, touched = inject_log(numbered, injections, registry=context.registry, seed=workspace.seed)
     prefix = delivered[: failure.played] if failure.played else delivered
     numbers = {message.sequence for message in prefix}
     originals = {original.sequence: original for _, original, _ in touched if original.sequence in numbers}
     changes = {original.sequence: made for _, original, made in touched}
-    name = finding_id(failure.violation)
-    folder = workspace.findings / name
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    metadata = {"finding": name, "signature": failure.violation.signature, "seed": str(workspace.seed)}
+    folder.mkdir(parents=True, exist_ok=True)
+    metadata = {"finding": folder.name, "signature": failure.violation.signature, "seed": str(workspace.seed)}
     FailingLog(prefix, originals).save(folder / "failure.mcap", context=context, metadata=metadata, changes=changes)
-    FindingRecord(
-        id=name,
+    return FindingRecord(
+        id=folder.name,
         system=context.file.system.name,
         system_file=str(context.file.path),
+        fingerprint=workspace.fingerprint,
         unit=unit,
         component=failure.violation.component,
         monitor=failure.violation.monitor,
+        severity=severity(failure.violation),
         signature=failure.violation.signature,
         details=tuple(failure.details),
         occurrences=failure.occurrences,
-        injections=tuple(injection.row() for injection in failure.injections),
+        rate=_rate(failure.rate),
+        nominal=_rate(failure.nominal),
+        injections=tuple(injection.row() for injection in injections),
         messages=len(prefix),
         modified=len(originals),
         seed=workspace.seed,
         trials=step.trials,
         seconds=step.seconds,
-    ).save(folder)
-    write_reproduce(folder)
-    workspace.tell(
-        FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
     )
-    return folder

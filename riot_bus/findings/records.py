@@ -37,6 +37,7 @@ __all__ = [
     "RegionRecord",
     "RuleRecord",
     "RuleSample",
+    "UnconfirmedRecord",
     "Value",
 ]
 
@@ -104,8 +105,32 @@ class Artefact(_Model):
         return (directory / cls.FILE).is_file()
 
 
+class ProportionRecord(_Model):
+    """A rate with its Clopper-Pearson 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    count: int = 0
+    total: int = 0
+
+
+class UnconfirmedRecord(_Model):
+    """A failure that was seen, and that none of so many fresh trials has shown again: chance, or too rare to tell."""
+
+    signature: str
+    details: tuple[str, ...] = ()
+    occurrences: int = 1
+    repeats: int = 0
+    injections: tuple[dict[str, Any], ...] = ()
+
+
 class CampaignRecord(Artefact):
-    """A finished campaign, in the output folder: what it found, most frequent first."""
+    """A finished campaign, in the output folder: what it found, the worst first.
+
+    Attributes:
+        notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
+    """
 
     FILE = "campaign.json"
     STEP = "test"
@@ -113,10 +138,19 @@ class CampaignRecord(Artefact):
     fingerprint: str
     failing: int = 0
     findings: tuple[str, ...] = ()
+    unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    notes: dict[str, int] = {}
 
 
 class FindingRecord(Artefact):
-    """One distinct failure of a unit."""
+    """One distinct failure of a unit.
+
+    Attributes:
+        fingerprint: What was tested: a hash of the system file and of the code.
+        severity: Its place on the CRASH scale.
+        rate: How often fresh trials of its case failed so.
+        nominal: How often trials of the nominal log failed so.
+    """
 
     FILE = "finding.json"
     STEP = "test"
@@ -128,6 +162,10 @@ class FindingRecord(Artefact):
     monitor: str
     signature: str
     details: tuple[str, ...] = ()
+    fingerprint: str = ""
+    severity: str = ""
+    rate: ProportionRecord | None = None
+    nominal: ProportionRecord | None = None
     occurrences: int = 1
     injections: tuple[dict[str, Any], ...] = ()
     messages: int = 0
@@ -192,16 +230,6 @@ class FieldsRecord(Artefact):
         """Which fields matter."""
         names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
         return f"{len(self.considered)} fields -> {names} ({self.trials} trials)"
-
-
-class ProportionRecord(_Model):
-    """A rate with its Clopper-Pearson 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    count: int = 0
-    total: int = 0
 
 
 class RuleSample(_Model):

@@ -20,7 +20,7 @@ from riot_bus.generalize.refine import probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fitted
 from riot_bus.generalize.table import Candidate, Table
-from riot_bus.generalize.validate import Proportion, proportion
+from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 

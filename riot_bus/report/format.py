@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["clean", "exact_interval", "number", "plural", "seconds", "share", "share_interval", "value"]
+__all__ = ["clean", "number", "plural", "seconds", "share", "share_interval", "value"]
 
 _KEPT = "\n\t"
 _HIDDEN = {"Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp"}
@@ -87,28 +87,3 @@ def seconds(duration: float) -> str:
         return f"{minutes} min {rest} s" if rest else f"{minutes} min"
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if minutes else f"{hours} h"
-
-
-def exact_interval(hits: int, trials: int) -> tuple[float, float]:
-    """Return the Clopper-Pearson 95 % interval of a rate seen as `hits` of `trials`."""
-    if trials < 1:
-        return 0.0, 1.0
-    hits = min(max(hits, 0), trials)
-    low = _crossing(hits, trials) if hits else 0.0
-    high = 1.0 - _crossing(trials - hits, trials) if hits < trials else 1.0
-    return low, high
-
-
-def _crossing(hits: int, trials: int) -> float:
-    """Return the rate at which `hits` or more of `trials` have a chance of 2.5 %."""
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        chance = math.fsum(_chance(count, trials, middle) for count in range(hits, trials + 1))
-        low, high = (middle, high) if chance < 0.025 else (low, middle)
-    return low
-
-
-def _chance(count: int, trials: int, rate: float) -> float:
-    choices = math.lgamma(trials + 1) - math.lgamma(count + 1) - math.lgamma(trials - count + 1)
-    return math.exp(choices + count * math.log(rate) + (trials - count) * math.log1p(-rate))

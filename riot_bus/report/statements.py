@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from riot_bus.findings.records import ProportionRecord
 from riot_bus.report.finding_view import FindingView
-from riot_bus.report.format import clean, exact_interval, number, plural, share, share_interval
+from riot_bus.report.format import clean, number, plural, share, share_interval
+from riot_bus.statistics.rates import exact_interval
 
 __all__ = ["Statement", "not_tried", "statements"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import shutil
 import tempfile
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
@@ -79,9 +79,16 @@ class Pool:
                 shutil.rmtree(directory, ignore_errors=True)
         return outcome
 
+    def each(self, trial: Trial, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
+        """Run trials, as many at once as there are jobs; yield the number of a case and its outcome, as they end."""
+        running = {self._executor.submit(self.execute, trial, case): number for number, case in enumerate(cases)}
+        for done in as_completed(running):
+            yield running[done], done.result()
+
     def map(self, trial: Trial, cases: Sequence[TestCase]) -> Sequence[Outcome]:
         """Run many trials, as many at once as there are jobs; outcomes in the order of the cases."""
-        return list(self._executor.map(lambda case: self.execute(trial, case), cases))
+        found = dict(self.each(trial, cases))
+        return [found[number] for number in range(len(cases))]
 
 
 class LocalRunner:
@@ -104,3 +111,7 @@ class LocalRunner:
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
         """Execute all cases and return their outcomes in the same order."""
         return self._pool.map(self._trial(), cases) if cases else []
+
+    def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
+        """Execute all cases; yield the number of each and its outcome, as they end."""
+        return self._pool.each(self._trial(), cases) if cases else iter(())

@@ -64,7 +64,8 @@ class Series:
 class TestCase:
     """A log (or part of one) + injections + seed.
 
-    `messages` are played to the system under test; empty means that its own external components drive it.
+    `messages` are played to the system under test; empty means that its own external components drive it. `again`
+    numbers fresh trials of one case: it is asked anew, and nothing else changes.
     """
 
     __test__ = False  # not a pytest class
@@ -72,13 +73,16 @@ class TestCase:
     messages: tuple[Message, ...] = ()
     injections: tuple[Injection, ...] = ()
     seed: int = 0
+    again: int = 0
 
     def digest(self) -> str:
         """Return a hash of everything that decides the outcome; equal cases have equal digests."""
         digest = hashlib.sha256()
         for message in self.messages:
             digest.update(message.digest())
-        rest = {"seed": self.seed, "injections": [injection.row() for injection in self.injections]}
+        rest: dict[str, object] = {"seed": self.seed, "injections": [each.row() for each in self.injections]}
+        if self.again:
+            rest["again"] = self.again
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
         return digest.hexdigest()[:32]
 

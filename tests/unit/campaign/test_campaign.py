@@ -14,7 +14,7 @@ from riot_bus.campaign.targets import Target
 from riot_bus.campaign.triage import finding_id
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violation
 
@@ -69,41 +69,112 @@ def test_nothing_to_inject() -> None:
         Schedule({}, load_dictionary(), seed=0)
 
 
-def test_campaign_groups_by_signature_and_keeps_the_simplest() -> None:
-    def answer(case: TestCase) -> Outcome:
-        speeds = [one.value for one in case.injections if one.field == "speed"]
-        if any(isinstance(value, float) and value < 0 for value in speeds):
-            return Outcome(Verdict.FAIL, (CRASH,), statistics={"played": 20})
-        return Outcome(Verdict.PASS)
+def injected(case: TestCase) -> bool:
+    speeds = [one.value for one in case.injections if one.field == "speed"]
+    return any(isinstance(value, float) and value < 0 for value in speeds)
 
-    result = campaign(Pure(answer), trials=60)
-    assert result.trials == 62
-    assert result.exhausted
+
+def failing(case: TestCase, *others: Violation) -> Outcome:
+    return Outcome(Verdict.FAIL, (CRASH, *others), statistics={"played": 20, "modified": len(case.injections)})
+
+
+def test_campaign_groups_by_signature_and_keeps_the_simplest() -> None:
+    pure = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS))
+    result = campaign(pure, trials=60)
+    assert (result.trials, result.exhausted) == (64, True)
     (failure,) = result.failures.values()
     assert failure.occurrences == result.failing > 1
-    assert failure.modified == len(failure.injections)
+    simplest = min(len(case.injections) for case in pure.executed if injected(case))
+    assert failure.modified == len(failure.case.injections) == simplest
     assert finding_id(failure.violation) == finding_id(CRASH)
+    assert failure.rate is not None
+    assert (failure.rate.hits, failure.rate.total) == (4, 4)
+    assert failure.nominal is not None
+    assert (failure.nominal.hits, failure.nominal.total) == (0, 4)
+
+
+def test_all_violations_of_a_trial_count() -> None:
+    other = Violation("range", "out:x", "range of out:x", "7")
+    result = campaign(Pure(lambda case: failing(case, other) if injected(case) else Outcome(Verdict.PASS)), trials=60)
+    assert {each.violation for each in result.failures.values()} == {CRASH, other}
+
+
+def test_a_failure_that_does_not_come_again_is_no_finding() -> None:
+    seen = set()
+
+    def once(case: TestCase) -> Outcome:
+        if not injected(case) or case.again or len(seen) > 1:
+            return Outcome(Verdict.PASS)
+        seen.add(case.digest())
+        return failing(case)
+
+    found: list[object] = []
+    result = run_campaign(LOG, schedule(), Pure(once), seed=0, trials=60, found=found.append)
+    assert (result.failing, dict(result.failures), found) == (len(seen), {}, [])
+    (failure,) = result.unconfirmed.values()
+    assert failure.rate is not None
+    assert (failure.rate.hits, failure.rate.total) == (0, 20)
+
+
+def test_a_failure_that_comes_at_times_is_a_finding_with_its_rate() -> None:
+    def at_times(case: TestCase) -> Outcome:
+        chance = int(case.digest(), 16) % 10 < 3
+        return failing(case) if injected(case) and chance else Outcome(Verdict.PASS)
+
+    result = campaign(Pure(at_times), trials=200)
+    (failure,) = result.failures.values()
+    assert failure.rate is not None
+    assert failure.rate.low < 0.3 < failure.rate.high
+
+
+def test_findings_are_told_when_they_are_confirmed() -> None:
+    told: list[tuple[int, str]] = []
+    pure = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS))
+    run_campaign(
+        LOG,
+        schedule(),
+        pure,
+        seed=0,
+        trials=60,
+        found=lambda failure: told.append((len(pure.executed), failure.violation.signature)),
+    )
+    assert len(told) == 1
+    assert told[0][0] < len(pure.executed)
 
 
 def test_unit_that_fails_nominally_is_a_finding_without_injections() -> None:
     result = campaign(Pure(lambda case: Outcome(Verdict.FAIL, (CRASH,))))
-    assert result.trials == 2
-    assert next(iter(result.failures.values())).injections == ()
+    assert (result.trials, result.exhausted) == (4, False)
+    (failure,) = result.failures.values()
+    assert failure.case.injections == ()
+    assert failure.nominal is not None
+    assert failure.nominal.rate == 1.0
 
 
-def test_unit_that_sometimes_fails_nominally_is_inconclusive() -> None:
-    answers = iter([Outcome(Verdict.PASS), Outcome(Verdict.FAIL, (CRASH,))])
-    with pytest.raises(InconclusiveError):
-        campaign(Pure(lambda case: next(answers)))
+def test_a_unit_that_sometimes_fails_nominally_is_tested_all_the_same() -> None:
+    def flaky(case: TestCase) -> Outcome:
+        return Outcome(Verdict.FAIL, (CRASH,)) if int(case.digest(), 16) % 10 < 4 else Outcome(Verdict.PASS)
+
+    result = campaign(Pure(flaky), trials=10)
+    assert result.exhausted
+    (failure,) = result.failures.values()
+    assert failure.case.injections == ()
+    assert failure.nominal is not None
+    assert failure.nominal.total == 16
+    assert failure.nominal.low < 0.4 < failure.nominal.high
+
+
+def test_what_monitors_say_of_themselves_is_kept() -> None:
+    result = campaign(Pure(lambda case: Outcome(Verdict.PASS, detail="Range: KeyError: 'x'")), trials=4)
+    assert result.notes == {"Range: KeyError: 'x'": 8}
 
 
 def test_progress_counts_trials_and_failures() -> None:
     told: list[tuple[int, int, str]] = []
-    nominal = [Outcome(Verdict.PASS), Outcome(Verdict.PASS)]
     run_campaign(
         LOG,
         schedule(),
-        Pure(lambda case: nominal.pop() if nominal else Outcome(Verdict.FAIL, (CRASH,))),
+        Pure(lambda case: Outcome(Verdict.FAIL, (CRASH,)) if case.injections else Outcome(Verdict.PASS)),
         seed=0,
         trials=6,
         progress=lambda *words: told.append(words),

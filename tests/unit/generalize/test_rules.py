@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
-from riot_bus.generalize.validate import proportion
+from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 
 Values = Mapping[str, Any]

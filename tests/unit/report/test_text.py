@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.report.format import clean, exact_interval, number, plural, seconds, share, value
+from riot_bus.report.format import clean, number, plural, seconds, share, value
 from riot_bus.report.text import summary
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -62,14 +62,6 @@ def test_needs_a_finding(tmp_path: Path) -> None:
 def test_imports_nothing_heavy() -> None:
     code = "import sys, riot_bus.report.text; sys.exit(bool({'jinja2', 'matplotlib', 'numpy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize(
-    ("hits", "trials", "low", "high"),
-    [(10, 10, 0.6915, 1.0), (0, 10, 0.0, 0.3085), (5, 10, 0.1871, 0.8129), (0, 0, 0.0, 1.0), (98, 100, 0.9296, 0.9976)],
-)
-def test_exact_interval(hits: int, trials: int, low: float, high: float) -> None:
-    assert exact_interval(hits, trials) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_words() -> None:

@@ -1,0 +1,55 @@
+"""Rates: so many of so many, and the exact interval of what is behind them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["Proportion", "exact_interval", "proportion"]
+
+_HALVINGS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion:
+    """`hits` of `total`, and the Clopper-Pearson interval of the underlying rate."""
+
+    hits: int
+    total: int
+    low: float
+    high: float
+
+    @property
+    def rate(self) -> float:
+        """The observed rate; 1 when there was nothing to observe."""
+        return self.hits / self.total if self.total else 1.0
+
+
+def proportion(hits: int, total: int, *, confidence: float = 0.95) -> Proportion:
+    """Return a proportion with its exact (Clopper-Pearson) interval."""
+    return Proportion(hits, total, *exact_interval(hits, total, confidence=confidence))
+
+
+def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the exact (Clopper-Pearson) interval of a rate that was seen as `hits` of `total`."""
+    if total < 1:
+        return 0.0, 1.0
+    hits, tail = min(max(hits, 0), total), (1 - confidence) / 2
+    low = _crossing(hits, total, tail) if hits else 0.0
+    high = 1.0 - _crossing(total - hits, total, tail) if hits < total else 1.0
+    return low, high
+
+
+def _crossing(hits: int, total: int, tail: float) -> float:
+    """Return the rate at which `hits` or more of `total` have a chance of `tail`."""
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        chance = math.fsum(_chance(count, total, middle) for count in range(hits, total + 1))
+        low, high = (middle, high) if chance < tail else (low, middle)
+    return low
+
+
+def _chance(count: int, total: int, rate: float) -> float:
+    choices = math.lgamma(total + 1) - math.lgamma(count + 1) - math.lgamma(total - count + 1)
+    return math.exp(choices + count * math.log(rate) + (total - count) * math.log1p(-rate))
