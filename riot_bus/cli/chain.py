@@ -23,7 +23,7 @@ __all__ = ["register"]
 
 DEFAULT_SYSTEM = Path("riot.toml")
 DEFAULT_OUT = Path("riot-out")
-FAULTS = 1
+FAULTS, INCONCLUSIVE = 1, 5
 
 Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: injected trials of the unit.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
@@ -164,13 +164,16 @@ def run_tests(
 ) -> None:
     """Test one unit with exceptional values and group its failures into findings."""
     from riot_bus.chain.robustness import test_unit
+    from riot_bus.findings.records import CampaignRecord
 
     with _workspace(system, out, jobs, seed, form) as workspace:
         name, _ = workspace.unit(unit)
         folders = [str(folder) for folder in test_unit(workspace, name, trials=trials, seconds=seconds)]
-    _show({"unit": name, "findings": folders}, form, folders or ["no finding"])
-    if folders:
-        raise typer.Exit(FAULTS)
+    notes = CampaignRecord.load(out).notes
+    lines = folders or [f"inconclusive: {note}" for note in notes] or ["no finding"]
+    _show({"unit": name, "findings": folders, "notes": notes}, form, lines)
+    if folders or notes:
+        raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
 
 def analyze(

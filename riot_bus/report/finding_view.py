@@ -25,7 +25,7 @@ __all__ = ["FindingView", "Severity", "TextPart", "load"]
 
 Severity = Literal["unit only", "permeable", "activated"]
 
-_VERBS = {"crash": "crashes", "hang": "hangs"}
+_VERBS = {"crash": "crashes", "hang": "hangs", "exit": "ends", "silent": "stays silent"}
 _NAMED = 3
 _TOLD = (FindingRecord, MinimalRecord, FieldsRecord, RuleRecord, PermeabilityRecord, ActivationRecord)
 

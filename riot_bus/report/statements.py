@@ -24,13 +24,7 @@ class Statement:
 
 def statements(view: FindingView) -> list[Statement]:
     """Return the claims of the finished steps."""
-    found = [
-        Statement(
-            f"{clean(view.finding.component)} {view.failure}",
-            f"seen in {plural(view.finding.occurrences, 'trial')} of the test with this signature",
-            "observed" if view.fields is None else "observed; repeated below",
-        )
-    ]
+    found = [_failure(view)]
     if view.minimal:
         kept = plural(len(view.minimal.kept), "message")
         needed = "each of those kept was left out once, and the failure went away"
@@ -42,6 +36,18 @@ def statements(view: FindingView) -> list[Statement]:
             )
         )
     return found + _fields(view) + _rule(view) + _outside(view)
+
+
+def _failure(view: FindingView) -> Statement:
+    finding, rate = view.finding, view.finding.rate
+    evidence = f"seen in {plural(finding.occurrences, 'trial')} of the test with this signature"
+    confidence = "observed" if view.fields is None else "observed; repeated below"
+    if rate:
+        evidence += f"; {rate.count} of {plural(rate.total, 'fresh trial')} of one of them failed again"
+        confidence = f"95 %: fails {share_interval(rate.low, rate.high)} of the time"
+    if finding.nominal:
+        evidence += f"; {finding.nominal.count} of {plural(finding.nominal.total, 'nominal trial')} failed so"
+    return Statement(f"{clean(finding.component)} {view.failure}", evidence, confidence)
 
 
 def _fields(view: FindingView) -> list[Statement]:

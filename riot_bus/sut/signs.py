@@ -16,6 +16,7 @@ from riot_bus.vocabulary.clock import SystemClock
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from riot_bus.sut.activity import Activity
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.sut.stage import TrialSetup
     from riot_bus.sut.system import Unit
@@ -28,6 +29,8 @@ _SAMPLES = 16
 _POLL = 0.005
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
 _LOOKS, _BETWEEN_LOOKS = 3, 0.02
+_SPIN_S, _SPIN_SHARE = 0.25, 0.5
+"""A thread without an end takes all of a processor that it gets, one that works off its timers some percent."""
 
 
 class Feeder:
@@ -58,6 +61,17 @@ class Feeder:
 
     def feed(self, messages: Sequence[Message]) -> bool:
         """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline."""
+        before = self._publish(messages)
+        return self._stage.settle(
+            [self._name],
+            window=self._settle.window,
+            timeout=self._settle.timeout,
+            idle=self._baseline.idle,
+            since=before if messages else None,
+        )
+
+    def _publish(self, messages: Sequence[Message]) -> Activity:
+        """Publish messages; return what the unit had done just before the last one."""
         stage, names = self._stage, [self._name]
         before, self.sent = stage.activity(names), 0
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
@@ -76,19 +90,14 @@ class Feeder:
 
         play(messages, publish, rate=self._rate, clock=SystemClock(), stop=stop)
         wait_sent(timeout=self._settle.timeout)
-        return stage.settle(
-            names,
-            window=self._settle.window,
-            timeout=self._settle.timeout,
-            idle=self._baseline.idle,
-            since=before if messages else None,
-        )
+        return before
 
     def nominal(self, messages: Sequence[Message]) -> NominalTrial:
         """Return what the unit does after its nominal log, which it has got, and to a probe of it."""
         answers, begin = self._answers(0), len(self._stage.outputs)
         probed: Mapping[str, int] = {}
-        if self.alive and self.feed(probe_of(messages)):
+        if self.alive:
+            self.feed(probe_of(messages))
             self._linger()
             probed = self._answers(begin)
         stacks = self._stage.stacks([self._name]) if self.alive else []
@@ -105,17 +114,20 @@ class Feeder:
             settled: Whether it has come to rest after the log.
         """
         baseline = self._baseline
-        if not settled:
-            return self._standing(), False
         if not self.alive or not baseline.probe_answers:
-            self._linger()
-            return self._changed(), True
+            if settled:
+                self._linger()
+            return (self._changed() if settled else self._standing()), settled
         silent: tuple[str, ...] = ()
         for messages, expected in ((baseline.probe, baseline.probe_answers), (baseline.log, baseline.log_answers)):
             begin = len(self._stage.outputs)
-            if not self.feed(messages):
-                return self._standing(), False
+            if settled:
+                settled = self.feed(messages)
+            else:
+                self._publish(messages)
             silent = self._missing(expected, begin)
+            if not settled and (silent or self._spins()):
+                return self._standing(), False
             if not silent or not self.alive:
                 break
         if silent:
@@ -123,6 +135,19 @@ class Feeder:
             return self._changed(silent), True
         ended = self._ended()
         return (Signs(ended=ended) if ended else NO_SIGNS), True
+
+    def works(self, trial: NominalTrial) -> bool:
+        """Return whether a unit that did not come to rest in a nominal trial is no worse for it.
+
+        One with timers of its own may find no rest on a loaded machine; if it answers, and does not run all the time,
+        it works.
+        """
+        return self.alive and bool(trial.probe_answers) and not self._spins()
+
+    def _spins(self) -> bool:
+        """Return whether the unit runs so much more than without input that a thread of it must run without an end."""
+        ran = self._stage.measure_idle([self._name], seconds=_SPIN_S).ran
+        return ran > self._baseline.idle.ran + _SPIN_SHARE
 
     def _answers(self, begin: int) -> Counter[str]:
         """Return how many outputs there have been since an index of all outputs, by topic."""
@@ -133,9 +158,9 @@ class Feeder:
         """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
         self._stage.bus.drain(self._settle.timeout)
         wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
-        deadline = time.monotonic() + wait
+        held_up, start = self._stage.held_up([self._name]), time.monotonic()
         while missing := expected.keys() - self._answers(begin).keys():
-            if time.monotonic() > deadline or not self.alive:
+            if time.monotonic() - start - held_up() > wait or not self.alive:
                 break
             time.sleep(_POLL)
         return tuple(sorted(missing))

@@ -18,7 +18,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.message import Qos
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.pipeline.runner import Pipeline
@@ -258,6 +258,12 @@ class TrialSetup:
         time.sleep(seconds)
         after = self.activity(names), self._shares(names)
         return idle_between(before, after, seconds=time.monotonic() - begin)
+
+    def held_up(self, names: Iterable[str]) -> Callable[[], float]:
+        """Return what tells for how many seconds from now on components had to wait for a processor."""
+        names = list(names)
+        before = self._shares(names)
+        return lambda: self._shares(names).waited_since(before)
 
     def _shares(self, names: Iterable[str]) -> Shares:
         return shares(self._family(names))

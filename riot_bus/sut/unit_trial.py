@@ -59,8 +59,9 @@ class UnitTrial:
                 feeder = Feeder(stage, name, unit, self.baseline)
                 settled = feeder.feed(messages)
                 sent, answered = feeder.sent, len(stage.outputs)
-                if self.nominal is not None and settled:
+                if self.nominal is not None:
                     self.nominal.append(feeder.nominal(case.messages))
+                    settled = settled or feeder.works(self.nominal[-1])
                 signs, settled = feeder.signs(settled=settled)
                 stage.sample_resources([name])
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})

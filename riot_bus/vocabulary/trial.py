@@ -103,10 +103,16 @@ class Outcome:
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def failed_as(self, signature: str | None) -> bool:
-        """Return whether this is the failure under study (any failure when `signature` is None)."""
+        """Return whether this is the failure under study (any failure when `signature` is None).
+
+        A violation whose place could not be told, as in runs of a whole system, is taken for one whose place is known.
+        """
         if self.verdict is not Verdict.FAIL:
             return False
-        return signature is None or any(violation.signature == signature for violation in self.violations)
+        return signature is None or any(
+            signature == each.signature or signature.startswith((f"{each.signature}: ", f"{each.signature} in "))
+            for each in self.violations
+        )
 
 
 class Runner(Protocol):

@@ -1,0 +1,60 @@
+"""The kinds of `node.py` and what a test of each must find; `write` makes a system of them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from riot_bus.log.writer import LogWriter
+from riot_bus.vocabulary.message import Message
+
+__all__ = ["FAULTY", "ROBUST", "write"]
+
+FOLDER = Path(__file__).resolve().parent
+
+FAULTY = {
+    "sys_exit": "exit of {}: the main thread has ended by sys.exit(3) in leave, though the process has not",
+    "exit_zero": "exit of {}: status 0 by os._exit(0) in misbehave",
+    "exit_status": "crash in {}: exit status 4",
+    "raises": 'crash in {}: misbehave: raise ValueError("bad")',
+    "deadlock": "hang of {}: in take_first, take_second",
+    "livelock": "hang of {}: in wait_for_ever",
+    "busy": "hang of {}: in spin",
+    "sometimes": 'crash in {}: misbehave: raise ValueError("three times of ten")',
+    "lost_worker": "exit of {}: a thread has ended: worker",
+    "stdout_traceback": 'crash in {}: misbehave: raise ValueError("bad")',
+    "ignores": "silent of {}: nothing on state",
+    "silent": "silent of {}: nothing on state",
+}
+"""The signature of the one finding of each, with `{}` for its name."""
+
+ROBUST = ("slow", "chatty", "refuses", "silent_by_design", "restarts_thread", "muted_by_mode", "timers")
+
+_MESSAGES = 30
+_STEP_NS = 10_000_000
+
+
+def write(folder: Path) -> Path:
+    """Write riot.toml, the nominal log and the program into a folder; return the path of the former."""
+    shutil.copy(FOLDER / "node.py", folder)
+    with LogWriter(folder / "nominal.mcap") as log:
+        for number in range(_MESSAGES):
+            time = 10**18 + number * _STEP_NS
+            command = json.dumps({"x": number * 0.5, "k": number % 3}).encode()
+            log.write(Message(time, "cmd", command, encoding="application/json"))
+            if number % 10 == 4:
+                mode = json.dumps({"m": 1 - number // 10 % 2}).encode()
+                log.write(Message(time + 1000, "mode", mode, encoding="application/json"))
+            if number == _MESSAGES - 5:
+                log.write(Message(time + 1000, "mode", b'{"m": 0}', encoding="application/json"))
+    parts = ['[system]\nname = "misbehaviour"\nnominal = "nominal.mcap"\n']
+    parts += [
+        f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
+        f'inputs = ["cmd", "mode"]\noutputs = ["state"]\nready = {{ timeout = 60 }}\n'
+        f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
+        for kind in (*FAULTY, *ROBUST)
+    ]
+    path = folder / "riot.toml"
+    path.write_text("\n".join(parts))
+    return path

@@ -1,0 +1,156 @@
+"""A node with one way to misbehave: `node.py KIND ENDPOINT`. It answers `cmd` with `state` until a bad one comes.
+
+A bad command has an `x` that is no number, not finite, or out of all proportion. Robust kinds stand at the end.
+"""
+
+import json
+import math
+import os
+import queue
+import sys
+import threading
+import time
+
+import zenoh
+
+KIND, ENDPOINT = sys.argv[1:3]
+THREADED = ("lost_worker", "restarts_thread", "stdout_traceback")
+
+inbox = queue.Queue()
+first, second = threading.Lock(), threading.Lock()
+seen_bad = muted = False
+count = 0
+mode = 0
+kept = []
+
+
+def is_bad(x):
+    return isinstance(x, bool) or not isinstance(x, (int, float)) or not math.isfinite(x) or abs(x) > 1e6
+
+
+def take_first():
+    with first:
+        time.sleep(0.01)
+        with second:
+            pass
+
+
+def take_second():
+    with second:
+        time.sleep(0.01)
+        with first:
+            pass
+
+
+def leave():
+    sys.exit(3)
+
+
+def wait_for_ever():
+    while True:
+        time.sleep(0.01)
+
+
+def spin():
+    while True:
+        pass
+
+
+def misbehave(command):
+    """What a bad command brings; True if it is not to be answered."""
+    if KIND == "sys_exit":
+        leave()
+    elif KIND == "exit_zero":
+        os._exit(0)
+    elif KIND == "exit_status":
+        os._exit(4)
+    elif KIND == "raises":
+        raise ValueError("bad")
+    elif KIND == "deadlock":
+        threading.Thread(target=take_second).start()
+        take_first()
+    elif KIND == "livelock":
+        wait_for_ever()
+    elif KIND == "busy":
+        spin()
+    elif KIND == "sometimes" and os.urandom(1)[0] < 77:
+        raise ValueError("three times of ten")
+    elif KIND == "stdout_traceback":
+        import traceback
+
+        try:
+            raise ValueError("bad")
+        except ValueError:
+            print(traceback.format_exc(), flush=True)
+            raise SystemExit from None
+    elif KIND == "ignores":
+        print("ERROR: bad input", file=sys.stderr)
+    elif KIND == "refuses":
+        print("refused a bad command", file=sys.stderr)
+        return True
+    return KIND == "ignores"
+
+
+def handle(command):
+    global seen_bad, count
+    bad = is_bad(command.get("x"))
+    seen_bad |= bad
+    count += 1
+    if bad and misbehave(command):
+        return
+    if KIND in ("ignores", "silent") and seen_bad:
+        return
+    if KIND == "slow":
+        time.sleep(0.02)
+    if KIND == "chatty":
+        print(f"no error, no exception: message {count}", file=sys.stderr, flush=True)
+    if KIND != "silent_by_design":
+        out.put(json.dumps({"y": 0.0 if bad else command["x"], "n": count}))
+
+
+def main():
+    while True:
+        handle(inbox.get())
+
+
+def worker():
+    while True:
+        command = inbox.get()
+        if is_bad(command.get("x")) and KIND == "lost_worker":
+            return
+        if is_bad(command.get("x")) and KIND == "restarts_thread":
+            threading.Thread(target=worker).start()
+            return
+        handle(command)
+
+
+def tick():
+    ticks = session.declare_publisher("tick")
+    while True:
+        time.sleep(0.02)
+        ticks.put("{}")
+
+
+def on_mode(sample):
+    global muted
+    muted = KIND == "muted_by_mode" and json.loads(sample.payload.to_bytes()).get("m") == 1
+
+
+def on_command(sample):
+    if not muted:
+        inbox.put(json.loads(sample.payload.to_bytes()))
+
+
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
+session = zenoh.open(config)
+out = session.declare_publisher("state", congestion_control=zenoh.CongestionControl.BLOCK)
+if KIND == "timers":
+    threading.Thread(target=tick, daemon=True).start()
+modes = session.declare_subscriber("mode", on_mode)
+commands = session.declare_subscriber("cmd", on_command)
+if KIND in THREADED:
+    threading.Thread(target=worker).start()
+    threading.Event().wait()
+main()

@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import pytest
+
+from riot_bus.campaign.confirm import repeat
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
+from tests.unit.campaign.test_campaign import CRASH, Pure
+
+OTHER = Violation("crash", "part", "crash in part: elsewhere", "")
+
+
+def runner(chance: float, violation: Violation = CRASH) -> Pure:
+    def answer(case: TestCase) -> Outcome:
+        fails = int(case.digest(), 16) % 1000 < 1000 * chance
+        return Outcome(Verdict.FAIL, (violation,)) if fails else Outcome(Verdict.PASS)
+
+    return Pure(answer)
+
+
+def test_what_always_fails_takes_few_trials() -> None:
+    pure = runner(1.0)
+    rate = repeat(TestCase(seed=3), CRASH.signature, pure)
+    assert (rate.hits, rate.total) == (4, 4)
+    assert [case.again for case in pure.executed] == [1, 2, 3, 4]
+    assert {case.seed for case in pure.executed} == {3}
+    assert len({case.digest() for case in [TestCase(seed=3), *pure.executed]}) == 5
+
+
+def test_what_never_fails_again_takes_twenty() -> None:
+    assert repeat(TestCase(), CRASH.signature, runner(0.0)).total == 20
+
+
+def test_another_failure_is_no_confirmation() -> None:
+    assert repeat(TestCase(), CRASH.signature, runner(1.0, OTHER)).hits == 0
+
+
+@pytest.mark.parametrize("chance", [0.2, 0.5, 0.9])
+def test_the_interval_holds_the_rate(chance: float) -> None:
+    rates = [repeat(TestCase(seed=seed), CRASH.signature, runner(chance)) for seed in range(300)]
+    held = sum(rate.low <= chance <= rate.high for rate in rates)
+    missed = sum(rate.hits == 0 for rate in rates)
+    assert held >= 0.93 * len(rates)
+    assert missed <= 0.03 * len(rates)

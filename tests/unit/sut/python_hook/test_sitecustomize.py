@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from riot_bus.sut.python_report import MainEnd, PythonReport
+from riot_bus.zenoh.session import wait_until
+
+PROGRAM = """
+import os, sys, threading
+
+def waits():
+    threading.Event().wait()
+
+def worker():
+    waits()
+
+def leave():
+    {end}
+
+threading.Thread(target=worker).start()
+print("started", flush=True)
+leave()
+"""
+
+
+def start(tmp_path: Path, end: str, **environment: str) -> tuple[subprocess.Popen[str], PythonReport]:
+    program = tmp_path / "unit.py"
+    program.write_text(PROGRAM.format(end=end))
+    report = PythonReport(tmp_path)
+    given = {**os.environ, **environment}
+    process = subprocess.Popen(
+        [sys.executable, str(program)], env={**given, **report.environment(given)}, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "started\n"
+    return process, report
+
+
+def test_the_end_of_the_main_thread_is_told_though_the_process_goes_on(tmp_path: Path) -> None:
+    process, report = start(tmp_path, "sys.exit(3)")
+    try:
+        assert wait_until(lambda: report.main_end([process.pid]) is not None, 10)
+        assert report.main_end([process.pid]) == MainEnd("sys.exit(3)", "leave")
+        assert process.poll() is None
+        assert [stack.functions for stack in report.stacks([process.pid])] == [("waits", "worker")]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_main_thread_that_goes_on_has_not_ended(tmp_path: Path) -> None:
+    process, report = start(tmp_path, "waits()")
+    try:
+        assert wait_until(
+            lambda: {stack.functions[0] for stack in report.stacks([process.pid])} == {"waits"}, 10, interval=0.05
+        )
+        assert {stack.functions[-1] for stack in report.stacks([process.pid])} == {"worker", "<module>"}
+        assert report.main_end([process.pid]) is None
+        assert report.exit_call([process.pid]) is None
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_who_ended_the_process_is_told(tmp_path: Path) -> None:
+    process, report = start(tmp_path, "os._exit(0)")
+    process.communicate(timeout=10)
+    assert report.exit_call([process.pid]) == MainEnd("os._exit(0)", "leave")
+
+
+def test_a_sitecustomize_of_ones_own_is_imported_as_ever(tmp_path: Path) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "sitecustomize.py").write_text(f"open({str(tmp_path / 'was here')!r}, 'w').close()\n")
+    process, _ = start(tmp_path, "os._exit(0)", PYTHONPATH=str(own))
+    process.communicate(timeout=10)
+    assert (tmp_path / "was here").exists()
