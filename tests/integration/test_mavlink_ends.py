@@ -27,7 +27,7 @@ def test_mavproxy(mavlink_python: Path, tmp_path: Path, between: str) -> None:
             "mission": ROUTE,
             "climbs": True,
             "lost": "0",
-            "tracebacks": 0,
+            "tracebacks": [],
         }
         ((source, (received, lost)),) = losses(autopilot).items()
         assert (source, received > 10, lost) == ("255/230", True, 0)

@@ -90,7 +90,7 @@ def main(url, folder):
     proxy.ask("mode LAND", r"Mode LAND")
     report["lost"] = proxy.ask("link", r"\((\d+) packets.* (\d+) lost")[2]
     proxy.end()
-    report["tracebacks"] = proxy.text.count("Traceback")
+    report["tracebacks"] = [part[:2000] for part in proxy.text.split("Traceback")[1:]]
     print(json.dumps(report), flush=True)
 
 
