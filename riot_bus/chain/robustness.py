@@ -15,6 +15,7 @@ from riot_bus.chain.questions import dictionary_of
 from riot_bus.events import CampaignFinished, FindingWritten
 from riot_bus.findings.records import CampaignRecord, FindingRecord, MinimalRecord, ProportionRecord, UnconfirmedRecord
 from riot_bus.inject.apply import inject_log
+from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.reproduce import write_reproduce
 
 if TYPE_CHECKING:
@@ -152,6 +153,8 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
         )
     record.save(folder)
     write_reproduce(folder)
+    if not (folder / EVIDENCE).is_dir():
+        workspace.runners.keep_evidence(unit, failure.case, failure.violation.signature, folder / EVIDENCE)
     if told:
         workspace.tell(
             FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)

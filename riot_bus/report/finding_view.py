@@ -21,12 +21,14 @@ from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 from riot_bus.report.format import clean, plural
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 
-__all__ = ["FindingView", "Severity", "TextPart", "load"]
+__all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load"]
 
 Severity = Literal["unit only", "permeable", "activated"]
 
 _VERBS = {"crash": "crashes", "hang": "hangs", "exit": "ends", "silent": "stays silent"}
 _NAMED = 3
+EVIDENCE = "evidence"
+"""Folder of a finding with what a failing trial has left."""
 _TOLD = (FindingRecord, MinimalRecord, FieldsRecord, RuleRecord, PermeabilityRecord, ActivationRecord)
 
 

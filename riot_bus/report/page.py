@@ -14,7 +14,7 @@ import riot_bus
 from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import format as words
 from riot_bus.report.diagram import links
-from riot_bus.report.finding_view import FindingView, Severity, load
+from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load
 from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.statements import not_tried, statements
@@ -30,6 +30,7 @@ PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST = 20_000
 _ROWS = 60
+_TAIL = 6000
 _PATHS = 200
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
 _MEANING: dict[Severity, str] = {
@@ -146,8 +147,23 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
         "files": [name for name in _SHARED if (view.directory / name).is_file()],
+        "evidence": _evidence(view.directory),
         "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
     }
+
+
+def _evidence(directory: Path) -> list[tuple[str, str]]:
+    """Return what a failing trial has left: the name of each file, and the end of it if it is text."""
+    found = []
+    for path in sorted((directory / EVIDENCE).glob("*"))[:_ROWS]:
+        if path.is_file():
+            text = ""
+            if path.suffix == ".txt":
+                with path.open("rb") as stream:
+                    stream.seek(max(0, path.stat().st_size - _TAIL))
+                    text = stream.read().decode(errors="replace")
+            found.append((f"{EVIDENCE}/{path.name}", text))
+    return found
 
 
 def _messages(view: FindingView) -> list[tuple[str, list[FieldRecord]]]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus.sut.baseline import UNKNOWN
+from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.nominal import measure_baseline
 from riot_bus.sut.system_trial import SystemTrial
@@ -19,9 +23,11 @@ if TYPE_CHECKING:
     from riot_bus.sut.local import Trial
     from riot_bus.sut.system import RunPace
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Runner
+    from riot_bus.vocabulary.trial import Runner, TestCase
 
 __all__ = ["LocalRunners", "RunnerFactory"]
+
+_EVIDENCE_TRIALS = 5
 
 
 class RunnerFactory(Protocol):
@@ -33,6 +39,14 @@ class RunnerFactory(Protocol):
         Args:
             unit: Its name.
             log: Returns its nominal log, what it does with which is what it is held against; asked when first needed.
+        """
+        ...
+
+    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+        """Repeat a failing case until it fails so again, and keep what that trial leaves in a folder.
+
+        Returns:
+            False if it did not fail so in a few trials; then nothing is kept.
         """
         ...
 
@@ -83,6 +97,32 @@ class LocalRunners:
             return UnitTrial(self._context, unit, self._baselines[unit])
 
         return LocalRunner(trial, self._pool)
+
+    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+        """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""
+        baseline = self._baselines.get(unit, UNKNOWN)
+        partial = folder.with_suffix(".partial")
+        for attempt in range(_EVIDENCE_TRIALS):
+            shutil.rmtree(partial, ignore_errors=True)
+            trial = UnitTrial(self._context, unit, baseline, evidence=partial)
+            outcome = self._pool.execute(trial, replace(case, again=-1 - attempt))
+            if outcome.failed_as(signature):
+                if "SIG" in signature and has_debugger():
+                    self._add_backtrace(trial, case, partial)
+                shutil.rmtree(folder, ignore_errors=True)
+                partial.rename(folder)
+                return True
+        shutil.rmtree(partial, ignore_errors=True)
+        return False
+
+    def _add_backtrace(self, trial: UnitTrial, case: TestCase, folder: Path) -> None:
+        """Run the case once more behind a debugger, and keep the native stacks that it prints."""
+        inside = folder / "debugger"
+        self._pool.execute(replace(trial, evidence=inside, before=DEBUGGER), case)
+        texts = [native_backtrace(path.read_text(errors="replace")) for path in inside.glob("*.stdout.txt")]
+        shutil.rmtree(inside, ignore_errors=True)
+        if any(texts):
+            (folder / "backtrace.txt").write_text("\n".join(texts) + "\n", encoding="utf-8")
 
     def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""

@@ -97,8 +97,17 @@ class TrialSetup:
         finally:
             self.bus.close()
 
-    def start(self, name: str, *, seed: int, pace: RunPace | None = None) -> ComponentProcess:
-        """Start a component on its segment."""
+    def start(
+        self, name: str, *, seed: int, pace: RunPace | None = None, before: Sequence[str] = ()
+    ) -> ComponentProcess:
+        """Start a component on its segment.
+
+        Args:
+            name: The component.
+            seed: For its `{seed}`.
+            pace: For its `{duration}` and `{speed}`.
+            before: Words before its command, such as those of a debugger.
+        """
         component = self.context.file.components[name]
         segment = self.context.file.segment_of(component)
         words = {
@@ -113,7 +122,7 @@ class TrialSetup:
         fixed = self.context.file.system.surroundings == "fixed"
         given = {**os.environ, **_filled(component.env, words)}
         env = {**given, **self.python.environment(given), **(fixed_environment(component.env) if fixed else {})}
-        argv = [_fill(part, words) for part in component.command]
+        argv = [*before, *(_fill(part, words) for part in component.command)]
         cwd = (self.context.file.root / component.cwd).resolve()
         process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed)
         self.processes[name] = process

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from riot_bus.inject.apply import inject_log
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -32,12 +33,16 @@ class UnitTrial:
     Attributes:
         baseline: What the unit does in nominal trials; without one, a trial is only judged by what needs none.
         nominal: If given, cases are the nominal log, and what the unit shows in them is added here.
+        evidence: Folder for what a failing trial leaves; None to keep nothing.
+        before: Words before the unit's command, such as those of a debugger.
     """
 
     context: Context
     unit: str
     baseline: Baseline = UNKNOWN
     nominal: list[NominalTrial] | None = None
+    evidence: Path | None = None
+    before: tuple[str, ...] = ()
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
@@ -53,7 +58,7 @@ class UnitTrial:
         messages, touched = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
         try:
             with TrialSetup(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
-                stage.start(name, seed=case.seed)
+                stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)
                 feeder = Feeder(stage, name, unit, self.baseline)
@@ -68,6 +73,8 @@ class UnitTrial:
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
         violations, broken = judge(view, self.context.monitors)
+        if violations and self.evidence:
+            write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,

@@ -53,6 +53,10 @@ class FailingRunner:
         """Return a runner for runs of the whole system."""
         return self
 
+    def keep_evidence(self, *_: Any, **__: Any) -> bool:
+        """Keep nothing."""
+        return False
+
     def run(self, cases: Sequence[TestCase]) -> list[Outcome]:
         """Fail all cases."""
         return [Outcome(Verdict.FAIL, (Violation("crash", "unit", _SIGNATURE),)) for _ in cases]

@@ -9,6 +9,7 @@ import pytest
 from riot_bus.chain.robustness import test_unit as run_campaign
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.sut.evidence import has_debugger
 from tests.systems.misbehaviour.catalogue import FAULTY, ROBUST, write
 from tests.tiers import scaled
 
@@ -22,14 +23,26 @@ CAMPAIGNS = 2
 @pytest.mark.parametrize("kind", FAULTY)
 def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2, seed=seed) as workspace:
-        folders = run_campaign(workspace, kind, trials=TRIALS * (4 if kind == "sometimes" else 1), seconds=None)
+        trials = TRIALS * (4 if kind in ("sometimes", "segfaults") else 1)
+        folders = run_campaign(workspace, kind, trials=trials, seconds=None)
         records = [FindingRecord.load(folder) for folder in folders]
-    assert [record.signature for record in records] == [FAULTY[kind].format(kind)]
-    (record,) = records
-    assert record.rate is not None
-    assert record.rate.count == record.rate.total or kind == "sometimes"
-    assert record.nominal is not None
-    assert record.nominal.count == 0
+    wanted = FAULTY[kind]
+    wanted = (wanted,) if isinstance(wanted, str) else wanted
+    assert sorted(record.signature for record in records) == [each.format(kind) for each in wanted]
+    for folder, record in zip(folders, records, strict=True):
+        assert record.rate is not None
+        assert record.rate.count == record.rate.total or kind == "sometimes"
+        assert record.nominal is not None
+        assert record.nominal.count == 0
+        evidence = {path.name: path for path in (folder / "evidence").iterdir()}
+        assert {"trial.json", "outputs.mcap", f"{kind}.resources.csv"} <= evidence.keys()
+        if record.monitor == "crash" and kind != "exit_status":
+            told = evidence[f"{kind}.{'stdout' if kind == 'stdout_traceback' else 'stderr'}.txt"].read_text()
+            assert "misbehave" in told
+        if record.monitor == "hang":
+            assert record.signature.rpartition(" ")[2] in evidence[f"{kind}.stacks.txt"].read_text()
+        if kind == "segfaults" and has_debugger():
+            assert "memset" in evidence["backtrace.txt"].read_text()
     assert not CampaignRecord.load(tmp_path / "out").notes
 
 

@@ -13,7 +13,7 @@ __all__ = ["FAULTY", "ROBUST", "write"]
 
 FOLDER = Path(__file__).resolve().parent
 
-FAULTY = {
+FAULTY: dict[str, str | tuple[str, ...]] = {
     "sys_exit": "exit of {}: the main thread has ended by sys.exit(3) in leave, though the process has not",
     "exit_zero": "exit of {}: status 0 by os._exit(0) in misbehave",
     "exit_status": "crash in {}: exit status 4",
@@ -24,10 +24,14 @@ FAULTY = {
     "sometimes": 'crash in {}: misbehave: raise ValueError("three times of ten")',
     "lost_worker": "exit of {}: a thread has ended: worker",
     "stdout_traceback": 'crash in {}: misbehave: raise ValueError("bad")',
+    "segfaults": (
+        "crash in {}: SIGSEGV in poke_large < misbehave < handle",
+        "crash in {}: SIGSEGV in poke_not_finite < misbehave < handle",
+    ),
     "ignores": "silent of {}: nothing on state",
     "silent": "silent of {}: nothing on state",
 }
-"""The signature of the one finding of each, with `{}` for its name."""
+"""The signatures of the findings of each, with `{}` for its name; a text is the only one."""
 
 ROBUST = ("slow", "chatty", "refuses", "silent_by_design", "restarts_thread", "muted_by_mode", "timers")
 

@@ -3,6 +3,7 @@
 A bad command has an `x` that is no number, not finite, or out of all proportion. Robust kinds stand at the end.
 """
 
+import ctypes
 import json
 import math
 import os
@@ -56,6 +57,14 @@ def spin():
         pass
 
 
+def poke_not_finite():
+    ctypes.memset(8, 0, 4)
+
+
+def poke_large():
+    ctypes.memset(16, 0, 4)
+
+
 def misbehave(command):
     """What a bad command brings; True if it is not to be answered."""
     if KIND == "sys_exit":
@@ -83,6 +92,9 @@ def misbehave(command):
         except ValueError:
             print(traceback.format_exc(), flush=True)
             raise SystemExit from None
+    elif KIND == "segfaults":
+        large = isinstance(command["x"], (int, float)) and math.isfinite(command["x"])
+        poke_large() if large else poke_not_finite()
     elif KIND == "ignores":
         print("ERROR: bad input", file=sys.stderr)
     elif KIND == "refuses":

@@ -161,6 +161,9 @@ class Machine:
         assert unit == "drive"
         return PureRunner(self.play)
 
+    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+        return False
+
     def play(self, case: TestCase) -> Outcome:
         messages, touched = inject_log(case.messages, case.injections, registry=TypeRegistry(), seed=case.seed)
         place = self.fails(messages)

@@ -1,0 +1,83 @@
+"""What is kept of a failing trial for whoever has to mend it: what was printed, stacks, outputs, resources."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from riot_bus.log.writer import LogWriter
+from riot_bus.sut.surroundings import FIXED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.monitors.model import TrialView
+    from riot_bus.sut.context import Context
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Violation
+
+__all__ = ["DEBUGGER", "has_debugger", "native_backtrace", "write_evidence"]
+
+_MOST_OUTPUT = 16 << 20
+_MOST_TEXT = 256 << 10
+_FATAL = "SIGSEGV SIGABRT SIGBUS SIGFPE SIGILL SIGTRAP"
+DEBUGGER = (
+    *("gdb", "-q", "-nx", "-batch"),
+    *("-ex", "set confirm off", "-ex", "handle all nostop noprint pass", "-ex", f"handle {_FATAL} stop print"),
+    *("-ex", "run", "-ex", "echo \\nriot: backtrace\\n", "-ex", "thread apply all backtrace 40", "--args"),
+)
+"""A command before that of a component, which prints the native stacks when a signal ends it."""
+
+
+def write_evidence(
+    folder: Path, view: TrialView, violations: Sequence[Violation], *, context: Context
+) -> dict[str, int]:
+    """Write what a trial has left into files of a folder, each bounded in size.
+
+    Returns:
+        The size of each file in bytes, by name.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for component in view.components:
+        texts = {"stdout": component.printed, "stderr": component.errors, "stacks": component.signs.stacks}
+        for name, text in texts.items():
+            if text.strip():
+                (folder / f"{component.name}.{name}.txt").write_text(text[-_MOST_TEXT:], encoding="utf-8")
+        with (folder / f"{component.name}.resources.csv").open("w", newline="", encoding="utf-8") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(["time_ns", "messages", "memory_bytes", "files", "threads"])
+            rows.writerows(asdict(sample).values() for sample in component.resources)
+    _write_outputs(folder / "outputs.mcap", view.outputs, context)
+    found = {
+        "violations": [asdict(violation) for violation in violations],
+        "status": {component.name: component.status for component in view.components},
+        "surroundings": dict(FIXED) if context.file.system.surroundings == "fixed" else "as they are",
+    }
+    (folder / "trial.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return {path.name: path.stat().st_size for path in sorted(folder.iterdir())}
+
+
+def _write_outputs(path: Path, outputs: Sequence[Message], context: Context) -> None:
+    """Write the last outputs that fit into the bound."""
+    size, first = 0, len(outputs)
+    while first and size + len(outputs[first - 1].payload) <= _MOST_OUTPUT:
+        first -= 1
+        size += len(outputs[first].payload)
+    path.unlink(missing_ok=True)
+    with LogWriter(path, registry=context.registry, profile=context.profile, metadata={"left out": str(first)}) as log:
+        for message in outputs[first:]:
+            log.write(message)
+
+
+def has_debugger() -> bool:
+    """Return whether native stacks can be had."""
+    return shutil.which(DEBUGGER[0]) is not None
+
+
+def native_backtrace(printed: str) -> str:
+    """Return the native stacks in what a component has printed behind `DEBUGGER`; empty if there are none."""
+    return printed.partition("riot: backtrace\n")[2].strip()[-_MOST_TEXT:]
