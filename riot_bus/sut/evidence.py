@@ -28,9 +28,9 @@ _FATAL = "SIGSEGV SIGABRT SIGBUS SIGFPE SIGILL SIGTRAP"
 DEBUGGER = (
     *("gdb", "-q", "-nx", "-batch"),
     *("-ex", "set confirm off", "-ex", "handle all nostop noprint pass", "-ex", f"handle {_FATAL} stop print"),
-    *("-ex", "run", "-ex", "echo \\nriot: backtrace\\n", "-ex", "thread apply all backtrace 40", "--args"),
+    *("-ex", "run", "-ex", "echo \\nriot: backtrace\\n", "-ex", "backtrace 60", "--args"),
 )
-"""A command before that of a component, which prints the native stacks when a signal ends it."""
+"""A command before that of a component, which prints the native stack where a signal ends it."""
 
 
 def write_evidence(

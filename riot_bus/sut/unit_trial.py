@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["UnitTrial"]
 
+_DEBUGGER_S = 60.0
+"""Most of it goes into reading symbols."""
+
 
 @dataclass(frozen=True, slots=True)
 class UnitTrial:
@@ -33,7 +36,7 @@ class UnitTrial:
     Attributes:
         baseline: What the unit does in nominal trials; without one, a trial is only judged by what needs none.
         nominal: If given, cases are the nominal log, and what the unit shows in them is added here.
-        evidence: Folder for what a failing trial leaves; None to keep nothing.
+        evidence: Folder for what a failing trial leaves, or one behind a debugger; None to keep nothing.
         before: Words before the unit's command, such as those of a debugger.
     """
 
@@ -58,12 +61,14 @@ class UnitTrial:
         messages, touched = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
         try:
             with TrialSetup(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
-                stage.start(name, seed=case.seed, before=self.before)
+                process = stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)
                 feeder = Feeder(stage, name, unit, self.baseline)
                 settled = feeder.feed(messages)
                 sent, answered = feeder.sent, len(stage.outputs)
+                if self.before:
+                    stage.launcher.wait([process], timeout=_DEBUGGER_S)
                 if self.nominal is not None:
                     self.nominal.append(feeder.nominal(case.messages))
                     settled = settled or feeder.works(self.nominal[-1])
@@ -73,7 +78,7 @@ class UnitTrial:
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
         violations, broken = judge(view, self.context.monitors)
-        if violations and self.evidence:
+        if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
