@@ -54,6 +54,7 @@ class _Campaign:
     failing: int = 0
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
+    seen: dict[str, int] = field(default_factory=dict)
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Take in the outcomes of some trials, and confirm what is new in them."""
@@ -61,6 +62,8 @@ class _Campaign:
         for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
             if outcome.detail and outcome.verdict is not Verdict.ERROR:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
+            for monitor, count in outcome.statistics.get("seen", {}).items():
+                self.seen[monitor] = self.seen.get(monitor, 0) + int(count)
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
@@ -145,4 +148,6 @@ def run_campaign(
     for failure in confirmed.values():
         work.simplify(failure)
     rest = {key: each for key, each in work.failures.items() if not each.confirmed}
-    return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, work.notes)
+    blind = {f"{name} saw nothing in any trial": nominal + done for name, count in work.seen.items() if not count}
+    notes = work.notes | blind
+    return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, notes)

@@ -1,4 +1,4 @@
-"""Crash, exit, hang and silence: the monitors that are always on."""
+"""Crash, exit, hang, silence and growth: the monitors that are always on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import ComponentView, TrialView
 
-__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "HangMonitor", "SilenceMonitor"]
+__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "GrowthMonitor", "HangMonitor", "SilenceMonitor"]
 
 
 class CrashMonitor:
@@ -89,7 +89,20 @@ class SilenceMonitor:
         return found
 
 
-LIVENESS = (CrashMonitor, ExitMonitor, HangMonitor, SilenceMonitor)
+class GrowthMonitor:
+    """A component has much more memory, open files or threads after a trial than after nominal ones."""
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return one violation per component and what has grown."""
+        return [
+            _violation("growth", component, what, f"{what}: {told}")
+            for component in view.components
+            if component.status is None
+            for what, told in component.signs.grown.items()
+        ]
+
+
+LIVENESS = (CrashMonitor, ExitMonitor, HangMonitor, SilenceMonitor, GrowthMonitor)
 """In the order of their severity."""
 
 

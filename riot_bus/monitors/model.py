@@ -5,15 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from riot_bus.vocabulary.errors import PayloadError
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
-__all__ = ["NO_SIGNS", "ComponentView", "Invariant", "Monitor", "ResourceSample", "Signs", "TrialView", "judge"]
+__all__ = [
+    "NO_SIGNS",
+    "ComponentView",
+    "Invariant",
+    "Judgement",
+    "Monitor",
+    "ResourceSample",
+    "Signs",
+    "TrialView",
+    "judge",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +56,7 @@ class Signs:
         silent: Outputs that nominal trials have, and that no nominal input brings back.
         blocked: Functions in which threads stand that stand elsewhere at rest.
         lost: Functions in which threads began that are no longer there.
+        grown: What it has much more of than after nominal trials: `memory`, `files`, `threads`, with how much as text.
         stacks: Stacks of all threads, as text.
     """
 
@@ -51,6 +64,7 @@ class Signs:
     silent: Sequence[str] = ()
     blocked: Sequence[str] = ()
     lost: Sequence[str] = ()
+    grown: Mapping[str, str] = field(default_factory=dict)
     stacks: str = ""
 
 
@@ -121,17 +135,57 @@ class Invariant(Monitor, Protocol):
         ...
 
 
-def judge(view: TrialView, monitors: Sequence[Monitor]) -> tuple[tuple[Violation, ...], tuple[str, ...]]:
-    """Ask all monitors; one that raises is isolated and reported.
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What the monitors say of a trial.
 
-    Returns:
-        The violations in the order of the monitors, and one line per monitor that failed itself.
+    Attributes:
+        violations: In the order of the monitors.
+        broken: A line for each monitor that failed itself.
+        seen: How many outputs each invariant had to judge, by its name.
     """
+
+    violations: tuple[Violation, ...]
+    broken: tuple[str, ...]
+    seen: Mapping[str, int]
+
+
+def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
+    """Ask all monitors; one that raises is isolated and reported."""
     violations: list[Violation] = []
     broken: list[str] = []
+    seen: dict[str, int] = {}
     for monitor in monitors:
         try:
+            topics = getattr(monitor, "topics", ())
+            if topics:
+                seen[_name(monitor)] = _judged(monitor, view, topics)
             violations.extend(monitor.judge(view))
         except Exception as error:
-            broken.append(f"{type(monitor).__name__}: {type(error).__name__}: {error}")
-    return tuple(violations), tuple(broken)
+            broken.append(f"{_name(monitor)}: {type(error).__name__}: {error}")
+    return Judgement(tuple(violations), tuple(broken), seen)
+
+
+def _name(monitor: Monitor) -> str:
+    """Return what tells a monitor from others of its kind."""
+    topics = getattr(monitor, "topics", ())
+    where = getattr(monitor, "field", None) or ", ".join(topics)
+    return f"{type(monitor).__name__} {where}".strip()
+
+
+def _judged(monitor: Monitor, view: TrialView, topics: Sequence[str]) -> int:
+    """Return how many outputs a monitor looked at: those of its topics that have its field, if it names one."""
+    path = str(getattr(monitor, "field", "")).partition(":")[2]
+    count = 0
+    for message in view.outputs:
+        if message.kind == "put" and any(view.registry.matches(topic, message.key) for topic in topics):
+            count += not path or _has(view.registry, message, path)
+    return count
+
+
+def _has(registry: TypeRegistry, message: Message, path: str) -> bool:
+    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    try:
+        return kind is not None and kind.read(message.payload, path) is not None
+    except PayloadError:
+        return False

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.sut.activity import STILL, Idle
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from riot_bus.monitors.model import ResourceSample
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.vocabulary.message import Message
 
@@ -18,6 +19,29 @@ __all__ = ["UNKNOWN", "Baseline", "NominalTrial", "baseline_of", "probe_of"]
 
 _PROBE = 16
 """Messages of a probe, at least: few, as each trial that passes pays for them."""
+
+
+class Growth(NamedTuple):
+    """Bytes of memory, open files and threads that a unit has more at the end of a trial than at its begin."""
+
+    memory: int
+    files: int
+    threads: int
+
+
+NO_GROWTH = Growth(0, 0, 0)
+_MUCH = Growth(32 << 20, 32, 32)
+"""Growth beyond twice the nominal one that is no chance: allocators keep some MB, pools open some files and threads."""
+_PER_BYTE = 8
+"""Bytes that a byte of input may cost for good: it is decoded, copied, and kept as the last one."""
+
+
+def growth_of(samples: Sequence[ResourceSample]) -> Growth:
+    """Return what a component has more of at the last sample than at the first."""
+    if not samples:
+        return NO_GROWTH
+    first, last = samples[0], samples[-1]
+    return Growth(last.memory - first.memory, last.files - first.files, last.threads - first.threads)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +54,7 @@ class NominalTrial:
         stacks: Where Python threads stood at rest.
         main_ended: Whether a Python main thread had come to its end.
         status: Exit status, None if the unit still ran.
+        growth: What it has more of at the end than at the begin: bytes of memory, files, threads.
     """
 
     log_answers: Mapping[str, int]
@@ -37,6 +62,7 @@ class NominalTrial:
     stacks: Sequence[ThreadStack]
     main_ended: bool
     status: int | None
+    growth: Growth = NO_GROWTH
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +80,7 @@ class Baseline:
         threads: Functions in which Python threads began, and how many there were at least.
         main_ends: Whether the main thread ends though the process goes on.
         ends: Whether the unit ends by itself with status 0.
+        growth: The most that it grew.
     """
 
     idle: Idle = STILL
@@ -66,6 +93,7 @@ class Baseline:
     threads: Mapping[str, int] = field(default_factory=dict)
     main_ends: bool = True
     ends: bool = True
+    growth: Growth = NO_GROWTH
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
         """Return the functions in which threads stand that stand elsewhere at rest.
@@ -78,6 +106,28 @@ class Baseline:
         if not anywhere and all(standing[name] >= count for name, count in self.at_rest.items()):
             return ()
         return tuple(sorted(standing.keys() - self.at_rest.keys()))
+
+    def grown(self, growth: Growth, *, messages: int, input_bytes: int) -> dict[str, str]:
+        """Return what has grown out of all proportion, with how much as text.
+
+        Args:
+            growth: What the unit has more of after the trial.
+            messages: Inputs of the trial.
+            input_bytes: Their size.
+        """
+        usual = Growth(*(max(0, each) for each in self.growth))
+        allowed = Growth(*(2 * nominal + much for nominal, much in zip(usual, _MUCH, strict=True)))
+        found = {}
+        if growth.memory > allowed.memory + _PER_BYTE * input_bytes:
+            total, per, nominal = (
+                each / 1e6 for each in (growth.memory, growth.memory / max(1, messages), usual.memory)
+            )
+            found["memory"] = f"{total:.0f} MB more ({per:.1f} MB a message), nominally {nominal:.0f}"
+        if growth.files > allowed.files:
+            found["files"] = f"{growth.files} more are open, nominally {usual.files}"
+        if growth.threads > allowed.threads:
+            found["threads"] = f"{growth.threads} more run, nominally {usual.threads}"
+        return found
 
     def lost(self, stacks: Iterable[ThreadStack]) -> tuple[str, ...]:
         """Return the functions in which threads began that are no longer there."""
@@ -111,6 +161,7 @@ def baseline_of(trials: Sequence[NominalTrial], *, idle: Idle, log: Sequence[Mes
         threads=_least([Counter(stack.functions[-1] for stack in trial.stacks) for trial in trials]),
         main_ends=any(trial.main_ended for trial in trials),
         ends=any(trial.status is not None for trial in trials),
+        growth=Growth(*(max(each) for each in zip(*(trial.growth for trial in trials), strict=True))),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
-from riot_bus.sut.baseline import Baseline, NominalTrial, probe_of
+from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of, probe_of
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.settling import wait_sent
 from riot_bus.vocabulary.clock import SystemClock
@@ -102,7 +102,7 @@ class Feeder:
             probed = self._answers(begin)
         stacks = self._stage.stacks([self._name]) if self.alive else []
         ended = self._stage.main_end(self._name) is not None
-        return NominalTrial(answers, probed, stacks, ended, self._process.status)
+        return NominalTrial(answers, probed, stacks, ended, self._process.status, self._growth())
 
     def signs(self, *, settled: bool) -> tuple[Signs, bool]:
         """Return what is different from nominal trials, and whether the unit has come to rest after all input.
@@ -133,8 +133,8 @@ class Feeder:
         if silent:
             self._linger()
             return self._changed(silent), True
-        ended = self._ended()
-        return (Signs(ended=ended) if ended else NO_SIGNS), True
+        ended, grown = self._ended(), self._grown()
+        return (Signs(ended=ended, grown=grown) if ended or grown else NO_SIGNS), True
 
     def works(self, trial: NominalTrial) -> bool:
         """Return whether a unit that did not come to rest in a nominal trial is no worse for it.
@@ -176,8 +176,20 @@ class Feeder:
             silent,
             self._baseline.blocked(stacks, anywhere=bool(silent)),
             self._baseline.lost(stacks) if stacks else (),
+            self._grown(),
             _text(stacks),
         )
+
+    def _growth(self) -> Growth:
+        self._stage.sample_resources([self._name])
+        return growth_of(self._stage.samples(self._name))
+
+    def _grown(self) -> dict[str, str]:
+        if not self._baseline.trials or not self.alive:
+            return {}
+        inputs = self._stage.inputs
+        size = sum(len(message.payload) for message in inputs)
+        return self._baseline.grown(self._growth(), messages=len(inputs), input_bytes=size)
 
     def _standing(self) -> Signs:
         stacks = self._look()

@@ -248,6 +248,10 @@ class TrialSetup:
             sample = resources(self._family([name]), messages=len(self.inputs))
             self._samples.setdefault(name, []).append(sample)
 
+    def samples(self, name: str) -> Sequence[ResourceSample]:
+        """Return what a component had of the machine, over time."""
+        return self._samples.get(name, ())
+
     def stacks(self, names: Iterable[str]) -> list[ThreadStack]:
         """Ask Python components where their threads stand; empty for others."""
         return self.python.stacks(self._family(names))
@@ -341,7 +345,7 @@ class TrialSetup:
                     root,
                     traced,
                     printed=process.printed(),
-                    resources=tuple(self._samples.get(name, ())),
+                    resources=tuple(self.samples(name)),
                     signs=(signs or {}).get(name, NO_SIGNS),
                 )
             )

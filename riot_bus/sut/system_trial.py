@@ -136,7 +136,8 @@ class SystemTrial:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
             view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
-        violations, broken = judge(view, self.context.monitors)
+        judged = judge(view, self.context.monitors)
+        violations = judged.violations
         external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
         keep = violations and not self.record and not case.messages
         log = self._keep(external, case, directory) if keep else None
@@ -144,7 +145,7 @@ class SystemTrial:
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
             seconds=time.monotonic() - started,
-            detail="; ".join(broken),
+            detail="; ".join(judged.broken),
             observed=self._observed([*external, *seen], begin) if self.observe else {},
             log=log,
             statistics={"external_messages": len(external)},

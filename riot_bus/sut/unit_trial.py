@@ -77,18 +77,20 @@ class UnitTrial:
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
-        violations, broken = judge(view, self.context.monitors)
+        judged = judge(view, self.context.monitors)
+        violations = judged.violations
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
             seconds=time.monotonic() - started,
-            detail="; ".join(broken),
+            detail="; ".join(judged.broken),
             statistics={
                 "played": sent,
                 "messages": len(messages),
                 "modified": sum(index < sent for index, _, _ in touched),
                 "outputs": answered,
+                "seen": dict(judged.seen),
             },
         )

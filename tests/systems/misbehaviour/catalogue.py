@@ -28,6 +28,9 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
         "crash in {}: SIGSEGV in poke_large < misbehave < handle",
         "crash in {}: SIGSEGV in poke_not_finite < misbehave < handle",
     ),
+    "leaks_much": "growth of {}: memory",
+    "leaks_slowly": "growth of {}: memory",
+    "leaks_files": "growth of {}: files",
     "ignores": "silent of {}: nothing on state",
     "silent": "silent of {}: nothing on state",
 }

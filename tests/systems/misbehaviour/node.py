@@ -92,6 +92,8 @@ def misbehave(command):
         except ValueError:
             print(traceback.format_exc(), flush=True)
             raise SystemExit from None
+    elif KIND == "leaks_much" and not kept:
+        kept.append(b"\1" * (500 << 20))
     elif KIND == "segfaults":
         large = isinstance(command["x"], (int, float)) and math.isfinite(command["x"])
         poke_large() if large else poke_not_finite()
@@ -112,6 +114,10 @@ def handle(command):
         return
     if KIND in ("ignores", "silent") and seen_bad:
         return
+    if KIND == "leaks_slowly" and seen_bad:
+        kept.append(b"\1" * (2 << 20))
+    if KIND == "leaks_files" and seen_bad:
+        kept.extend(os.open(os.devnull, os.O_RDONLY) for _ in range(3))
     if KIND == "slow":
         time.sleep(0.02)
     if KIND == "chatty":

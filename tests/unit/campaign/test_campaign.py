@@ -169,6 +169,12 @@ def test_what_monitors_say_of_themselves_is_kept() -> None:
     assert result.notes == {"Range: KeyError: 'x'": 8}
 
 
+def test_a_monitor_that_saw_nothing_in_any_trial_is_told() -> None:
+    counts = iter([{"Range a:x": 0, "Rate b": 0}] * 7 + [{"Range a:x": 0, "Rate b": 1}])
+    result = campaign(Pure(lambda case: Outcome(Verdict.PASS, statistics={"seen": next(counts)})), trials=4)
+    assert result.notes == {"Range a:x saw nothing in any trial": 8}
+
+
 def test_progress_counts_trials_and_failures() -> None:
     told: list[tuple[int, int, str]] = []
     run_campaign(

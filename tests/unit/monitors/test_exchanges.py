@@ -82,5 +82,5 @@ def test_wrong_selectors_are_refused() -> None:
 
 
 def test_a_field_that_is_no_integer_is_told() -> None:
-    _, broken = judge(view((1, "a", {"x": "text"})), [Values("a:x", allowed=[1]), Gapless("a:x")])
-    assert len(broken) == 2
+    found = judge(view((1, "a", {"x": "text"})), [Values("a:x", allowed=[1]), Gapless("a:x")])
+    assert len(found.broken) == 2

@@ -47,6 +47,12 @@ def test_a_monitor_that_raises_is_isolated() -> None:
         def judge(self, view: TrialView) -> Sequence[Violation]:
             raise RuntimeError("oops")
 
-    violations, broken = judge(view(settled=False), [Broken(), HangMonitor()])
-    assert len(violations) == 1
-    assert broken == ("Broken: RuntimeError: oops",)
+    found = judge(view(settled=False), [Broken(), HangMonitor()])
+    assert len(found.violations) == 1
+    assert found.broken == ("Broken: RuntimeError: oops",)
+
+
+def test_what_an_invariant_had_to_judge_is_counted() -> None:
+    outputs = view(b'{"x": 1}', b'{"y": 1}', b"{}")
+    monitors = [Range("out:x", 0, 2), Range("out:z"), Rate("out", gap=9), Finite("other:x"), HangMonitor()]
+    assert judge(outputs, monitors).seen == {"Range out:x": 1, "Range out:z": 0, "Rate out": 3, "Finite other:x": 0}

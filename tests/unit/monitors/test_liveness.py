@@ -27,6 +27,7 @@ def test_each_way_to_fail_has_its_name() -> None:
     assert signatures(Signs(blocked=["spin"]), settled=False) == ["hang of part: in spin"]
     assert signatures(settled=False) == ["hang of part"]
     assert signatures(stalled=True) == ["hang of part"]
+    assert signatures(Signs(grown={"memory": "500 MB more"})) == ["growth of part: memory"]
     assert signatures(Signs(silent=["out"])) == ["silent of part: nothing on out"]
 
 
