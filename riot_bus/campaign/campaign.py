@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.confirm import repeat
+from riot_bus.campaign.confirm import repeat_in_order
 from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -78,17 +78,18 @@ class _Campaign:
         failure.tried.add(failure.trial)
         signature = failure.violation.signature
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
-        failure.rate = rate = repeat(failure.case, signature, self.runner)
-        if rate.hits:
+        failure.case, failure.rate = repeat_in_order(failure.case, signature, self.runner)
+        if failure.rate.hits:
             self.found(failure)
 
     def simplify(self, failure: Failure) -> None:
         """Let the simplest case stand for a failure if it fails as often."""
         if failure.simpler is None or failure.rate is None:
             return
-        rate = repeat(failure.simpler[0], failure.violation.signature, self.runner)
+        case, trial, outcome = failure.simpler
+        case, rate = repeat_in_order(case, failure.violation.signature, self.runner)
         if rate.rate >= failure.rate.rate:
-            failure.take(*failure.simpler)
+            failure.take(case, trial, outcome)
             failure.rate = rate
         failure.simpler = None
 

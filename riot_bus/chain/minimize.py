@@ -42,7 +42,7 @@ def minimize(step: StepRun, folder: Path) -> MinimalRecord:
     runner = step.unit_runner(finding.unit)
 
     def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        cases = [TestCase(log.keep(kept).messages, seed=seed) for kept in questions]
+        cases = [TestCase(log.keep(kept).messages, seed=seed, ordered=finding.ordered) for kept in questions]
         return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
 
     minimal = search(

@@ -83,7 +83,9 @@ class UnitQuestions:
 
     def case(self, values: Mapping[str, Scalar], *, again: int = 0) -> TestCase:
         """Return the minimal log with values set by name; `again` numbers its repetitions with fresh processes."""
-        return TestCase(self.fields.with_values(values), seed=self._workspace.seed + again)
+        return TestCase(
+            self.fields.with_values(values), seed=self._workspace.seed + again, ordered=self.finding.ordered
+        )
 
     def repeat(self, questions: Sequence[Mapping[str, Scalar]], numbers: range) -> list[Sequence[Outcome]]:
         """Return for each question the outcomes of its repetitions with these numbers."""

@@ -58,7 +58,12 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages
         runner = workspace.runners.unit(finding.unit, lambda: workspace.known_unit_log(finding.unit))
-    outcomes = runner.run([TestCase(messages, seed=workspace.seed + number) for number in range(times)])
+    outcomes = runner.run(
+        [
+            TestCase(messages, seed=workspace.seed + number, ordered=finding.ordered and not whole_system)
+            for number in range(times)
+        ]
+    )
     for outcome in outcomes:
         StepRun(workspace, "reproduce").told(outcome)
         if outcome.verdict is Verdict.ERROR:

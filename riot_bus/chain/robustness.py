@@ -203,6 +203,7 @@ def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], f
         occurrences=failure.occurrences,
         rate=_rate(failure.rate),
         nominal=_rate(failure.nominal),
+        ordered=failure.case.ordered,
         injections=tuple(injection.row() for injection in injections),
         messages=len(prefix),
         modified=len(originals),

@@ -150,6 +150,7 @@ class FindingRecord(Artefact):
         severity: Its place on the CRASH scale.
         rate: How often fresh trials of its case failed so.
         nominal: How often trials of the nominal log failed so.
+        ordered: Whether its trials keep the order of the log across topics.
     """
 
     FILE = "finding.json"
@@ -166,6 +167,7 @@ class FindingRecord(Artefact):
     severity: str = ""
     rate: ProportionRecord | None = None
     nominal: ProportionRecord | None = None
+    ordered: bool = False
     occurrences: int = 1
     injections: tuple[dict[str, Any], ...] = ()
     messages: int = 0

@@ -27,6 +27,7 @@ __all__ = ["Feeder"]
 _CHECK_EVERY = 64
 _SAMPLES = 16
 _POLL = 0.005
+_TAKEN_S, _TAKEN_POLL = 0.1, 0.0001
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
 _LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
@@ -41,18 +42,20 @@ class Feeder:
         name: Its component.
         unit: Its settings.
         baseline: What it does in nominal trials.
+        ordered: Whether the order of the log is kept across topics.
 
     Attributes:
         sent: Messages that were published the last time.
     """
 
-    def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline) -> None:
+    def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline, *, ordered: bool = False) -> None:
         file = stage.context.file
         self.sent = 0
         self._stage, self._name, self._baseline = stage, name, baseline
         self._segment = file.segment_of(file.components[name])
         self._settle, self._rate = unit.settle, unit.rate
         self._process = stage.processes[name]
+        self._ordered = ordered and not unit.rate
 
     @property
     def alive(self) -> bool:
@@ -75,10 +78,14 @@ class Feeder:
         stage, names = self._stage, [self._name]
         before, self.sent = stage.activity(names), 0
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
+        key = messages[0].key if messages else ""
 
         def publish(message: Message) -> None:
-            nonlocal before
-            if self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
+            nonlocal before, key
+            if self._ordered and message.key != key:
+                self._wait_taken(before)
+                before, key = stage.activity(names), message.key
+            elif self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
                 before = stage.activity(names)
             if self.sent % samples == 0:
                 stage.sample_resources(names)
@@ -91,6 +98,15 @@ class Feeder:
         play(messages, publish, rate=self._rate, clock=SystemClock(), stop=stop)
         wait_sent(timeout=self._settle.timeout)
         return before
+
+    def _wait_taken(self, before: Activity) -> None:
+        """Wait until the unit has moved since the last messages and its threads sleep: it has taken them in."""
+        deadline = time.monotonic() + _TAKEN_S
+        while time.monotonic() < deadline:
+            seen = self._stage.activity([self._name])
+            if seen.switches > before.switches and not seen.busy:
+                return
+            time.sleep(_TAKEN_POLL)
 
     def nominal(self, messages: Sequence[Message]) -> NominalTrial:
         """Return what the unit does after its nominal log, which it has got, and to a probe of it."""

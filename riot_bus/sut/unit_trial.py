@@ -64,7 +64,8 @@ class UnitTrial:
                 process = stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)
-                feeder = Feeder(stage, name, unit, self.baseline)
+                ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
+                feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
                 settled = feeder.feed(messages)
                 sent, answered = feeder.sent, len(stage.outputs)
                 if self.before:

@@ -65,7 +65,8 @@ class TestCase:
     """A log (or part of one) + injections + seed.
 
     `messages` are played to the system under test; empty means that its own external components drive it. `again`
-    numbers fresh trials of one case: it is asked anew, and nothing else changes.
+    numbers fresh trials of one case: it is asked anew, and nothing else changes. `ordered` says that a message waits
+    until the unit has taken in those of other topics before it.
     """
 
     __test__ = False  # not a pytest class
@@ -74,6 +75,7 @@ class TestCase:
     injections: tuple[Injection, ...] = ()
     seed: int = 0
     again: int = 0
+    ordered: bool = False
 
     def digest(self) -> str:
         """Return a hash of everything that decides the outcome; equal cases have equal digests."""
@@ -83,6 +85,8 @@ class TestCase:
         rest: dict[str, object] = {"seed": self.seed, "injections": [each.row() for each in self.injections]}
         if self.again:
             rest["again"] = self.again
+        if self.ordered:
+            rest["ordered"] = True
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
         return digest.hexdigest()[:32]
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from riot_bus.campaign.confirm import repeat, repeat_in_order
 from riot_bus.chain.robustness import test_unit as run_campaign
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.sut.evidence import has_debugger
-from tests.systems.misbehaviour.catalogue import FAULTY, ROBUST, write
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import TestCase
+from tests.systems.misbehaviour.catalogue import FAULTY, ORDER, ROBUST, write
 from tests.tiers import scaled
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
@@ -53,3 +58,27 @@ def test_a_robust_unit_has_no_finding(tmp_path: Path, kind: str, seed: int) -> N
         assert run_campaign(workspace, kind, trials=TRIALS, seconds=None) == []
     record = CampaignRecord.load(tmp_path / "out")
     assert (record.unconfirmed, record.notes) == ((), {})
+
+
+def between_modes(x: float, *, mode: int) -> tuple[Message, ...]:
+    """Commands, each between a mode of 1 and one of 0, and a bad one in the middle while the mode is as given."""
+    found = []
+    for number in range(30):
+        said = [("mode", {"m": 1}), ("cmd", {"x": 1.0}), ("mode", {"m": 0})]
+        if number == 15:
+            said.insert(1 if mode else 3, ("cmd", {"x": x}))
+        found += [(key, json.dumps(value).encode()) for key, value in said]
+    return tuple(
+        Message(10**18 + number * 10**7, key, payload, encoding="application/json")
+        for number, (key, payload) in enumerate(found)
+    )
+
+
+def test_a_failure_that_depends_on_the_order_of_two_topics_is_confirmed_in_order(tmp_path: Path) -> None:
+    signature = f'crash in {ORDER}: handle: raise ValueError("bad while the mode is 1")'
+    with Workspace(write(tmp_path), tmp_path / "out", jobs=2) as workspace:
+        runner = workspace.runners.unit(ORDER, lambda: workspace.unit_log(ORDER))
+        _, rate = repeat_in_order(TestCase(between_modes(1e9, mode=1)), signature, runner)
+        assert rate.rate == 1.0
+        kept = replace(TestCase(between_modes(1e9, mode=0)), ordered=True)
+        assert repeat(kept, signature, runner).hits == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
-__all__ = ["FAULTY", "ROBUST", "write"]
+__all__ = ["FAULTY", "ORDER", "ROBUST", "write"]
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -36,6 +36,9 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
 }
 """The signatures of the findings of each, with `{}` for its name; a text is the only one."""
 
+ORDER = "order_of_two"
+"""Fails on a bad command while the mode is 1, and has a thread for each topic."""
+
 ROBUST = ("slow", "chatty", "refuses", "silent_by_design", "restarts_thread", "muted_by_mode", "timers")
 
 _MESSAGES = 30
@@ -60,7 +63,7 @@ def write(folder: Path) -> Path:
         f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
         f'inputs = ["cmd", "mode"]\noutputs = ["state"]\nready = {{ timeout = 60 }}\n'
         f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
-        for kind in (*FAULTY, *ROBUST)
+        for kind in (*FAULTY, *ROBUST, ORDER)
     ]
     path = folder / "riot.toml"
     path.write_text("\n".join(parts))

@@ -109,6 +109,8 @@ def handle(command):
     global seen_bad, count
     bad = is_bad(command.get("x"))
     seen_bad |= bad
+    if KIND == "order_of_two" and mode == 1 and bad:
+        raise ValueError("bad while the mode is 1")
     count += 1
     if bad and misbehave(command):
         return
@@ -150,13 +152,17 @@ def tick():
 
 
 def on_mode(sample):
-    global muted
+    global muted, mode
+    mode = json.loads(sample.payload.to_bytes()).get("m")
     muted = KIND == "muted_by_mode" and json.loads(sample.payload.to_bytes()).get("m") == 1
 
 
 def on_command(sample):
-    if not muted:
-        inbox.put(json.loads(sample.payload.to_bytes()))
+    command = json.loads(sample.payload.to_bytes())
+    if KIND == "order_of_two":
+        handle(command)
+    elif not muted:
+        inbox.put(command)
 
 
 config = zenoh.Config()

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from riot_bus.campaign.confirm import repeat
+from riot_bus.campaign.confirm import repeat, repeat_in_order
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.campaign.test_campaign import CRASH, Pure
 
@@ -41,3 +42,22 @@ def test_the_interval_holds_the_rate(chance: float) -> None:
     missed = sum(rate.hits == 0 for rate in rates)
     assert held >= 0.93 * len(rates)
     assert missed <= 0.03 * len(rates)
+
+
+TWO = (Message(1, "a", b""), Message(2, "b", b""))
+
+
+@pytest.mark.parametrize(("fast", "kept", "ordered"), [(1.0, 1.0, False), (0.4, 1.0, True), (0.4, 0.0, False)])
+def test_the_order_is_kept_where_a_failure_comes_more_often_so(fast: float, kept: float, *, ordered: bool) -> None:
+    def answer(case: TestCase) -> Outcome:
+        return runner(kept if case.ordered else fast).answer(case)
+
+    case, rate = repeat_in_order(TestCase(TWO), CRASH.signature, Pure(answer))
+    assert case.ordered is ordered
+    assert rate.hits > 0
+
+
+def test_one_topic_has_no_order_to_keep() -> None:
+    pure = runner(0.4)
+    assert not repeat_in_order(TestCase(TWO[:1]), CRASH.signature, pure)[0].ordered
+    assert not any(case.ordered for case in pure.executed)
