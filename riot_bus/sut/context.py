@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.liveness import LIVENESS
+from riot_bus.sut.sources import source_files
 from riot_bus.sut.system import SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
@@ -44,13 +45,12 @@ class Context:
         return [self.registry.key_expression(name) for name in names]
 
     def fingerprint(self) -> str:
-        """Return a hash of the system file and of the sources that it names; trials are only reused while it holds."""
+        """Return a hash of the system file and of the system's code; trials are only reused while it holds."""
         digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode())
-        sources = [path for pattern in self.file.system.sources for path in sorted(self.file.root.glob(pattern))]
-        for path in (*sources, *(self.file.root / name for name in self.file.monitor_files)):
-            if path.is_file():
-                digest.update(os.path.relpath(path, self.file.root).encode())
-                digest.update(path.read_bytes())
+        for path in source_files(self.file):
+            digest.update(os.path.relpath(path, self.file.root).encode())
+            with path.open("rb") as stream:
+                digest.update(hashlib.file_digest(stream, "sha256").digest())
         return digest.hexdigest()[:16]
 
 

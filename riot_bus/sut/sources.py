@@ -1,0 +1,63 @@
+"""The code of a system under test: the files that decide what its components do, and so how long answers hold."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.sut.system import Component, SystemFile
+
+__all__ = ["source_files"]
+
+_CODE = (".py", ".so", ".pyd")
+_NO_CODE = frozenset({"__pycache__", "site-packages", "node_modules", "trials", "findings"})
+_MOST = 5000
+"""Files that are looked for without `sources`; a working folder with more is more than a system."""
+
+
+def source_files(file: SystemFile) -> list[Path]:
+    """Return the files of a system's code: those that `sources` names, else those that its components may load.
+
+    These are the programs and files that commands name, and all Python modules and shared libraries below the folder of
+    riot.toml and the working folders of components; environments and caches are left out.
+    """
+    if file.system.sources:
+        found = [path for pattern in file.system.sources for path in sorted(file.root.glob(pattern))]
+    else:
+        folders = {(file.root / component.cwd).resolve() for component in file.components.values()}
+        found = [path for folder in _outermost({file.root.resolve(), *folders}) for path in _below(folder)]
+        found += [path for component in file.components.values() for path in _named(component, file.root)]
+    monitors = [file.root / name for name in file.monitor_files]
+    return [path for path in dict.fromkeys([*found, *monitors]) if path.is_file()]
+
+
+def _outermost(folders: set[Path]) -> list[Path]:
+    return sorted(each for each in folders if not any(other in each.parents for other in folders))
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    count = 0
+    for parent, names, files in os.walk(folder):
+        names[:] = sorted(each for each in names if not each.startswith(".") and each not in _NO_CODE)
+        if "pyvenv.cfg" in files:
+            names.clear()
+            continue
+        for name in sorted(files):
+            if name.endswith(_CODE) and count < _MOST:
+                count += 1
+                yield Path(parent) / name
+
+
+def _named(component: Component, root: Path) -> Iterator[Path]:
+    words: Sequence[str] = [word for word in component.command if "{" not in word]
+    for number, word in enumerate(words):
+        path = (root / component.cwd / word).resolve()
+        if number == 0 and word == component.command[0] and os.sep not in word:
+            path = Path(shutil.which(word) or path)
+        if path.is_file():
+            yield path
