@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import time
 from typing import TYPE_CHECKING, Self
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.runner import Pipeline
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import ComponentProcess, Launcher
-    from riot_bus.sut.system import RunPace
+    from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["TrialSetup"]
@@ -73,6 +74,8 @@ class TrialSetup:
         self.inputs: list[Message] = []
         self.python = PythonReport(directory)
         self._samples: dict[str, list[ResourceSample]] = {}
+        self._published: set[str] = set()
+        self._started: dict[str, float] = {}
         self.idle = STILL
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
@@ -124,7 +127,11 @@ class TrialSetup:
         env = {**given, **self.python.environment(given), **(fixed_environment(component.env) if fixed else {})}
         argv = [*before, *(_fill(part, words) for part in component.command)]
         cwd = (self.context.file.root / component.cwd).resolve()
+        if component.ready.topic is not None:
+            for expression in self.context.topics(component.ready.topic):
+                self.bus.subscribe(segment, expression, lambda _: self._published.add(name))
         process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed)
+        self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
 
@@ -144,6 +151,7 @@ class TrialSetup:
         if missing:
             topic = self.context.registry.topic(missing[0])
             raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
+        self._wait_declared([name])
 
     def wait_ready(self, names: Iterable[str]) -> None:
         """Wait until components have connected and come to rest, so whatever they declare at start is declared.
@@ -173,8 +181,34 @@ class TrialSetup:
                 timeout=deadline - time.monotonic(),
                 alive=lambda: all(self.launcher.alive(self.processes[name]) for name in names),
             )
+        self._wait_declared(names)
         self._come_to_rest(names, deadline)
         self._check_alive(names)
+
+    def _wait_declared(self, names: Iterable[str]) -> None:
+        """Wait for what `ready` in riot.toml asks for."""
+        for name in names:
+            ready = self.context.file.components[name].ready
+            while (missing := self._not_ready(name, ready)) is not None:
+                self._check_alive([name])
+                if time.monotonic() - self._started[name] > ready.timeout + ready.after:
+                    raise self._did_not_start(name, f"{missing} within {ready.timeout:g} s")
+                time.sleep(_POLL)
+
+    def _not_ready(self, name: str, ready: Ready) -> str | None:
+        """Return what is still missing of what `ready` asks for; None if nothing is."""
+        process = self.processes[name]
+        if ready.line is not None and ready.line not in process.printed() and ready.line not in process.errors():
+            return f"has not printed {ready.line!r}"
+        if ready.topic is not None and name not in self._published:
+            return f"has not published on {ready.topic}"
+        if ready.port is not None:
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", ready.port)):
+                    return f"does not listen on port {ready.port}"
+        if time.monotonic() - self._started[name] < ready.after:
+            return f"is not ready before {ready.after:g} s"
+        return None
 
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
         """Wait until components stand still, or are as busy as the moment before: they have timers of their own.

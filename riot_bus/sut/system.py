@@ -57,9 +57,17 @@ class System(_Table):
 
 
 class Ready(_Table):
-    """How long a component may take to subscribe to its inputs."""
+    """When a component can be fed: it has subscribed to its inputs, and what is given here holds too.
+
+    `line` is part of a line that it prints, `topic` one on which it has published, `port` one of TCP at which it
+    listens on this machine, `after` a time since its start. All of it has to come within `timeout` seconds.
+    """
 
     timeout: Seconds = 15.0
+    line: str | None = Field(default=None, min_length=1, max_length=1000)
+    topic: str | None = Field(default=None, min_length=1)
+    port: int | None = Field(default=None, ge=1, le=65_535)
+    after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
 
 
 class Component(_Table):

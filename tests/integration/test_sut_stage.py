@@ -1,0 +1,83 @@
+"""A component is ready when it says so: real processes on a real bus."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from riot_bus.sut.context import open_system
+from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.stage import TrialSetup
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
+
+pytestmark = pytest.mark.integration
+
+PROGRAM = """
+import json, socket, sys, time
+import zenoh
+
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+subscriber = session.declare_subscriber("ask", lambda sample: None)
+while sys.argv[2] == "never":
+    time.sleep(1)
+time.sleep(0.5)
+server = socket.create_server(("127.0.0.1", int(sys.argv[3])))
+session.put("told", "1")
+print("now it is ready", flush=True)
+time.sleep(3600)
+"""
+
+
+def free_port() -> int:
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def stage(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int) -> TrialSetup:
+    (tmp_path / "part.py").write_text(PROGRAM)
+    path = tmp_path / "riot.toml"
+    path.write_text(
+        f'[components.part]\ncommand = ["{{python}}", "part.py", "{{endpoint}}", "{when}", "{port}"]\n'
+        f'inputs = ["ask"]\nready = {{ {ready} }}\n'
+    )
+    return TrialSetup(open_system(path), launcher, tmp_path, segments=["system"])
+
+
+@pytest.mark.parametrize("ready", ['line = "it is ready"', 'topic = "told"', "port = PORT", "after = 0.7"])
+def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
+    port = free_port()
+    text = f"timeout = 60, {ready.replace('PORT', str(port))}"
+    with Launcher() as launcher, stage(tmp_path, launcher, text, "soon", port) as one:
+        begin = time.monotonic()
+        process = one.start("part", seed=0)
+        one.wait_subscribed("part", ["ask"])
+        assert time.monotonic() - begin >= 0.5
+        if "after" not in ready:
+            assert wait_until(lambda: "ready" in process.printed(), 10)
+
+
+@pytest.mark.parametrize(
+    ("ready", "words"),
+    [
+        ('line = "it is ready"', "has not printed 'it is ready' within 5 s"),
+        ('topic = "told"', "has not published on told within 5 s"),
+        ("port = PORT", "does not listen on port"),
+    ],
+)
+def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready: str, words: str) -> None:
+    port = free_port()
+    text = f"timeout = 5, {ready.replace('PORT', str(port))}"
+    with Launcher() as launcher, stage(tmp_path, launcher, text, "never", port) as one:
+        one.start("part", seed=0)
+        with pytest.raises(EnvironmentFaultError, match=words):
+            one.wait_subscribed("part", ["ask"])
