@@ -130,6 +130,8 @@ class Feeder:
             settled: Whether it has come to rest after the log.
         """
         baseline = self._baseline
+        if not settled and self._spins():
+            return self._standing(), False
         if not self.alive or not baseline.probe_answers:
             if settled:
                 self._linger()
