@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -226,3 +226,19 @@ def test_errors_are_tried_again_and_never_kept(tmp_path: Path) -> None:
         StoredRunner(broken, store, scope={}).run([TestCase(seed=1)])
     assert len(broken.executed) == 3
     assert len(store) == 1
+
+
+def test_a_stop_in_a_batch_loses_no_finished_trial(tmp_path: Path) -> None:
+    class Stopped(Pure):
+        def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
+            for number in (2, 0):
+                yield number, self.run([cases[number]])[0]
+            raise KeyboardInterrupt
+
+    cases = [TestCase(LOG, seed=seed) for seed in range(4)]
+    store = TrialStore(tmp_path / "trials.jsonl")
+    with pytest.raises(KeyboardInterrupt):
+        StoredRunner(Stopped(lambda case: Outcome(Verdict.PASS)), store, scope={}).run(cases)
+    pure = Pure(lambda case: Outcome(Verdict.PASS))
+    assert len(StoredRunner(pure, TrialStore(store.path), scope={}).run(cases)) == 4
+    assert [case.seed for case in pure.executed] == [1, 3]
