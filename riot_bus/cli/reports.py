@@ -1,4 +1,4 @@
-"""`riot report`, `findings`."""
+"""`riot report`, `findings`, `compare`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEFAULT_OUT = Path("riot-out")
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    for command in (report, findings):
+    for command in (report, findings, compare):
         app.command()(command)
 
 
@@ -63,3 +63,23 @@ def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT
         typer.echo(json.dumps(records, indent=1))
     else:
         typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
+
+
+def compare(
+    old: Annotated[Path, typer.Argument(help="Output folder of the older campaign.")],
+    new: Annotated[Path, typer.Argument(help="Of the newer one.")],
+    *,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Compare two campaigns: failures that are new, still come, or were not seen. Exit 1 if there are new ones."""
+    from riot_bus.findings.comparison import compare as compared
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    found = compared(old, new)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        for line in found.lines():
+            typer.echo(escape_control_chars(line))
+    if any(each.change == "new" for each in found.findings):
+        raise typer.Exit(1)

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.findings.comparison import compare
+from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.errors import ConfigError
+
+
+def campaign(folder: Path, **rates: tuple[int, int]) -> Path:
+    for name, (hits, total) in rates.items():
+        found = proportion(hits, total)
+        (folder / "findings" / name).mkdir(parents=True)
+        FindingRecord(
+            id=name,
+            system="s",
+            system_file="riot.toml",
+            unit="u",
+            component="u",
+            monitor="crash",
+            severity="abort",
+            signature=f"crash in u: {name}",
+            rate=ProportionRecord(value=found.rate, low=found.low, high=found.high, count=hits, total=total),
+        ).save(folder / "findings" / name)
+    folder.mkdir(exist_ok=True)
+    CampaignRecord(unit="u", fingerprint="f", failing=5, trials=50, findings=tuple(rates)).save(folder)
+    return folder
+
+
+def test_what_has_become_of_each_failure(tmp_path: Path) -> None:
+    old = campaign(tmp_path / "old", gone=(4, 4), same=(4, 4), rarer=(20, 20), worse=(1, 20))
+    new = campaign(tmp_path / "new", fresh=(4, 4), same=(3, 4), rarer=(2, 20), worse=(20, 20))
+    found = compare(old, new)
+    assert [(each.change, each.signature.rpartition(" ")[2]) for each in found.findings] == [
+        ("new", "fresh"),
+        ("comes more often", "worse"),
+        ("still failing", "same"),
+        ("comes less often", "rarer"),
+        ("not seen", "gone"),
+    ]
+    lines = list(found.lines())
+    assert lines[0] == "new               crash in u: fresh (- -> 4 of 4 fresh trials)"
+    assert lines[-1].startswith("new: 5 of 50 trials failed, 95 %: 3.3% to 21.8%")
+    assert found.to_json()["findings"][4]["new"] is None
+
+
+def test_a_folder_without_a_campaign(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"campaign\.json"):
+        compare(tmp_path, tmp_path)
