@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import signal
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 __all__ = ["Crash", "crashes_in", "tracebacks"]
@@ -25,6 +25,9 @@ _FATAL = re.compile(r"^Fatal Python error: .*$", re.MULTILINE)
 _CURRENT = "Current thread "
 _TERMINATE = re.compile(r"terminate called after throwing an instance of '([^']+)'")
 _RUST = re.compile(r"panicked at ([^:\n]+):\d+")
+_SUMMARY = re.compile(r"^SUMMARY: (?P<tool>\w+Sanitizer): (?P<kind>[\w-]+)(?:.* in (?P<function>\S+))?", re.MULTILINE)
+_UNDEFINED = re.compile(r"^(?P<file>\S+?):\d+:\d+: runtime error: (?P<text>.+)$", re.MULTILINE)
+_NUMBER = re.compile(r"(?<![A-Za-z])[-+]?(?:0x[0-9a-fA-F]+|\d[\d.e+-]*)")
 _AFTERWORDS = 4
 _LONGEST_SOURCE = 100
 _LONGEST_DETAIL = 500
@@ -72,12 +75,26 @@ def crashes_in(status: int | None, errors: str, root: Path, printed: str = "") -
     # A Python process with native threads may abort while it ends of an exception: the exception is the crash.
     last = known[-1] if known else ""
     ending = bool(last) and len(errors.rpartition(last)[2].splitlines()) <= _AFTERWORDS
-    found = python
-    if status is not None and status < 0 and not ending:
+    reports = _sanitizer_reports(errors)
+    found = [*reports, *python]
+    if status is not None and status < 0 and not ending and not reports:
         found = [_native(status, errors, root), *python]
-    elif status is not None and status > 0 and not python:
+    elif status is not None and status > 0 and not found:
         found = [Crash(f"exit status {status}", _last_line(errors))]
     return tuple({crash.place: crash for crash in reversed(found)}.values())[::-1]
+
+
+def _sanitizer_reports(errors: str) -> list[Crash]:
+    """Return what the sanitizers of compilers have reported; undefined behaviour does not end a process."""
+    found = []
+    for match in islice(_SUMMARY.finditer(errors), _MOST):
+        where = f" in {match['function']}" if match["function"] else ""
+        kind = _NUMBER.sub("N", match["kind"])
+        found.append(Crash(f"{match['tool']} {kind}{where}", match[0][:_LONGEST_DETAIL]))
+    for match in islice(_UNDEFINED.finditer(errors), _MOST):
+        what = _NUMBER.sub("N", match["text"])[:_LONGEST_SOURCE]
+        found.append(Crash(f"{Path(match['file']).name}: runtime error: {what}", match[0][:_LONGEST_DETAIL]))
+    return found
 
 
 def _place(traceback: str, root: Path) -> str:

@@ -116,3 +116,35 @@ Extension modules: numpy (total: 1)
 
 def test_a_native_crash_has_the_functions_of_python_around_it() -> None:
     assert crash_in(-11, FATAL) == Crash("SIGSEGV in poke < on_map", "Fatal Python error: Segmentation fault")
+
+
+ASAN = """==7==ERROR: AddressSanitizer: heap-buffer-overflow on address 0x602 at pc 0x55 bp 0x7f sp 0x7f
+WRITE of size 4 at 0x602000000014 thread T0
+    #0 0x55d in poke /srv/rover/core.c:12:3
+SUMMARY: AddressSanitizer: heap-buffer-overflow /srv/rover/core.c:12:3 in poke
+"""
+
+
+def test_what_a_sanitizer_reports_has_its_function_and_no_line() -> None:
+    crash = crash_in(-6, ASAN)
+    assert crash is not None
+    assert crash.place == "AddressSanitizer heap-buffer-overflow in poke"
+    shifted = crash_in(1, ASAN.replace("core.c:12:3", "core.c:62:3"))
+    assert shifted is not None
+    assert shifted.place == crash.place
+    leak = crash_in(23, "SUMMARY: AddressSanitizer: 24 byte(s) leaked in 1 allocation(s).")
+    assert leak is not None
+
+
+def test_undefined_behaviour_counts_though_the_process_goes_on() -> None:
+    text = "core.c:12:3: runtime error: signed integer overflow: 2147483647 + 1 cannot be represented in type 'int'"
+    found = crashes_in(None, f"{text}\n{text.replace('12:3', '80:1').replace('2147483647', '99')}\n", ROOT)
+    assert [crash.place for crash in found] == [
+        "core.c: runtime error: signed integer overflow: N + N cannot be represented in type 'int'"
+    ]
+    assert crashes_in(0, text, ROOT) == found
+
+
+def test_long_output_is_read_in_time() -> None:
+    for part in ("a:1:1: runtime error", "SUMMARY: XSanitizer: ", " in ", "Traceback (most recent call last):\n"):
+        crashes_in(1, part * 10_000, ROOT, part * 10_000)
