@@ -310,10 +310,15 @@ def test_a_removed_file_is_said_counted_and_followed_by_another(router: str, tmp
 def test_what_publishers_keep_for_late_joiners_is_recorded_once(router: str, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with Puppet(router) as source, client(router) as early:
-        passed: list[Message] = []
-        early.subscribe("late/x", passed.append)
+        fence: list[Message] = []
+        early.subscribe("fence", fence.append)
         source.do("publish_advanced", key="late/x", payloads=["1", "2", "3"], depth=2)
-        assert wait_until(lambda: len(passed) >= 3, 30)  # else they may come while the recorder listens already
+
+        def has_passed() -> bool:
+            source.do("flood", key="fence", count=1, padding=1)
+            return bool(fence)
+
+        assert wait_until(has_passed, 30, interval=0.05)  # and so have the others: they shall not come while we listen
         with recording(router, path, keys=["late/**"]) as service:
             assert has(service, 2)
             source.do("publish_advanced", key="late/x", payloads=["4"], depth=2)
