@@ -54,7 +54,7 @@ class _Campaign:
     failing: int = 0
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
-    seen: dict[str, int] = field(default_factory=dict)
+    unseen: dict[str, list[str]] = field(default_factory=dict)
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Take in the outcomes of some trials, and confirm what is new in them."""
@@ -62,8 +62,9 @@ class _Campaign:
         for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
             if outcome.detail and outcome.verdict is not Verdict.ERROR:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
-            for monitor, count in outcome.statistics.get("seen", {}).items():
-                self.seen[monitor] = self.seen.get(monitor, 0) + int(count)
+            for line in outcome.statistics.get("unseen", ()):
+                name, _, reason = str(line).partition(": ")
+                self.unseen.setdefault(name, []).append(reason)
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
@@ -149,6 +150,7 @@ def run_campaign(
     for failure in confirmed.values():
         work.simplify(failure)
     rest = {key: each for key, each in work.failures.items() if not each.confirmed}
-    blind = {f"{name} saw nothing in any trial": nominal + done for name, count in work.seen.items() if not count}
-    notes = work.notes | blind
+    every = nominal + done
+    blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
+    notes = work.notes | {f"{name} had nothing to judge: {why}": every for name, why in blind.items()}
     return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, notes)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.invariants import Seconds
-from riot_bus.monitors.selection import message_selector, selected
+from riot_bus.monitors.arrivals import Seconds
+from riot_bus.monitors.forging import without
+from riot_bus.monitors.selection import message_selector, selected, why_unseen
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ __all__ = ["Answered"]
 
 @dataclass(frozen=True)
 class Answered:
-    """Each request gets an answer in time.
+    """Each request gets an answer in time; of requests before the first input, the time counts from that.
 
     Attributes:
         request: A selector, such as `255/*/COMMAND_LONG`.
@@ -49,14 +50,32 @@ class Answered:
             (message.time, self._values(message, kind))
             for message, kind in selected(view, message_selector(self.answer))
         ]
-        period = round(self.within * 1e9)
-        for message, kind in selected(view, message_selector(self.request)):
-            end, values = message.time + period, self._values(message, kind)
+        for message, kind in self._requests(view):
+            end, values = self._deadline(view, message), self._values(message, kind)
             if end <= view.end and not any(message.time <= time <= end and each == values for time, each in answers):
                 shown = ", ".join(f"{name} = {value!r}" for name, value in zip(self.same, values, strict=True))
                 detail = f"no answer within {self.within:g} s" + (f" to {shown}" if shown else "")
                 return [Violation("answered", self.request, f"answer to {self.request}", detail)]
         return []
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why no request could be left without an answer, None if one could."""
+        requests = self._requests(view)
+        if not requests:
+            return why_unseen(view, message_selector(self.request))
+        late = all(self._deadline(view, message) > view.end for message, _ in requests)
+        return f"each of {len(requests)} requests could still be answered at the end" if late else None
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy without answers."""
+        return without(view, message_selector(self.answer))
+
+    def _requests(self, view: TrialView) -> list[tuple[Message, MessageType]]:
+        selector = message_selector(self.request)
+        return list(selected(view, selector)) or list(selected(view, selector, view.inputs))
+
+    def _deadline(self, view: TrialView, request: Message) -> int:
+        return max(request.time, view.start) + round(self.within * 1e9)
 
     def _values(self, message: Message, kind: MessageType) -> tuple[Scalar, ...]:
         return tuple(kind.read(message.payload, name) for name in self.same)

@@ -1,4 +1,4 @@
-"""Invariants on outputs: range, finite, rate, never, values, sequence."""
+"""Invariants on fields of outputs: range, finite, values, sequence."""
 
 from __future__ import annotations
 
@@ -9,22 +9,41 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from riot_bus.monitors.selection import field_selector, integers, message_selector, numbers, selected
+from riot_bus.monitors.forging import with_value
+from riot_bus.monitors.selection import field_selector, integers, numbers, why_unseen
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.monitors.model import TrialView
+    from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Finite", "Gapless", "Never", "Range", "Rate", "Seconds", "Values"]
+__all__ = ["Finite", "Gapless", "Range", "Values"]
 
-Seconds = Annotated[float, Field(gt=0, le=86_400)]
 _Bound = Annotated[float, Field(allow_inf_nan=False)]
 
 
+class _OfField:
+    """What monitors of one field have in common."""
+
+    field: str
+
+    def __post_init__(self) -> None:
+        field_selector(self.field)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the field."""
+        return (field_selector(self.field).topic,)
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why there was no number to judge, None if there was one."""
+        return why_unseen(view, field_selector(self.field))
+
+
 @dataclass(frozen=True)
-class Range:
+class Range(_OfField):
     """A field of an output stays within bounds (NaN does not).
 
     Attributes:
@@ -37,27 +56,32 @@ class Range:
     min: _Bound | None = None
     max: _Bound | None = None
 
-    def __post_init__(self) -> None:
-        field_selector(self.field)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the field."""
-        return (field_selector(self.field).topic,)
-
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value outside."""
-        low = -math.inf if self.min is None else self.min
-        high = math.inf if self.max is None else self.max
         for value in numbers(view, field_selector(self.field)):
-            if not low <= value <= high:
+            if self._outside(value):
+                low, high = self._bounds
                 detail = f"{self.field} = {value!r} is outside [{low:g}, {high:g}]"
                 return [Violation("range", self.field, f"range of {self.field}", detail)]
         return []
 
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with a value outside."""
+        beyond = [bound + sign * max(1.0, abs(bound)) for bound, sign in zip(self._bounds, (-1, 1), strict=True)]
+        whole = [step(value) for value in beyond if math.isfinite(value) for step in (math.floor, math.ceil)]
+        return with_value(view, field_selector(self.field), [math.nan, *beyond, *whole], self._outside)
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        return -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
+
+    def _outside(self, value: Scalar) -> bool:
+        low, high = self._bounds
+        return isinstance(value, int | float) and not low <= value <= high
+
 
 @dataclass(frozen=True)
-class Finite:
+class Finite(_OfField):
     """A field of an output is neither NaN nor infinite.
 
     Attributes:
@@ -66,14 +90,6 @@ class Finite:
 
     field: str
 
-    def __post_init__(self) -> None:
-        field_selector(self.field)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the field."""
-        return (field_selector(self.field).topic,)
-
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first value that is not finite."""
         for value in numbers(view, field_selector(self.field)):
@@ -81,65 +97,14 @@ class Finite:
                 return [Violation("finite", self.field, f"{self.field} not finite", f"{self.field} = {value!r}")]
         return []
 
-
-@dataclass(frozen=True)
-class Rate:
-    """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching.
-
-    Attributes:
-        topic: Topic name or key expression.
-        gap: Longest time between two messages, seconds.
-    """
-
-    topic: str
-    gap: Seconds
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """The topic."""
-        return (self.topic,)
-
-    def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return a violation when the largest gap is too large."""
-        times = [message.time for message in view.outputs if view.registry.matches(self.topic, message.key)]
-        stamps = [view.begin, *times, view.end]
-        widest = max(after - before for before, after in pairwise(stamps)) / 1e9
-        if widest <= self.gap:
-            return []
-        detail = f"no {self.topic} for {widest:.3f} s (allowed: {self.gap:g} s)"
-        return [Violation("rate", self.topic, f"rate of {self.topic}", detail)]
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with a value that is not a number."""
+        values = (math.nan, math.inf)
+        return with_value(view, field_selector(self.field), values, lambda it: isinstance(it, float) and it - it != 0)
 
 
 @dataclass(frozen=True)
-class Never:
-    """No message of an output meets a condition.
-
-    Attributes:
-        when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
-        tell: A field of such a message that is told.
-    """
-
-    when: str
-    tell: str | None = None
-
-    def __post_init__(self) -> None:
-        message_selector(self.when)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the messages."""
-        return (message_selector(self.when).topic,)
-
-    def judge(self, view: TrialView) -> Sequence[Violation]:
-        """Return a violation at the first such message."""
-        for message, kind in selected(view, message_selector(self.when)):
-            told = "" if self.tell is None else f": {self.tell} = {kind.read(message.payload, self.tell)!r}"
-            return [Violation("never", self.topics[0], f"never {self.when}", f"{message.key}{told}")]
-        return []
-
-
-@dataclass(frozen=True)
-class Values:
+class Values(_OfField):
     """An integer field of an output takes only some values.
 
     Attributes:
@@ -152,26 +117,26 @@ class Values:
     allowed: Annotated[tuple[int, ...], Field(min_length=1)]
     mask: int | None = None
 
-    def __post_init__(self) -> None:
-        field_selector(self.field)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the field."""
-        return (field_selector(self.field).topic,)
-
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first other value."""
         for value in integers(view, field_selector(self.field)):
-            if (value if self.mask is None else value & self.mask) not in self.allowed:
+            if self._other(value):
                 known = ", ".join(map(str, sorted(self.allowed)))
                 detail = f"{self.field} = {value}, allowed: {known}" + (f" of bits {self.mask:#x}" if self.mask else "")
                 return [Violation("values", self.field, f"values of {self.field}", detail)]
         return []
 
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with another value."""
+        single = (1 << bit for bit in range((self.mask or 0).bit_length()))
+        return with_value(view, field_selector(self.field), [*range(256), *single, self.mask or -1], self._other)
+
+    def _other(self, value: Scalar) -> bool:
+        return isinstance(value, int) and (value if self.mask is None else value & self.mask) not in self.allowed
+
 
 @dataclass(frozen=True)
-class Gapless:
+class Gapless(_OfField):
     """A sequence number grows by one from message to message, so that none is lost; it begins anew at `modulo`.
 
     Attributes:
@@ -184,19 +149,29 @@ class Gapless:
     modulo: Annotated[int, Field(ge=2)] = 256
     lost: Annotated[int, Field(ge=0)] = 0
 
-    def __post_init__(self) -> None:
-        field_selector(self.field)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the field."""
-        return (field_selector(self.field).topic,)
-
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when too many are missing."""
         found = list(integers(view, field_selector(self.field)))
-        missing = sum((after - before - 1) % self.modulo for before, after in pairwise(found))
+        missing = self._missing(found)
         if missing <= self.lost:
             return []
         detail = f"{missing} lost, {len(found)} received (allowed: {self.lost})"
         return [Violation("sequence", self.field, f"sequence of {self.field}", detail)]
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why there were no two numbers, None if there were."""
+        absent = super().unseen(view)
+        few = absent is None and len(list(integers(view, field_selector(self.field)))) < 2
+        return f"only one message of {self.field} came" if few else absent
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with a gap before the last message."""
+        found = list(integers(view, field_selector(self.field)))
+        values = [(found[-1] + step) % self.modulo for step in range(self.lost + 1, self.lost + self.modulo)]
+        selector = field_selector(self.field)
+        return with_value(
+            view, selector, values, lambda it: isinstance(it, int) and self._missing([*found[:-1], it]) > self.lost
+        )
+
+    def _missing(self, numbers: Sequence[int]) -> int:
+        return sum((after - before - 1) % self.modulo for before, after in pairwise(numbers))

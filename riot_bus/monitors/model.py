@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.errors import PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,13 +18,17 @@ if TYPE_CHECKING:
 __all__ = [
     "NO_SIGNS",
     "ComponentView",
+    "Forges",
     "Invariant",
     "Judgement",
     "Monitor",
     "ResourceSample",
     "Signs",
+    "TellsUnseen",
     "TrialView",
     "judge",
+    "why_no_message",
+    "why_nothing_to_judge",
 ]
 
 
@@ -117,6 +121,11 @@ class TrialView:
     stalled: Sequence[str] = field(default_factory=list)
     inputs: Sequence[Message] = ()
 
+    @property
+    def start(self) -> int:
+        """Time of the first input, nanoseconds since the epoch; `begin` where no inputs are known."""
+        return min((message.time for message in self.inputs), default=self.begin)
+
 
 class Monitor(Protocol):
     """An oracle over one finished trial."""
@@ -135,57 +144,85 @@ class Invariant(Monitor, Protocol):
         ...
 
 
+@runtime_checkable
+class TellsUnseen(Protocol):
+    """A monitor that knows whether a trial had something for it to judge; others are taken at their topics."""
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why there was nothing to judge, None if there was something."""
+        ...
+
+
+@runtime_checkable
+class Forges(Protocol):
+    """A monitor that can show that it is able to fire."""
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy of a trial that violates it; raises PayloadError if this one cannot be made to."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What the monitors say of a trial.
+    """What all monitors say of one trial.
 
     Attributes:
         violations: In the order of the monitors.
         broken: A line for each monitor that failed itself.
-        seen: How many outputs each invariant had to judge, by its name.
+        unseen: A line for each monitor that had nothing to judge, with the reason.
     """
 
-    violations: tuple[Violation, ...]
-    broken: tuple[str, ...]
-    seen: Mapping[str, int]
+    violations: tuple[Violation, ...] = ()
+    broken: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
 
 
 def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
     """Ask all monitors; one that raises is isolated and reported."""
     violations: list[Violation] = []
     broken: list[str] = []
-    seen: dict[str, int] = {}
+    unseen: list[str] = []
     for monitor in monitors:
+        error: Exception | None = None
         try:
-            topics = getattr(monitor, "topics", ())
-            if topics:
-                seen[_name(monitor)] = _judged(monitor, view, topics)
-            violations.extend(monitor.judge(view))
-        except Exception as error:
-            broken.append(f"{_name(monitor)}: {type(error).__name__}: {error}")
-    return Judgement(tuple(violations), tuple(broken), seen)
+            found = tuple(monitor.judge(view))
+        except Exception as raised:
+            found, error = (), raised
+        violations.extend(found)
+        reason = None
+        if not found and (error is None or isinstance(error, PayloadError)):  # such as for a field that no message has
+            try:
+                reason = why_nothing_to_judge(monitor, view)
+            except Exception as raised:
+                error = error or raised
+        name = _name(monitor)
+        if reason is not None:
+            unseen.append(f"{name}: {reason}")
+        elif error is not None:
+            broken.append(f"{name}: {type(error).__name__}: {error}")
+    return Judgement(tuple(violations), tuple(broken), tuple(unseen))
 
 
 def _name(monitor: Monitor) -> str:
     """Return what tells a monitor from others of its kind."""
     topics = getattr(monitor, "topics", ())
-    where = getattr(monitor, "field", None) or ", ".join(topics)
+    where = getattr(monitor, "field", None) or getattr(monitor, "when", None) or ", ".join(topics)
     return f"{type(monitor).__name__} {where}".strip()
 
 
-def _judged(monitor: Monitor, view: TrialView, topics: Sequence[str]) -> int:
-    """Return how many outputs a monitor looked at: those of its topics that have its field, if it names one."""
-    path = str(getattr(monitor, "field", "")).partition(":")[2]
-    count = 0
-    for message in view.outputs:
-        if message.kind == "put" and any(view.registry.matches(topic, message.key) for topic in topics):
-            count += not path or _has(view.registry, message, path)
-    return count
+def why_nothing_to_judge(monitor: Monitor, view: TrialView) -> str | None:
+    """Return why a trial has nothing for a monitor, None if it has something."""
+    if isinstance(monitor, TellsUnseen):
+        return monitor.unseen(view)
+    topics: Sequence[str] = getattr(monitor, "topics", ())
+    reasons = [why_no_message(view, topic) for topic in topics]
+    return next((reason for reason in reasons if reason), None) if all(reasons) else None
 
 
-def _has(registry: TypeRegistry, message: Message, path: str) -> bool:
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-    try:
-        return kind is not None and kind.read(message.payload, path) is not None
-    except PayloadError:
-        return False
+def why_no_message(view: TrialView, topic: str) -> str | None:
+    """Return that no output is of a topic, with the nearest topics that there were; None if one is."""
+    keys = {message.key for message in view.outputs if message.kind == "put"}
+    if any(view.registry.matches(topic, key) for key in keys):
+        return None
+    hint = did_you_mean(topic, map(view.registry.topic, keys))
+    return f"no message of {topic!r} came" + (f"; {hint}" if hint else "")

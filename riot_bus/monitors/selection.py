@@ -5,18 +5,19 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from riot_bus.monitors.model import why_no_message
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import Selector, parse_selector
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["field_selector", "integers", "message_selector", "numbers", "selected"]
+__all__ = ["field_selector", "integers", "message_selector", "numbers", "selected", "why_unseen"]
 
 
 def message_selector(text: str) -> Selector:
@@ -38,14 +39,16 @@ def field_selector(text: str) -> Selector:
     return selector
 
 
-def selected(view: TrialView, selector: Selector) -> Iterator[tuple[Message, MessageType]]:
-    """Yield the selected outputs of a trial with their types.
+def selected(
+    view: TrialView, selector: Selector, messages: Sequence[Message] | None = None
+) -> Iterator[tuple[Message, MessageType]]:
+    """Yield the selected messages of a trial with their types; of its outputs, unless others are given.
 
     Raises:
         PayloadError: The type of one is unknown.
     """
     predicate = None if selector.where is None else parse_predicate(selector.where)
-    for message in view.outputs:
+    for message in view.outputs if messages is None else messages:
         if message.kind != "put" or not view.registry.matches(selector.topic, message.key):
             continue
         kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
@@ -70,3 +73,33 @@ def integers(view: TrialView, selector: Selector) -> Iterator[int]:
         if not isinstance(value, int):
             raise PayloadError(f"{selector.topic}:{selector.field} is no integer")
         yield value
+
+
+def why_unseen(view: TrialView, selector: Selector, *, met: bool = True) -> str | None:
+    """Return why no output has what is selected: a message, a number in the field; None if one has.
+
+    Args:
+        view: A trial.
+        selector: What is looked for.
+        met: Whether its condition has to be met; else it is enough that its fields are there.
+
+    Raises:
+        PayloadError: The type of an output of the topic is unknown.
+    """
+    absent = why_no_message(view, selector.topic)
+    if absent is not None:
+        return absent
+    predicate = None if selector.where is None else parse_predicate(selector.where)
+    count, why = 0, f"none meets {selector.where!r}"
+    for message, kind in selected(view, Selector(selector.topic)):
+        count += 1
+        read = partial(kind.read, message.payload)
+        try:
+            if predicate is not None and not predicate(read) and met:
+                continue
+            if selector.field is None or isinstance(read(selector.field), bool | int | float):
+                return None
+            why = f"{selector.field!r} is no number"
+        except PayloadError as error:
+            why = "; ".join(filter(None, (error.message, error.hint)))
+    return f"of {count} messages of {selector.topic!r}: {why}"

@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.model import TrialView
-from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
@@ -37,6 +37,9 @@ class Trigger:
         fired: When it fired, as of `time.monotonic`, and has not been taken since; None if it has not.
         reason: The condition.
         unread: Messages whose fields could not be read.
+
+    Raises:
+        ConfigError: A monitor judges whole trials only (`whole_trial`).
     """
 
     def __init__(
@@ -57,6 +60,10 @@ class Trigger:
             assert selector.where is not None
             self._conditions.append((text, selector.topic, parse_predicate(selector.where)))
         self._held: dict[tuple[str, str], bool] = {}
+        for each in monitors:
+            if getattr(each, "whole_trial", False):
+                text = f"monitor {type(each).__name__} judges whole trials, so it cannot watch a recording"
+                raise ConfigError(text, hint="name a file without it")
         self._monitors, self._clock = tuple(monitors), clock
         self._lock = threading.Lock()
         self._violated = [False] * len(self._monitors)

@@ -14,6 +14,7 @@ from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from riot_bus.monitors.model import Invariant, Monitor
@@ -33,6 +34,22 @@ class Context:
     def watched(self) -> list[str]:
         """Topics that the invariants of riot.toml look at."""
         return sorted({topic for monitor in self.file.invariants for topic in monitor.topics})
+
+    def monitors_of(self, name: str) -> tuple[Monitor, ...]:
+        """Return the monitors that can judge a component alone: all but those of what others publish."""
+        own = self.file.components[name].outputs
+        others = {topic for part in self.file.components.values() for topic in part.outputs} - set(own)
+
+        def is_elsewhere(monitor: Monitor) -> bool:
+            topics = getattr(monitor, "topics", ())
+            return bool(topics) and all(
+                self._matches(topic, others) and not self._matches(topic, own) for topic in topics
+            )
+
+        return tuple(monitor for monitor in self.monitors if not is_elsewhere(monitor))
+
+    def _matches(self, topic: str, known: Iterable[str]) -> bool:
+        return any(self.registry.matches(topic, self.registry.key_expression(each)) or topic == each for each in known)
 
     @property
     def profile(self) -> str:

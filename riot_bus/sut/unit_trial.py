@@ -78,7 +78,7 @@ class UnitTrial:
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
-        judged = judge(view, self.context.monitors)
+        judged = judge(view, self.context.monitors_of(name))
         violations = judged.violations
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
@@ -92,6 +92,6 @@ class UnitTrial:
                 "messages": len(messages),
                 "modified": sum(index < sent for index, _, _ in touched),
                 "outputs": answered,
-                "seen": dict(judged.seen),
+                "unseen": list(judged.unseen),
             },
         )

@@ -11,11 +11,13 @@ Needs pytest: pip install 'riot-bus[testing]'.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from riot_bus.monitors.catalogue import build_monitor
-from riot_bus.monitors.model import ComponentView, TrialView, judge
+from riot_bus.monitors.forging import why_cannot_fire
+from riot_bus.monitors.model import ComponentView, Forges, ResourceSample, TrialView, judge
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 
@@ -33,21 +35,37 @@ _STRANGE = (b"", b"\x00" * 64, b"{", b"\xff\xfe\xfd")
 Output = tuple[str, "Mapping[str, Any] | bytes"]
 
 
-def trial_view(outputs: Sequence[Output], *, step: float = _STEP_S, settled: bool = True) -> TrialView:
+def trial_view(
+    outputs: Sequence[Output],
+    *,
+    inputs: Sequence[Output] = (),
+    step: float = _STEP_S,
+    settled: bool = True,
+    errors: str = "",
+    memory: Sequence[int] = (),
+) -> TrialView:
     """Return what a monitor sees of a trial with these outputs.
 
     Args:
         outputs: Key and payload of each message; an object is sent as JSON.
+        inputs: The same of what was published to the component, at the times of the outputs.
         step: Time from one message to the next, and before the first and after the last, seconds.
         settled: Whether the components came to rest.
+        errors: What the component wrote to stderr.
+        memory: Bytes that it had, before the first message and after each.
     """
     gap = round(step * 1e9)
-    messages = [
-        Message(gap * number, key, payload if isinstance(payload, bytes) else json.dumps(payload).encode())
-        for number, (key, payload) in enumerate(outputs, 1)
-    ]
-    component = ComponentView("unit", None, "", Path("/"))
-    return TrialView([component], settled, 1.0, TypeRegistry(), messages, 0, gap * (len(messages) + 1))
+    sent, received = (
+        [
+            Message(gap * number, key, payload if isinstance(payload, bytes) else json.dumps(payload).encode())
+            for number, (key, payload) in enumerate(messages, 1)
+        ]
+        for messages in (inputs, outputs)
+    )
+    samples = [ResourceSample(gap * number, number, size, 10, 2) for number, size in enumerate(memory)]
+    component = ComponentView("unit", None, errors, Path("/"), resources=samples)
+    end = gap * (max(len(sent), len(received)) + 1)
+    return TrialView([component], settled, 1.0, TypeRegistry(), received, 0, end, inputs=sent)
 
 
 class MonitorConformance:
@@ -55,14 +73,14 @@ class MonitorConformance:
 
     Attributes:
         table: A table of `[[monitors]]` in riot.toml, with `kind`.
-        passing: Outputs of a trial that is to pass: key and payload each.
-        failing: Outputs of a trial that is to fail.
+        passing: Outputs of a trial that is to pass: key and payload each; or what `trial_view` returns.
+        failing: Outputs of a trial that is to fail, in the same way.
         step: Time from one message to the next, seconds.
     """
 
     table: ClassVar[Mapping[str, Any]]
-    passing: ClassVar[Sequence[Output]]
-    failing: ClassVar[Sequence[Output]]
+    passing: ClassVar[Sequence[Output] | TrialView]
+    failing: ClassVar[Sequence[Output] | TrialView]
     step: ClassVar[float] = _STEP_S
 
     def test_it_tells_failing_from_passing(self) -> None:
@@ -86,29 +104,45 @@ class MonitorConformance:
             assert "\n" not in violation.signature
 
     def test_it_names_the_topics_that_it_looks_at(self) -> None:
-        """Else nobody records them for it, and it sees nothing."""
+        """Else nobody records them for it, and it sees nothing; one that looks at components alone names none."""
         topics = self._made().topics
-        assert topics
         registry = TypeRegistry()
-        seen = [key for key, _ in self.failing]
+        seen = [message.key for message in self._view(self.failing).outputs]
         assert not seen or any(registry.matches(topic, key) for topic in topics for key in seen)
 
     def test_a_trial_without_outputs_is_survived(self) -> None:
-        """A unit that said nothing is judged, too."""
-        assert judge(trial_view([], step=self.step), [self._made()]).broken == ()
+        """A unit that said nothing is judged, too: it violates, or there was nothing to judge, and that is said."""
+        monitor = self._made()
+        judged = judge(trial_view([], step=self.step), [monitor])
+        assert judged.broken == ()
+        assert judged.violations or judged.unseen
+
+    def test_what_passes_is_something_to_judge(self) -> None:
+        """A trial passes because nothing is wrong, and not because there was nothing."""
+        assert judge(self._view(self.passing), [self._made()]).unseen == ()
+
+    def test_it_is_shown_to_be_able_to_fire(self) -> None:
+        """Its method `forge`, if it has one, makes a failing trial of one that passes, which stays as it is."""
+        monitor = self._made()
+        if isinstance(monitor, Forges):
+            view = self._view(self.passing)
+            assert why_cannot_fire(monitor, view) is None
+            assert judge(view, [monitor]).violations == ()
 
     def test_other_topics_and_strange_payloads_are_not_its_fault(self) -> None:
         """Messages that it does not look at change nothing, whatever they hold."""
-        strange = [("somewhere/else", payload) for payload in _STRANGE]
-        assert self._judged([*strange, *self.passing], step=self.step * 1e-3) == []
+        view = self._view(self.passing)
+        strange = [Message(view.begin, "somewhere/else", payload) for payload in _STRANGE]
+        judged = judge(replace(view, outputs=[*strange, *view.outputs]), [self._made()])
+        assert (judged.violations, judged.broken) == ((), ())
 
     def _made(self) -> Invariant:
         return build_monitor(self.table, where=lambda key: f"table.{key}", root=Path.cwd())
 
-    def _judged(
-        self, outputs: Sequence[Output], monitor: Invariant | None = None, *, step: float | None = None
-    ) -> list[Violation]:
-        view = trial_view(outputs, step=self.step if step is None else step)
-        found = judge(view, [monitor or self._made()])
-        assert found.broken == (), "a monitor that raises judges nothing"
-        return list(found.violations)
+    def _view(self, sample: Sequence[Output] | TrialView) -> TrialView:
+        return sample if isinstance(sample, TrialView) else trial_view(sample, step=self.step)
+
+    def _judged(self, sample: Sequence[Output] | TrialView, monitor: Invariant | None = None) -> list[Violation]:
+        judged = judge(self._view(sample), [monitor or self._made()])
+        assert judged.broken == (), "a monitor that raises judges nothing"
+        return list(judged.violations)

@@ -11,6 +11,7 @@ import operator
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -90,6 +91,27 @@ class Predicate:
     def __call__(self, read: Callable[[str], Scalar]) -> bool:
         """Return whether the message meets the predicate; raises PayloadError when a field cannot be compared."""
         return self._root(read)
+
+    def candidates(self) -> dict[str, list[Scalar]]:
+        """Return for each field values of which some meet the predicate: those it is compared with, beside, between."""
+        found: dict[str, list[Scalar]] = {path: [] for path in self.fields}
+        parts: list[_Comparison | _Junction] = [self._root]
+        while parts:
+            part = parts.pop()
+            if isinstance(part, _Junction):
+                parts.extend(part.parts)
+            else:
+                found[part.path].append(part.value)
+        return {path: _around(values) for path, values in found.items()}
+
+
+def _around(values: list[Scalar]) -> list[Scalar]:
+    numbers = sorted(value for value in values if isinstance(value, int | float) and value == value)
+    between = [(low + high) / 2 for low, high in pairwise(numbers)]
+    beside = [value + step for value in numbers for step in (-1, 1)]
+    texts = ["", *(f"{value}_" for value in values if isinstance(value, str))] if len(numbers) < len(values) else []
+    truths = [True, False] if any(isinstance(value, bool) for value in values) else []
+    return list(dict.fromkeys([*values, *truths, *beside, *between, *texts]))
 
 
 class _Parser:

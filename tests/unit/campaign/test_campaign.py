@@ -170,9 +170,9 @@ def test_what_monitors_say_of_themselves_is_kept() -> None:
 
 
 def test_a_monitor_that_saw_nothing_in_any_trial_is_told() -> None:
-    counts = iter([{"Range a:x": 0, "Rate b": 0}] * 7 + [{"Range a:x": 0, "Rate b": 1}])
-    result = campaign(Pure(lambda case: Outcome(Verdict.PASS, statistics={"seen": next(counts)})), trials=4)
-    assert result.notes == {"Range a:x saw nothing in any trial": 8}
+    lines = iter([["Range a:x: no message", "Rate b: no message"]] * 7 + [["Range a:x: none of 1 messages"]])
+    result = campaign(Pure(lambda case: Outcome(Verdict.PASS, statistics={"unseen": next(lines)})), trials=4)
+    assert result.notes == {"Range a:x had nothing to judge: none of 1 messages": 8}
 
 
 def test_progress_counts_trials_and_failures() -> None:

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from riot_bus.monitors.arrivals import Never
 from riot_bus.monitors.exchanges import Answered
-from riot_bus.monitors.invariants import Gapless, Never, Values
+from riot_bus.monitors.invariants import Gapless, Values
 from riot_bus.monitors.model import ComponentView, TrialView, judge
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
@@ -82,5 +84,21 @@ def test_wrong_selectors_are_refused() -> None:
 
 
 def test_a_field_that_is_no_integer_is_told() -> None:
-    found = judge(view((1, "a", {"x": "text"})), [Values("a:x", allowed=[1]), Gapless("a:x")])
-    assert len(found.broken) == 2
+    judged = judge(view((1, "a", {"x": "text"})), [Values("a:x", allowed=[1]), Gapless("a:x")])
+    assert [line.partition(": ")[2] for line in judged.unseen] == ["of 1 messages of 'a': 'x' is no number"] * 2
+    mixed = judge(view((1, "a", {"x": 1}), (2, "a", {"x": 1.5})), [Values("a:x", allowed=[1]), Gapless("a:x")])
+    assert len(mixed.broken) == 2
+
+
+def test_a_request_that_was_an_input_is_known_too() -> None:
+    monitor = Answered("ask", answer="tell", within=1.0)
+    asked = replace(view((1.5, "tell", {})), inputs=[Message(SECOND, "ask", b"{}")])
+    assert monitor.judge(asked) == []
+    assert monitor.judge(replace(asked, outputs=[])) != []
+
+
+def test_the_time_to_answer_counts_from_the_first_input() -> None:
+    monitor = Answered("ask", answer="tell", within=1.0)
+    early = view((1, "ask", {}), (5.5, "tell", {}))
+    assert monitor.judge(early) != []
+    assert monitor.judge(replace(early, inputs=[Message(5 * SECOND, "in", b"{}")])) == []

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
-from riot_bus.monitors.invariants import Finite, Range, Rate
+import pytest
+
+from riot_bus.monitors.arrivals import Rate, Sometimes
+from riot_bus.monitors.invariants import Finite, Range
 from riot_bus.record.trigger import Trigger
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def test_it_fires_when_a_condition_begins_to_hold() -> None:
@@ -73,3 +77,8 @@ def test_silence_violates_a_rate() -> None:
         fired.append(trigger.take(0.0))
     first, second = (f"no a for {seconds} s (allowed: 1 s)" for seconds in ("1.100", "1.500"))
     assert fired == [None, None, None, first, None, None, None, second]
+
+
+def test_a_monitor_of_whole_trials_is_refused() -> None:
+    with pytest.raises(ConfigError, match="Sometimes judges whole trials"):
+        Trigger([], registry=TypeRegistry(), monitors=[Sometimes("a where v > 1")])

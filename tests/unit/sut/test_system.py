@@ -85,3 +85,17 @@ def test_choosing_a_unit(tmp_path: Path) -> None:
         file.choose_unit(None)
     with pytest.raises(ConfigError, match="did you mean 'two'"):
         file.choose_unit("tow")
+
+
+def test_a_unit_alone_is_judged_by_monitors_of_what_it_publishes_and_of_what_nobody_does(tmp_path: Path) -> None:
+    text = '[components.a]\ncommand = ["a"]\noutputs = ["one"]\n[components.b]\ncommand = ["b"]\noutputs = ["two"]\n'
+    topics = ("one", "two", "tow", "*")
+    text += "".join(f'[[monitors]]\nkind = "finite"\nfield = "{topic}:x"\n' for topic in topics)
+    context = open_system(write(tmp_path, text))
+
+    def judged(name: str) -> list[str]:
+        return [topic for monitor in context.monitors_of(name) for topic in getattr(monitor, "topics", ())]
+
+    assert judged("a") == ["one", "tow", "*"]
+    assert judged("b") == ["two", "tow", "*"]
+    assert len(context.monitors_of("a")) == len(context.monitors) - 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.plugins import MONITORS
-from riot_bus.testing.monitors import MonitorConformance
+from riot_bus.testing.monitors import MonitorConformance, trial_view
 
 SAMPLES = {
     "range": ({"field": "a:x", "max": 2.0}, [("a", {"x": 1.0})], [("a", {"x": 3.0})]),
@@ -16,6 +16,14 @@ SAMPLES = {
     "never": ({"when": "a where x > 2"}, [("a", {"x": 1})], [("a", {"x": 3})]),
     "values": ({"field": "a:x", "allowed": [1, 2]}, [("a", {"x": 1})], [("a", {"x": 3})]),
     "sequence": ({"field": "a:x"}, [("a", {"x": 1}), ("a", {"x": 2})], [("a", {"x": 1}), ("a", {"x": 3})]),
+    "count": (
+        {"output": "a", "input": "in", "low": 1, "high": 1},
+        trial_view([("a", {})] * 2, inputs=[("in", {})] * 2),
+        trial_view([("a", {})], inputs=[("in", {})] * 2),
+    ),
+    "envelope": ({"topic": "a", "bounds": {"x": (0, 2)}}, [("a", {"x": 1})], [("a", {"x": 3})]),
+    "log": ({}, trial_view([], errors="fine"), trial_view([], errors="ERROR: bad")),
+    "sometimes": ({"when": "a where x > 2"}, [("a", {"x": 3})], [("a", {"x": 1})]),
     "answered": (
         {"request": "ask", "answer": "say", "within": 0.15},
         [("ask", {}), ("say", {})],

@@ -1,3 +1,5 @@
+from itertools import product
+
 import pytest
 
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
@@ -64,3 +66,20 @@ def test_errors_name_the_column(text, column):
 
 def test_fields_are_listed_once():
     assert parse_predicate("b > 1 and (a == 2 or b < 0)").fields == ("b", "a")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x > 1 and x < 2",
+        "x >= 3 and x != 3",
+        'name != "a" and name != ""',
+        "ok == true and x == nan",
+        "x < -5 or y > 1e9",
+    ],
+)
+def test_some_candidates_meet_the_predicate(text):
+    predicate = parse_predicate(text)
+    choices = predicate.candidates()
+    assert set(choices) == set(predicate.fields)
+    assert any(predicate(dict(zip(choices, values, strict=True)).__getitem__) for values in product(*choices.values()))

@@ -1,0 +1,197 @@
+"""Invariants on when and how often outputs come: rate, never, sometimes, count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from riot_bus.monitors.forging import with_message, without
+from riot_bus.monitors.model import why_no_message
+from riot_bus.monitors.selection import message_selector, selected, why_unseen
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.selector import Selector
+from riot_bus.vocabulary.trial import Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.monitors.model import TrialView
+
+__all__ = ["Never", "Rate", "Ratio", "Seconds", "Sometimes"]
+
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+_Ratio = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True)
+class Rate:
+    """An output comes at least every `gap` seconds of wall time, from the first input to the end of watching.
+
+    Where no inputs are known, from the start of the trial.
+
+    Attributes:
+        topic: Topic name or key expression.
+        gap: Longest time between two messages, seconds.
+    """
+
+    topic: str
+    gap: Seconds
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topic."""
+        return (self.topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation when the largest gap is too large."""
+        times = [message.time for message in view.outputs if view.registry.matches(self.topic, message.key)]
+        stamps = [view.start, *(time for time in times if time >= view.start), view.end]
+        widest = max(after - before for before, after in pairwise(stamps)) / 1e9
+        if widest <= self.gap:
+            return []
+        detail = f"no {self.topic} for {widest:.3f} s (allowed: {self.gap:g} s)"
+        return [Violation("rate", self.topic, f"rate of {self.topic}", detail)]
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why no gap could be too large, None if one could."""
+        seconds = (view.end - view.start) / 1e9
+        short = (
+            f"the trial took {seconds:.3f} s, which is no longer than the gap allowed" if seconds <= self.gap else None
+        )
+        return why_no_message(view, self.topic) or short
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy in which the output is missing."""
+        return without(view, Selector(self.topic), seconds=2 * self.gap)
+
+
+@dataclass(frozen=True)
+class Never:
+    """No message of an output meets a condition.
+
+    Attributes:
+        when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
+        tell: A field of such a message that is told.
+    """
+
+    when: str
+    tell: str | None = None
+
+    def __post_init__(self) -> None:
+        message_selector(self.when)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the messages."""
+        return (message_selector(self.when).topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation at the first such message."""
+        for message, kind in selected(view, message_selector(self.when)):
+            told = "" if self.tell is None else f": {self.tell} = {kind.read(message.payload, self.tell)!r}"
+            return [Violation("never", self.topics[0], f"never {self.when}", f"{message.key}{told}")]
+        return []
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why the condition could not be asked, None if it could: without one, that nothing comes is enough."""
+        selector = message_selector(self.when)
+        return None if selector.where is None else why_unseen(view, selector, met=False)
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with such a message."""
+        return with_message(view, message_selector(self.when))
+
+
+@dataclass(frozen=True)
+class Sometimes:
+    """A condition is met by at least one output in each trial.
+
+    Attributes:
+        when: A selector, `mission/state where phase == 4`; without a condition, some message has to come.
+    """
+
+    when: str
+
+    whole_trial = True
+
+    def __post_init__(self) -> None:
+        message_selector(self.when)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topic of the messages."""
+        return (message_selector(self.when).topic,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation when no message meets the condition."""
+        selector = message_selector(self.when)
+        if next(selected(view, selector), None) is not None:
+            return []
+        detail = why_unseen(view, selector) or ""
+        return [Violation("sometimes", self.topics[0], f"never reached: {self.when}", detail)]
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return None: that nothing came is what it looks for."""
+        return None
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy without these messages."""
+        return without(view, message_selector(self.when))
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """So many outputs of a topic come for each input of a topic, over the whole trial.
+
+    Attributes:
+        output: A selector of outputs.
+        input: A selector of inputs; where inputs are not known, of outputs.
+        low: Least number of outputs for an input.
+        high: Largest number.
+    """
+
+    output: str
+    input: str
+    low: _Ratio
+    high: _Ratio
+
+    whole_trial = True
+
+    def __post_init__(self) -> None:
+        message_selector(self.output), message_selector(self.input)
+        if self.low > self.high:
+            raise ConfigError(f"low = {self.low:g} is above high = {self.high:g}")
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics of outputs and inputs."""
+        return (message_selector(self.output).topic, message_selector(self.input).topic)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation when the ratio is outside."""
+        inputs, outputs = self._inputs(view), len(list(selected(view, message_selector(self.output))))
+        if not inputs or self.low <= outputs / inputs <= self.high:
+            return []
+        allowed = f"{outputs / inputs:.4g} for one, allowed: {self.low:g} to {self.high:g}"
+        detail = f"{outputs} of {self.output} for {inputs} of {self.input} ({allowed})"
+        return [Violation("count", self.topics[0], f"count of {self.output} for {self.input}", detail)]
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return that no input came, None if one did."""
+        return None if self._inputs(view) else f"no input {self.input!r} came"
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy without the outputs, or with more of them."""
+        selector = message_selector(self.output)
+        if self.low > 0:
+            return without(view, selector)
+        more = int(self.high * self._inputs(view)) + 1
+        forged = with_message(view, selector)
+        return replace(forged, outputs=[*forged.outputs, *[forged.outputs[-1]] * more])
+
+    def _inputs(self, view: TrialView) -> int:
+        selector = message_selector(self.input)
+        return len(list(selected(view, selector, view.inputs or None)))

@@ -1,0 +1,114 @@
+"""Copies of a nominal trial that violate a monitor: they show that it is able to fire at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice, product
+from typing import TYPE_CHECKING
+
+from riot_bus.monitors.model import Forges, why_no_message, why_nothing_to_judge
+from riot_bus.monitors.selection import selected
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import Selector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from riot_bus.monitors.model import Monitor, TrialView
+    from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["why_cannot_fire", "with_message", "with_value", "without"]
+
+_MOST_TRIED = 4096
+_SECOND = 10**9
+
+
+def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
+    """Return why it is not shown that a monitor is able to fire; None if it does so on a forged copy of a trial.
+
+    Args:
+        monitor: It offers `Forges`; of others it cannot be shown.
+        view: A nominal trial; it is not changed.
+    """
+    try:
+        found = monitor.judge(view)
+        if found:
+            return f"the trial itself violates it: {found[0].detail or found[0].signature}"
+        reason = why_nothing_to_judge(monitor, view)
+        if reason is not None:
+            return reason
+        if not isinstance(monitor, Forges):
+            return "cannot be shown: it has no method `forge`"
+        return None if monitor.judge(monitor.forge(view)) else "it is silent on a trial that is to violate it"
+    except Exception as error:  # a monitor is somebody else's and may raise anything
+        return f"{type(error).__name__}: {error}"
+
+
+def with_value(
+    view: TrialView, selector: Selector, values: Iterable[Scalar], violates: Callable[[Scalar], bool]
+) -> TrialView:
+    """Return a copy whose last selected output has another value in the field.
+
+    Args:
+        view: A trial.
+        selector: Selects a field.
+        values: What is written, in this order, until what is then read violates.
+        violates: Whether a value does.
+
+    Raises:
+        PayloadError: There is no such output, or the field can hold none of these values.
+    """
+    chosen = list(selected(view, selector))
+    if not chosen:
+        raise PayloadError(why_no_message(view, selector.topic) or f"no message meets {selector.where!r}")
+    message, kind = chosen[-1]
+    path, tried = selector.field or "", 0
+    for value in islice(values, _MOST_TRIED):
+        tried += 1
+        try:
+            payload = kind.rebuild(message.payload, {path: value})
+            if violates(kind.read(payload, path)):
+                changed = message.with_payload(payload)
+                return replace(view, outputs=[changed if each is message else each for each in view.outputs])
+        except PayloadError:
+            continue
+    raise PayloadError(f"{selector.topic}:{path} can hold no value that violates it ({tried} tried)")
+
+
+def without(view: TrialView, selector: Selector, *, seconds: float = 0.0) -> TrialView:
+    """Return a copy without the selected outputs that is watched for so long at least."""
+    dropped = {id(message) for message, _ in selected(view, selector)}
+    outputs = [message for message in view.outputs if id(message) not in dropped]
+    return replace(view, outputs=outputs, end=max(view.end, view.start + round(seconds * _SECOND)))
+
+
+def with_message(view: TrialView, selector: Selector) -> TrialView:
+    """Return a copy with one more output, which meets the selector: an output of the topic, changed as needed.
+
+    Raises:
+        PayloadError: There is no output of the topic, or it cannot be made to meet the condition.
+    """
+    models = list(selected(view, Selector(selector.topic)))
+    if selector.where is None:
+        expression = view.registry.key_expression(selector.topic)
+        key = models[0][0].key if models else expression.replace("$*", "x").replace("**", "x").replace("*", "x")
+        message = models[0][0] if models else Message(view.end, key, b"{}")
+        return replace(view, outputs=[*view.outputs, message.with_(time=view.end)])
+    predicate = parse_predicate(selector.where)
+    choices = predicate.candidates()
+    for message, kind in models[:1]:
+        for values in islice(product(*choices.values()), _MOST_TRIED):
+            changes = dict(zip(choices, values, strict=True))
+            try:
+                if not predicate(changes.__getitem__):
+                    continue
+                payload = kind.rebuild(message.payload, changes)
+                if predicate(lambda path, kind=kind, payload=payload: kind.read(payload, path)):  # type: ignore[misc]
+                    forged = message.with_payload(payload).with_(time=view.end)
+                    return replace(view, outputs=[*view.outputs, forged])
+            except PayloadError:
+                continue
+        raise PayloadError(f"no message of {selector.topic!r} can be made to meet {selector.where!r}")
+    raise PayloadError(why_no_message(view, selector.topic) or "")

@@ -1,0 +1,152 @@
+"""Errors that components write: to stdout, to stderr, and to the topic /rosout."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+from pydantic import Field
+
+from riot_bus.monitors.selection import selected
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.selector import Selector
+from riot_bus.vocabulary.trial import Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.monitors.model import TrialView
+
+__all__ = ["Log", "normalized"]
+
+_LEVELS: Final = {"warn": 30, "error": 40, "fatal": 50}
+_WORDS: Final = {
+    "warn": "WARN|WARNING|ERROR|FATAL|CRITICAL",
+    "error": "ERROR|FATAL|CRITICAL",
+    "fatal": "FATAL|CRITICAL",
+}
+_ROS_TOPIC = "/rosout"
+_ROS_LINE = re.compile(r"\[[A-Z]+\] \[[0-9.]+\] \[([^\]]+)\]: (.*)")
+_LONGEST_LINE = 400
+_MOST_FOUND = 20
+_SECONDS = 5.0
+_REPEATS, _OPTIONAL = 2, 8
+_QUANTIFIER = re.compile(r"(?:[*+?]|\{[0-9,]+\})[?+]?")
+_CLASS = re.compile(r"\[\^?\]?(?:\\.|[^\]\\])*\]")
+_SHAPES = (
+    (re.compile(r"\x1b\[[0-9;]*[A-Za-z]"), ""),
+    (re.compile(r'"[^"]*"|(?<!\w)\'[^\']*\''), "'...'"),
+    (re.compile(r"\b0x[0-9a-fA-F]+\b|\b(?=[0-9a-f-]*[0-9])[0-9a-f]{8}[0-9a-f-]*\b"), "N"),
+    (re.compile(r"(?<![\w.])(?:[A-Za-z]:)?[/\\][\w.+/\\-]*\w(?::\d+)*"), "PATH"),
+    (re.compile(r"(?:(?<!\w)[-+])?(?<![A-Za-z_])\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"), "N"),
+    (re.compile(r"\s+"), " "),
+)
+
+
+@dataclass(frozen=True)
+class Log:
+    """No component writes an error.
+
+    Of each line the first 400 characters count. So that a line cannot make `pattern` search for ever, it may hold two
+    repeats (`*`, `+`, `{m,n}`) and eight `?`, none inside a group that is repeated itself; and after 5 seconds the
+    monitor gives up, which is reported.
+
+    Attributes:
+        pattern: Regular expression for lines of stdout and stderr; None for a word such as ERROR or FATAL in capitals.
+        level: Least level that counts: of these words, and of messages of /rosout.
+    """
+
+    pattern: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    level: Literal["warn", "error", "fatal"] = "error"
+
+    def __post_init__(self) -> None:
+        if self.pattern is not None:
+            _check(self.pattern)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topic of ROS 2 logs."""
+        return (_ROS_TOPIC,)
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation for each kind of line, at most 20."""
+        wanted = re.compile(self.pattern or rf"(?<![A-Za-z])(?:{_WORDS[self.level]})(?![A-Za-z])")
+        deadline = time.monotonic() + _SECONDS
+        found: dict[str, Violation] = {}
+        for component, text, fixed in self._lines(view):
+            if time.monotonic() > deadline:
+                raise PayloadError(f"the lines of {component} took more than {_SECONDS:g} s", hint="a simpler pattern")
+            if len(found) < _MOST_FOUND and (fixed or wanted.search(text)):
+                ros = _ROS_LINE.search(text)
+                who, said = (ros[1], ros[2]) if ros else (component, text)
+                signature = f"log of {who}: {normalized(said)}"
+                found.setdefault(signature, Violation("log", component, signature, text.strip()))
+        return list(found.values())
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return that nothing was written, None if something was."""
+        written = any(component.errors or component.printed for component in view.components)
+        return None if written or any(self._ros(view)) else "no component wrote anything"
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy with one more line; raises PayloadError if no text can be found that the pattern is for."""
+        line = (
+            f"{self.level.upper()}: forged"
+            if self.pattern is None
+            else re.sub(r"\\[bB]|[\^$()?*+\\]", "", self.pattern)
+        )
+        if self.pattern is not None and not re.search(self.pattern, line):
+            raise PayloadError(f"cannot be shown: no text is known that {self.pattern!r} matches")
+        if not view.components:
+            raise PayloadError("there is no component that could write")
+        first, *others = view.components
+        return replace(view, components=[replace(first, errors=f"{first.errors}\n{line}\n"), *others])
+
+    def _lines(self, view: TrialView) -> Iterator[tuple[str, str, bool]]:
+        for component in view.components:
+            for text in (component.errors, component.printed):
+                for line in text.splitlines():
+                    yield component.name, line[:_LONGEST_LINE], False
+        for level, name, text in self._ros(view):
+            if level >= _LEVELS[self.level]:
+                yield name, f"[LEVEL] [0] [{name}]: {text}"[:_LONGEST_LINE].partition("\n")[0], True
+
+    def _ros(self, view: TrialView) -> Iterator[tuple[int, str, str]]:
+        for message, kind in selected(view, Selector(_ROS_TOPIC)):
+            level, name, text = (kind.read(message.payload, field) for field in ("level", "name", "msg"))
+            yield int(level), str(name), str(text)
+
+
+def normalized(line: str) -> str:
+    """Return a line without what changes from trial to trial: numbers, addresses, paths, quoted texts, colours."""
+    for shape, instead in _SHAPES:
+        line = shape.sub(instead, line)
+    return line.strip()[:160]
+
+
+def _check(pattern: str) -> None:
+    """Raise ConfigError for a pattern that is none, or whose search may take very long."""
+    try:
+        re.compile(pattern)
+    except re.error as error:
+        raise ConfigError(f"pattern {pattern!r}: {error}") from error
+    plain = _CLASS.sub("x", re.sub(r"\\.", "x", pattern))
+    plain = re.sub(r"\(\?(?:[a-zA-Z:=!>#-]|<[=!]|P<\w+>)*", "(", plain)
+    found = [match[0] for match in _QUANTIFIER.finditer(plain)]
+    repeats = sum(not text.startswith("?") for text in found)
+    opened: list[bool] = []  # for each open group, whether it has a quantifier inside
+    for place, sign in enumerate(plain):
+        if sign == "(":
+            opened.append(False)
+        elif sign == ")" and opened:
+            inside = opened.pop()
+            if inside and _QUANTIFIER.match(plain, place + 1):
+                raise ConfigError(f"pattern {pattern!r} repeats a group that repeats something", hint="see docs: `log`")
+            if opened:
+                opened[-1] |= inside
+        elif opened and sign in "*+?{":
+            opened[-1] = True
+    if repeats > _REPEATS or len(found) - repeats > _OPTIONAL:
+        raise ConfigError(f"pattern {pattern!r} has more than {_REPEATS} repeats or {_OPTIONAL} '?'")
