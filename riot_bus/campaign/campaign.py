@@ -152,5 +152,5 @@ def run_campaign(
     rest = {key: each for key, each in work.failures.items() if not each.confirmed}
     every = nominal + done
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
-    notes = work.notes | {f"{name} had nothing to judge: {why}": every for name, why in blind.items()}
+    notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
     return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, notes)

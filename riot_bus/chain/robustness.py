@@ -76,6 +76,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             unit=unit,
             fingerprint=workspace.fingerprint,
             failing=result.failing,
+            tested=result.trials,
             findings=tuple(folder.name for folder in folders),
             unconfirmed=tuple(_unconfirmed(each) for each in result.unconfirmed.values()),
             notes=dict(result.notes),

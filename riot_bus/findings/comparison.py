@@ -99,7 +99,7 @@ def _findings(folder: Path, campaign: CampaignRecord) -> dict[str, FindingRecord
 
 
 def _share(campaign: CampaignRecord) -> Proportion:
-    return proportion(campaign.failing, max(campaign.trials, campaign.failing))
+    return proportion(campaign.failing, campaign.tested)
 
 
 def _change(old: FindingRecord | None, new: FindingRecord | None) -> Change:

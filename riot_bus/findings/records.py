@@ -129,6 +129,7 @@ class CampaignRecord(Artefact):
     """A finished campaign, in the output folder: what it found, the worst first.
 
     Attributes:
+        tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
     """
 
@@ -137,6 +138,7 @@ class CampaignRecord(Artefact):
     unit: str
     fingerprint: str
     failing: int = 0
+    tested: int = 0
     findings: tuple[str, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     notes: dict[str, int] = {}

@@ -69,16 +69,8 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Never:
-    """No message of an output meets a condition.
-
-    Attributes:
-        when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
-        tell: A field of such a message that is told.
-    """
-
+class _Condition:
     when: str
-    tell: str | None = None
 
     def __post_init__(self) -> None:
         message_selector(self.when)
@@ -87,6 +79,18 @@ class Never:
     def topics(self) -> tuple[str, ...]:
         """Topic of the messages."""
         return (message_selector(self.when).topic,)
+
+
+@dataclass(frozen=True)
+class Never(_Condition):
+    """No message of an output meets a condition.
+
+    Attributes:
+        when: A selector with a predicate, `1/1/STATUSTEXT where severity <= 2`; without one no message may come at all.
+        tell: A field of such a message that is told.
+    """
+
+    tell: str | None = None
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation at the first such message."""
@@ -106,24 +110,14 @@ class Never:
 
 
 @dataclass(frozen=True)
-class Sometimes:
+class Sometimes(_Condition):
     """A condition is met by at least one output in each trial.
 
     Attributes:
         when: A selector, `mission/state where phase == 4`; without a condition, some message has to come.
     """
 
-    when: str
-
     whole_trial = True
-
-    def __post_init__(self) -> None:
-        message_selector(self.when)
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Topic of the messages."""
-        return (message_selector(self.when).topic,)
 
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return a violation when no message meets the condition."""

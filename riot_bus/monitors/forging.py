@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import islice, product
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.model import Forges, why_no_message, why_nothing_to_judge
+from riot_bus.monitors.model import Forges, name_of, why_no_message, why_nothing_to_judge
 from riot_bus.monitors.selection import selected
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.monitors.model import Monitor, TrialView
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["why_cannot_fire", "with_message", "with_value", "without"]
+__all__ = ["mute_monitors", "why_cannot_fire", "with_message", "with_value", "without"]
 
 _MOST_TRIED = 4096
 _SECOND = 10**9
@@ -44,6 +44,19 @@ def why_cannot_fire(monitor: Monitor, view: TrialView) -> str | None:
         return None if monitor.judge(monitor.forge(view)) else "it is silent on a trial that is to violate it"
     except Exception as error:  # a monitor is somebody else's and may raise anything
         return f"{type(error).__name__}: {error}"
+
+
+def mute_monitors(view: TrialView, monitors: Iterable[Monitor]) -> tuple[str, ...]:
+    """Return a line for each monitor that stays silent on a copy of a trial that is forged to violate it.
+
+    A monitor without `forge` cannot be tried, and one that has nothing to judge in this trial says so by itself.
+    """
+    return tuple(
+        f"{name_of(monitor)}: {reason}"
+        for monitor in monitors
+        if isinstance(monitor, Forges) and why_nothing_to_judge(monitor, view) is None
+        if (reason := why_cannot_fire(monitor, view)) is not None
+    )
 
 
 def with_value(

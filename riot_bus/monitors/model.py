@@ -27,6 +27,7 @@ __all__ = [
     "TellsUnseen",
     "TrialView",
     "judge",
+    "name_of",
     "why_no_message",
     "why_nothing_to_judge",
 ]
@@ -195,7 +196,7 @@ def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
                 reason = why_nothing_to_judge(monitor, view)
             except Exception as raised:
                 error = error or raised
-        name = _name(monitor)
+        name = name_of(monitor)
         if reason is not None:
             unseen.append(f"{name}: {reason}")
         elif error is not None:
@@ -203,7 +204,7 @@ def judge(view: TrialView, monitors: Sequence[Monitor]) -> Judgement:
     return Judgement(tuple(violations), tuple(broken), tuple(unseen))
 
 
-def _name(monitor: Monitor) -> str:
+def name_of(monitor: Monitor) -> str:
     """Return what tells a monitor from others of its kind."""
     topics = getattr(monitor, "topics", ())
     where = getattr(monitor, "field", None) or getattr(monitor, "when", None) or ", ".join(topics)

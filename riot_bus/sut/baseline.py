@@ -55,6 +55,7 @@ class NominalTrial:
         main_ended: Whether a Python main thread had come to its end.
         status: Exit status, None if the unit still ran.
         growth: What it has more of at the end than at the begin: bytes of memory, files, threads.
+        mute: Monitors that stay silent on a copy of the trial that is to violate them, and why.
     """
 
     log_answers: Mapping[str, int]
@@ -63,6 +64,7 @@ class NominalTrial:
     main_ended: bool
     status: int | None
     growth: Growth = NO_GROWTH
+    mute: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,7 @@ class Baseline:
         main_ends: Whether the main thread ends though the process goes on.
         ends: Whether the unit ends by itself with status 0.
         growth: The most that it grew.
+        mute: Monitors that stayed silent on each trial's copy that was to violate them, and why.
     """
 
     idle: Idle = STILL
@@ -94,6 +97,7 @@ class Baseline:
     main_ends: bool = True
     ends: bool = True
     growth: Growth = NO_GROWTH
+    mute: tuple[str, ...] = ()
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
         """Return the functions in which threads stand that stand elsewhere at rest.
@@ -161,6 +165,7 @@ def baseline_of(trials: Sequence[NominalTrial], *, idle: Idle, log: Sequence[Mes
         threads=_least([Counter(stack.functions[-1] for stack in trial.stacks) for trial in trials]),
         main_ends=any(trial.main_ended for trial in trials),
         ends=any(trial.status is not None for trial in trials),
+        mute=tuple(line for line in trials[0].mute if all(line in trial.mute for trial in trials)),
         growth=Growth(*(max(each) for each in zip(*(trial.growth for trial in trials), strict=True))),
     )
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Context", "invariants_of", "open_system"]
 
+_JUDGED = b"2"
+"""To be changed when the same trial may get another verdict or another signature than before."""
+
 
 @dataclass(frozen=True, slots=True)
 class Context:
@@ -62,8 +65,8 @@ class Context:
         return [self.registry.key_expression(name) for name in names]
 
     def fingerprint(self) -> str:
-        """Return a hash of the system file and of the system's code; trials are only reused while it holds."""
-        digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode())
+        """Return a hash of the system file, the system's code and how it is judged; answers hold as long as it does."""
+        digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode() + _JUDGED)
         for path in source_files(self.file):
             digest.update(os.path.relpath(path, self.file.root).encode())
             with path.open("rb") as stream:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.apply import inject_log
+from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
@@ -70,15 +71,17 @@ class UnitTrial:
                 sent, answered = feeder.sent, len(stage.outputs)
                 if self.before:
                     stage.launcher.wait([process], timeout=_DEBUGGER_S)
-                if self.nominal is not None:
-                    self.nominal.append(feeder.nominal(case.messages))
-                    settled = settled or feeder.works(self.nominal[-1])
+                seen = None if self.nominal is None else feeder.nominal(case.messages)
+                settled = settled or (seen is not None and feeder.works(seen))
                 signs, settled = feeder.signs(settled=settled)
                 stage.sample_resources([name])
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
-        judged = judge(view, self.context.monitors_of(name))
+        monitors = self.context.monitors_of(name)
+        judged = judge(view, monitors)
+        if self.nominal is not None and seen is not None:  # trials of several threads add to one list
+            self.nominal.append(replace(seen, mute=mute_monitors(view, monitors)))
         violations = judged.violations
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
@@ -92,6 +95,6 @@ class UnitTrial:
                 "messages": len(messages),
                 "modified": sum(index < sent for index, _, _ in touched),
                 "outputs": answered,
-                "unseen": list(judged.unseen),
+                "unseen": [*judged.unseen, *self.baseline.mute],
             },
         )

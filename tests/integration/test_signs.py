@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,3 +84,30 @@ def test_a_failure_that_depends_on_the_order_of_two_topics_is_confirmed_in_order
         assert rate.rate == 1.0
         kept = replace(TestCase(between_modes(1e9, mode=0)), ordered=True)
         assert repeat(kept, signature, runner).hits == 0
+
+
+MUTE = """
+class Mute:
+    topics = ("state",)
+
+    def judge(self, view):
+        return []
+
+    def forge(self, view):
+        return view
+"""
+
+
+def test_monitors_that_cannot_judge_are_told_and_nothing_is_called_passed(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    (tmp_path / "mute.py").write_text(MUTE)
+    with path.open("a") as stream:
+        stream.write('[[monitors]]\nkind = "finite"\nfield = "sate:y"\n[[monitors]]\nkind = "mute.py"\n')
+        stream.write('[[monitors]]\nkind = "finite"\nfield = "state:y"\n')
+    command = [sys.executable, "-m", "riot_bus", "test", "--system", str(path), "--unit=refuses", "--trials=2"]
+    done = subprocess.run([*command, f"--out={tmp_path / 'out'}"], capture_output=True, text=True, check=False)
+    assert done.returncode == 5, done.stderr
+    assert done.stdout.splitlines() == [
+        "inconclusive: Finite sate:y: no message of 'sate' came; did you mean 'state'?",
+        "inconclusive: Mute state: it is silent on a trial that is to violate it",
+    ]

@@ -26,7 +26,7 @@ def campaign(folder: Path, **rates: tuple[int, int]) -> Path:
             rate=ProportionRecord(value=found.rate, low=found.low, high=found.high, count=hits, total=total),
         ).save(folder / "findings" / name)
     folder.mkdir(exist_ok=True)
-    CampaignRecord(unit="u", fingerprint="f", failing=5, trials=50, findings=tuple(rates)).save(folder)
+    CampaignRecord(unit="u", fingerprint="f", failing=5, tested=50, trials=70, findings=tuple(rates)).save(folder)
     return folder
 
 

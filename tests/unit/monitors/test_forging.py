@@ -9,7 +9,7 @@ import pytest
 
 from riot_bus.monitors.arrivals import Never, Rate, Ratio, Sometimes
 from riot_bus.monitors.exchanges import Answered
-from riot_bus.monitors.forging import why_cannot_fire
+from riot_bus.monitors.forging import mute_monitors, why_cannot_fire
 from riot_bus.monitors.invariants import Finite, Gapless, Range, Values
 from riot_bus.monitors.model import Monitor, TrialView
 from riot_bus.testing.monitors import trial_view
@@ -76,3 +76,11 @@ def test_the_shipped_ones_fire_on_a_forged_copy(monitor: Monitor) -> None:
 )
 def test_one_that_cannot_is_told_with_the_reason(monitor: Monitor, reason: str) -> None:
     assert re.search(reason, why_cannot_fire(monitor, VIEW) or "")
+
+
+def test_monitors_that_stay_silent_where_they_must_fire_are_told_and_no_others() -> None:
+    class Silent(Mute):
+        topics = ("a",)
+
+    monitors = [Finite("a:x"), Finite("b:x"), Unforged(), Silent(), Finite("a:t")]
+    assert mute_monitors(VIEW, monitors) == ("Silent a: it is silent on a trial that is to violate it",)

@@ -55,7 +55,7 @@ def processes(endpoint, names, *options):
             process.stderr.close()
 
 
-@pytest.mark.load  # drives 40 times as fast as real time
+@pytest.mark.load  # drives 10 times as fast as real time
 def test_the_whole_system_drives_and_stops_cleanly():
     names = ["planner", "mapper", "controller", "operator_", "sim"]
     seen = {"/plan": 0, "/cmd_vel": 0, "/odom": 0}
@@ -70,11 +70,11 @@ def test_the_whole_system_drives_and_stops_cleanly():
             return take
 
         subscribers = [session.declare_subscriber(key(topic), count(topic)) for topic in seen]
-        options = "--speed", "40", "--duration", "20", "--seed", "7"
+        options = "--speed", "10", "--duration", "20", "--seed", "7"
         with processes(endpoint, names, *options) as running:
             assert running["sim"].wait(DEADLINE) == 0
             assert running["operator_"].wait(DEADLINE) == 0
-            until(lambda: seen["/odom"] == 500 and seen["/plan"] and seen["/cmd_vel"])  # how many, is the load's
+            until(lambda: seen["/odom"] == 500 and seen["/plan"] > 20 and seen["/cmd_vel"] > 100)
             for name in names[:3]:
                 running[name].terminate()
                 assert running[name].wait(DEADLINE) == 0

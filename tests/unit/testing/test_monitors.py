@@ -21,7 +21,6 @@ SAMPLES = {
         trial_view([("a", {})] * 2, inputs=[("in", {})] * 2),
         trial_view([("a", {})], inputs=[("in", {})] * 2),
     ),
-    "envelope": ({"topic": "a", "bounds": {"x": (0, 2)}}, [("a", {"x": 1})], [("a", {"x": 3})]),
     "log": ({}, trial_view([], errors="fine"), trial_view([], errors="ERROR: bad")),
     "sometimes": ({"when": "a where x > 2"}, [("a", {"x": 3})], [("a", {"x": 1})]),
     "answered": (
