@@ -39,7 +39,7 @@ class Pool:
 
     def __init__(self, jobs: int, *, keep: Path, executor: Executor | None = None) -> None:
         self.jobs = jobs
-        self.keep = keep
+        self.keep = keep.resolve()  # components have working folders of their own
         self._executor = executor or ThreadPoolExecutor(jobs, thread_name_prefix="riot-trial")
         self._launchers: queue.SimpleQueue[Launcher] = queue.SimpleQueue()
         self._all = [Launcher() for _ in range(jobs)]

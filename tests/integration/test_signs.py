@@ -86,6 +86,21 @@ def test_a_failure_that_depends_on_the_order_of_two_topics_is_confirmed_in_order
         assert repeat(kept, signature, runner).hits == 0
 
 
+def riot_test(system: Path, cwd: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "riot_bus", "test", "--system", str(system), *options]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_the_output_folder_may_be_named_from_elsewhere(tmp_path: Path) -> None:
+    """What components tell of themselves does not depend on their working folder."""
+    system, here = write(tmp_path), tmp_path / "here"
+    here.mkdir()
+    done = riot_test(system, here, "--unit=sys_exit", "--trials=16", "--out=out")
+    assert done.returncode == 1, done.stderr
+    (folder,) = done.stdout.splitlines()
+    assert FindingRecord.load(here / folder).signature == str(FAULTY["sys_exit"]).format("sys_exit")
+
+
 MUTE = """
 class Mute:
     topics = ("state",)
@@ -104,8 +119,7 @@ def test_monitors_that_cannot_judge_are_told_and_nothing_is_called_passed(tmp_pa
     with path.open("a") as stream:
         stream.write('[[monitors]]\nkind = "finite"\nfield = "sate:y"\n[[monitors]]\nkind = "mute.py"\n')
         stream.write('[[monitors]]\nkind = "finite"\nfield = "state:y"\n')
-    command = [sys.executable, "-m", "riot_bus", "test", "--system", str(path), "--unit=refuses", "--trials=2"]
-    done = subprocess.run([*command, f"--out={tmp_path / 'out'}"], capture_output=True, text=True, check=False)
+    done = riot_test(path, tmp_path, "--unit=refuses", "--trials=2")
     assert done.returncode == 5, done.stderr
     assert done.stdout.splitlines() == [
         "inconclusive: Finite sate:y: no message of 'sate' came; did you mean 'state'?",

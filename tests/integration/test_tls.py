@@ -159,12 +159,13 @@ def test_a_client_that_is_not_who_it_should_be_is_refused(keys: Path, tmp_path: 
 
 
 def _programs(endpoint: str, options: list[str], folder: Path) -> list[list[str]]:
-    """Return command lines of an agent, a recorder, a question and a bridge, each of which connects there."""
+    """Return command lines of an agent, a recorder, a question and bridges, each of which connects there."""
     fleet = [each.replace("--cfg", "--fleet-cfg", 1) for each in options]
     return [
         ["agent", f"--logs={folder}", "--robot=r7", f"--endpoint={free_endpoint()}", f"--fleet={endpoint}", *fleet],
         ["record", f"--endpoint={endpoint}", f"--output={folder / 'x.mcap'}", *options],
         ["ctl", f"--endpoint={endpoint}", *options, "status"],
+        ["bridge", "ros2", f"--endpoint={endpoint}", *options],
         ["bridge", "mavlink", f"--link=udpout:127.0.0.1:{_UNUSED}", f"--endpoint={endpoint}", *options],
     ]
 

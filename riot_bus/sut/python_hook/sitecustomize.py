@@ -21,7 +21,10 @@ _FOLDER = os.path.dirname(os.path.abspath(__file__))
 
 def _tell(file: str, **event: object) -> None:
     line = json.dumps({"pid": os.getpid(), **event}).encode() + b"\n"
-    number = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        number = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:  # the trial is over and its folder gone: nothing of this may be seen in the component
+        return
     try:
         os.write(number, line)
     finally:
@@ -66,6 +69,9 @@ def _chain() -> None:
         found.loader.exec_module(importlib.util.module_from_spec(found))
 
 
-if "RIOT_TRIAL_EVENTS" in os.environ:
-    _watch(os.environ["RIOT_TRIAL_EVENTS"], os.environ["RIOT_TRIAL_STACKS"])
+try:
+    if "RIOT_TRIAL_EVENTS" in os.environ:
+        _watch(os.environ["RIOT_TRIAL_EVENTS"], os.environ["RIOT_TRIAL_STACKS"])
+except OSError:
+    pass
 _chain()

@@ -78,3 +78,11 @@ def test_a_sitecustomize_of_ones_own_is_imported_as_ever(tmp_path: Path) -> None
     process, _ = start(tmp_path, "os._exit(0)", PYTHONPATH=str(own))
     process.communicate(timeout=10)
     assert (tmp_path / "was here").exists()
+
+
+def test_a_component_sees_nothing_of_a_folder_that_is_gone(tmp_path: Path) -> None:
+    (tmp_path / "unit.py").write_text("import sys\nsys.exit(3)\n")
+    given = {**os.environ, **PythonReport(tmp_path / "gone").environment(os.environ)}
+    command = [sys.executable, str(tmp_path / "unit.py")]
+    done = subprocess.run(command, env=given, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "", "")
