@@ -128,7 +128,10 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
 
 
 def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) -> Path:
-    """Write a finding; of one that is there already, only what has become of it since. Nothing is deleted."""
+    """Write a finding; of one that is there already, only how often it was seen: its rate is that of the log it keeps.
+
+    Nothing is deleted.
+    """
     workspace = step.workspace
     name = finding_id(failure.violation)
     folder = workspace.findings / name
@@ -146,8 +149,6 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
             update={
                 "occurrences": max(known.occurrences, failure.occurrences),
                 "details": tuple(dict.fromkeys([*known.details, *failure.details])),
-                "rate": _rate(failure.rate),
-                "nominal": _rate(failure.nominal),
                 "trials": step.trials,
                 "seconds": step.seconds,
             }

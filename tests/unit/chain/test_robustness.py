@@ -129,6 +129,11 @@ def test_what_was_learnt_of_a_finding_stays_when_it_is_found_again(tmp_path: Pat
     assert campaign(bench(tmp_path), trials=60) == [folder]
     assert (folder / "rule.json").read_text() == "{}"
     assert (folder / "failure.mcap").read_bytes() == log
+    rate = FindingRecord.load(folder).rate
+    again = bench(tmp_path, wrong=lambda case: share(case, 7) < 0.4)
+    again.workspace.seed = 5
+    assert folder in campaign(again, trials=30)
+    assert FindingRecord.load(folder).rate == rate  # of the log that is kept, which was not asked again
 
 
 def test_what_was_learnt_in_another_version_is_put_aside(tmp_path: Path) -> None:
