@@ -158,7 +158,12 @@ class Bus:
             self._crossing.start()
             if len(self._segments) > 1:
                 self._advanced = self._crossing.advanced = PublisherProxies(
-                    self.sessions, self._outlets, self._converters, crossing=self._crossing, changed=self._forget
+                    self.sessions,
+                    self._outlets,
+                    self._converters,
+                    crossing=self._crossing,
+                    changed=self._forget,
+                    idle=lambda segment: all(lane.idle() for lane in self._all_lanes() if lane.segment == segment),
                 )
                 spaces = [text for each in self._registry.service_adapters() for text in each.services]
                 self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)

@@ -33,6 +33,8 @@ __all__ = ["HistoryMirror"]
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.05
 _UNDER_WAY_S = 0.25
+_TAKEN_S = 0.01
+_LONGEST_UNDER_WAY_S = 10.0
 _RECOVERED_S = 1.5
 _PATIENCE_S = 0.005
 _FAILURES = 3
@@ -50,6 +52,7 @@ class HistoryMirror:
         worker: The thread for it.
         upstream: Where the publishers' caches are asked.
         depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
+        idle: Returns whether everything that has come in from a segment was taken.
     """
 
     def __init__(
@@ -62,9 +65,11 @@ class HistoryMirror:
         worker: Worker,
         upstream: Upstream,
         depth: Callable[[str, str], int | None],
+        idle: Callable[[str], bool],
     ) -> None:
         self._sessions, self._outlets, self._converters = sessions, outlets, converters
         self._crossing, self._worker, self._upstream, self._hint = crossing, worker, upstream, depth
+        self._idle = idle
         self._numbers = itertools.count(_STAND_IN)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
@@ -154,11 +159,22 @@ class HistoryMirror:
             wait = bool(found.samples) and relay.first is None and not relay.ended
             relay.waiting = partial(self._worker.do, adopt) if wait else None
         if wait:
-            # What was just published is on its way through a lane too, and is no history then. How long that takes
-            # nobody can tell, nor whether there is any; what comes later still is recognised by its number.
-            self._worker.later(_UNDER_WAY_S, adopt)
+            # What was just published is on its way through a lane too, and is no history then. How long it takes to
+            # come in nobody can tell, nor whether there is any; what comes later still is recognised by its number.
+            deadline = time.monotonic() + _LONGEST_UNDER_WAY_S
+            self._worker.later(_UNDER_WAY_S, partial(self._await_lanes, relay, adopt, deadline))
         else:
             adopt()
+
+    def _await_lanes(self, relay: PublisherState, adopt: Callable[[], None], deadline: float, looks: int = 0) -> None:
+        """Adopt the history once lanes have taken what came in; a busy machine may have kept them from it for long."""
+        if relay.waiting is None:  # the first live sample has come
+            return
+        looks = looks + 1 if self._idle(relay.source.segment) else 0
+        if looks > 1 or time.monotonic() >= deadline:  # a lane that was idle once may have had a message in its hand
+            adopt()
+        else:
+            self._worker.later(_TAKEN_S, partial(self._await_lanes, relay, adopt, deadline, looks))
 
     def _adopt(self, relay: PublisherState, found: CacheAnswer) -> None:
         relay.waiting, source, samples = None, relay.source, found.samples
