@@ -163,7 +163,7 @@ class Bus:
                     self._converters,
                     crossing=self._crossing,
                     changed=self._forget,
-                    idle=lambda segment: all(lane.idle() for lane in self._all_lanes() if lane.segment == segment),
+                    fence=self._fence,
                 )
                 spaces = [text for each in self._registry.service_adapters() for text in each.services]
                 self._services = Services(self.sessions, self._crossing, sequence=self._sequence, spaces=spaces)
@@ -604,6 +604,11 @@ class Bus:
             for key, zids in lane.senders().items():
                 found.setdefault((key, lane.segment), set()).update(zids - self.ids)
         return found
+
+    def _fence(self, segment: str) -> Callable[[], bool]:
+        """Return what tells whether lanes have taken all that had come in from a segment until now; ask twice."""
+        fences = [lane.fence() for lane in self._all_lanes() if lane.segment == segment]
+        return lambda: all(fence() for fence in fences)
 
     def _all_lanes(self) -> list[Forwarder]:
         return [*self._retired, *itertools.chain(*list(self._lanes.values()))]

@@ -215,6 +215,14 @@ class Forwarder:
         """Return whether nothing is under way."""
         return self.waiting or not self._thread.is_alive()
 
+    def fence(self) -> Callable[[], bool]:
+        """Return what tells, now or later, whether all that had come in until this call was taken.
+
+        An idle lane may have one message in its hand that it has not noted yet: ask twice.
+        """
+        due = self.received + _CHANNEL + _SLICE  # what is in the channel, and what is being fetched from it
+        return lambda: self.idle() or self.received - len(self._backlog) > due
+
     def take_over(self) -> None:
         """Go on with another thread, beginning with the message at which the present one is stuck."""
         stuck, self._current = self._current, None

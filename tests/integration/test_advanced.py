@@ -103,6 +103,41 @@ def test_who_joins_while_messages_flow_gets_each_once_and_in_order(*, numbered: 
         assert_balanced(bus)
 
 
+class Held:
+    """Holds the forwarder up at the first message of another key, as a busy machine does."""
+
+    def __init__(self) -> None:
+        self.reached, self.go_on = threading.Event(), threading.Event()
+
+    def message(self, event: Event) -> None:
+        if event.key == "cut/slow":
+            self.reached.set()
+            self.go_on.wait(WAIT_S)
+
+
+@NUMBERED
+def test_a_history_waits_for_older_messages_that_a_forwarder_has_not_taken_yet(*, numbered: bool) -> None:
+    held = Held()
+    with running(Prefix(), held) as (bus, join):
+        source, sink = join("system"), join("unit")
+        early = Listener(sink)
+        answered(sink)
+        subscribed(bus, "unit", KEY)
+        try:
+            source.put("cut/slow", "")
+            assert held.reached.wait(WAIT_S)
+            publisher = advertise(source, depth=1, numbered=numbered)
+            for text in ("m0", "m1", "m2"):
+                publisher.put(text)
+            assert not wait_until(lambda: early.texts() or cached(sink), 0.6)  # less than an interceptor's budget
+        finally:
+            held.go_on.set()
+        publisher.put("m3")
+        assert early.end("x:m3") == ["x:m0", "x:m1", "x:m2", "x:m3"]
+        assert early.missed == []
+        assert_balanced(bus)
+
+
 def test_nothing_of_the_original_is_found_around_the_interceptors() -> None:
     with running(Prefix()) as (bus, join):
         source, sink = join("system"), join("unit")

@@ -33,8 +33,10 @@ __all__ = ["HistoryMirror"]
 _LOG = logging.getLogger(__name__)
 _SETTLE_S = 0.05
 _UNDER_WAY_S = 0.25
-_TAKEN_S = 0.01
-_LONGEST_UNDER_WAY_S = 10.0
+_LOOK_S = 0.01
+_MOST_LOOKS = (
+    1000  # ten seconds: where interceptors are so slow that a lane never ends, late joiners shall not wait for it
+)
 _RECOVERED_S = 1.5
 _PATIENCE_S = 0.005
 _FAILURES = 3
@@ -52,7 +54,7 @@ class HistoryMirror:
         worker: The thread for it.
         upstream: Where the publishers' caches are asked.
         depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        idle: Returns whether everything that has come in from a segment was taken.
+        fence: Returns what tells whether lanes have taken all that had come in from a segment until then; asked twice.
     """
 
     def __init__(
@@ -65,11 +67,11 @@ class HistoryMirror:
         worker: Worker,
         upstream: Upstream,
         depth: Callable[[str, str], int | None],
-        idle: Callable[[str], bool],
+        fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self._sessions, self._outlets, self._converters = sessions, outlets, converters
         self._crossing, self._worker, self._upstream, self._hint = crossing, worker, upstream, depth
-        self._idle = idle
+        self._fence = fence
         self._numbers = itertools.count(_STAND_IN)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
@@ -161,20 +163,31 @@ class HistoryMirror:
         if wait:
             # What was just published is on its way through a lane too, and is no history then. How long it takes to
             # come in nobody can tell, nor whether there is any; what comes later still is recognised by its number.
-            deadline = time.monotonic() + _LONGEST_UNDER_WAY_S
-            self._worker.later(_UNDER_WAY_S, partial(self._await_lanes, relay, adopt, deadline))
+            taken = self._fence(relay.source.segment)
+            self._worker.later(_UNDER_WAY_S, partial(self._adopt_behind, relay, taken, adopt, 0, _MOST_LOOKS))
         else:
             adopt()
 
-    def _await_lanes(self, relay: PublisherState, adopt: Callable[[], None], deadline: float, looks: int = 0) -> None:
-        """Adopt the history once lanes have taken what came in; a busy machine may have kept them from it for long."""
-        if relay.waiting is None:  # the first live sample has come
+    def _adopt_behind(
+        self, relay: PublisherState, taken: Callable[[], bool], adopt: Callable[[], None], seen: int, left: int
+    ) -> None:
+        """Adopt the history once lanes have taken what came in before it, which may last on a busy machine.
+
+        Args:
+            relay: Whose.
+            taken: Whether they have.
+            adopt: Does it; not needed any more when the first live sample has come.
+            seen: How many times in a row they had.
+            left: How many more looks to take.
+        """
+        if relay.waiting is None:
             return
-        looks = looks + 1 if self._idle(relay.source.segment) else 0
-        if looks > 1 or time.monotonic() >= deadline:  # a lane that was idle once may have had a message in its hand
+        seen = seen + 1 if taken() else 0
+        if seen > 1 or not left:
             adopt()
         else:
-            self._worker.later(_TAKEN_S, partial(self._await_lanes, relay, adopt, deadline, looks))
+            again = partial(self._adopt_behind, relay, taken, adopt, seen, left - 1)
+            self._worker.later(_LOOK_S, again)
 
     def _adopt(self, relay: PublisherState, found: CacheAnswer) -> None:
         relay.waiting, source, samples = None, relay.source, found.samples

@@ -54,7 +54,7 @@ class PublisherProxies:
         crossing: The way through the interceptors.
         changed: Called, on a thread that must not be held up, when another key has got an advanced publisher.
         depth: Returns how many samples a publisher (key, id of its session) keeps, None if unknown.
-        idle: Returns whether everything that has come in from a segment was taken.
+        fence: Returns what tells whether lanes have taken all that had come in from a segment until then; asked twice.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class PublisherProxies:
         crossing: DeliveryQueue,
         changed: Callable[[], None] = lambda: None,
         depth: Callable[[str, str], int | None] = lambda key, zid: None,
-        idle: Callable[[str], bool] = lambda segment: True,
+        fence: Callable[[str], Callable[[], bool]],
     ) -> None:
         self.keys: dict[str, dict[AdvancedSource, PublisherState]] = {}
         """Keys that have advanced publishers."""
@@ -92,7 +92,7 @@ class PublisherProxies:
             worker=self._worker,
             upstream=self._upstream,
             depth=depth,
-            idle=idle,
+            fence=fence,
         )
         self._worker.later(_BEAT_S, self._tick, background=True)
 

@@ -103,6 +103,8 @@ class Scene:
         self.worker = Hand()
         self.cache = Cache(self.worker)
         self.refused: set[int] = set()
+        self.taken = True
+        """Whether lanes have taken all that came in."""
         self.keeper = HistoryMirror(
             {"system": None, "unit": None},  # type: ignore[dict-item]
             {"unit": None},  # type: ignore[dict-item]
@@ -111,6 +113,7 @@ class Scene:
             worker=self.worker,  # type: ignore[arg-type]
             upstream=self.cache,  # type: ignore[arg-type]
             depth=lambda key, zid: hint,
+            fence=lambda segment: lambda: self.taken,
         )
         self.relay = PublisherState(AdvancedSource("system", "k", "abc", entity), again=again, token=True)
 
@@ -127,6 +130,7 @@ class Scene:
         self.keeper.open(self.relay)
         self.cache.answer(*numbers, **answer)
         self.worker.wait()  # for something live
+        self.worker.wait()  # for lanes
         self.worker.wait()  # for those who ask because of the token
 
     def live(self, number: int) -> None:
@@ -176,11 +180,41 @@ def test_a_history_without_anything_live_is_taken_after_a_while() -> None:
     scene.cache.answer(0, 1)
     assert Here.made == []
     scene.worker.wait()
+    assert Here.made == []  # a lane may have one message in its hand
+    scene.worker.wait()
     assert scene.rows == ["0", "1", "token again"]
     scene.live(1)  # it comes all the same
     assert scene.rows == ["0", "1", "token again"]
     scene.live(2)
     assert scene.rows[3:] == ["2!"]
+
+
+def test_a_history_waits_for_lanes_and_not_for_ever() -> None:
+    scene = Scene(again=True)
+    scene.taken = False
+    scene.keeper.open(scene.relay)
+    scene.cache.answer(0, 1)
+    for _ in range(module._MOST_LOOKS):
+        scene.worker.wait()
+    assert Here.made == []
+    scene.worker.wait()
+    assert scene.rows == ["0", "1", "token again"]
+    assert scene.worker.timed == []
+
+
+def test_of_a_history_nothing_is_taken_that_lanes_bring_themselves() -> None:
+    scene = Scene(again=True)
+    scene.taken = False
+    scene.keeper.open(scene.relay)
+    scene.cache.answer(2)
+    scene.worker.wait()
+    scene.live(0)
+    scene.live(1)
+    scene.live(2)
+    scene.worker.run()
+    assert scene.rows == ["token again", "0!", "1!", "2!"]
+    scene.worker.wait()
+    assert scene.worker.timed == []
 
 
 @pytest.mark.parametrize(
@@ -205,6 +239,7 @@ def test_the_depth_is_known_when_something_is_gone(
     for number in live:
         scene.live(number)
     scene.cache.answer(*found)
+    scene.worker.wait()
     scene.worker.wait()
     assert Here.made[-1].depth == depth
     assert bool(scene.cache.asked[1:]) == bool(live and depth is None)
