@@ -37,20 +37,19 @@ def environment() -> None:
     print(f"building {ENVIRONMENT} (once, about a minute)", file=sys.stderr, flush=True)
     pip = [str(BIN / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     if sys.version_info[:2] in LOCKED_PYTHONS and platform.machine() in LOCKED_MACHINES:
-        # pip cannot check an editable installation, and a build of its own would fetch what nobody has locked.
+        # The lock is complete. Without --no-deps, pip before 25.1 fails as soon as something that is asked for with an extra has a newer
+        # release. pip cannot check an editable installation, and a build of its own would fetch what nobody has locked.
         project = ["--no-deps", "--no-build-isolation", "--editable", str(ROOT)]
-        steps = [["--require-hashes", "--requirement", str(LOCK)], project]
+        steps = [["--no-deps", "--require-hashes", "--requirement", str(LOCK)], project]
     else:
         print(f"{LOCK.name} does not know this Python or processor: the newest releases", file=sys.stderr, flush=True)
         project = ["--editable", f"{ROOT}[all]", "--group", f"{ROOT / 'pyproject.toml'}:dev"]
         steps = [["--upgrade", "pip>=25.1"], project]
-    try:
-        subprocess.run([sys.executable, "-m", "venv", "--clear", str(ENVIRONMENT)], check=True)
-        for step in steps:
-            subprocess.run([*pip, *step], check=True)
-    except subprocess.CalledProcessError as error:
-        command = " ".join(map(str, error.cmd))
-        sys.exit(f"bootstrap.py: {command} failed (on Debian and Ubuntu: apt install python3-venv)")
+    if subprocess.run([sys.executable, "-m", "venv", "--clear", str(ENVIRONMENT)], check=False).returncode:
+        sys.exit(f"bootstrap.py: {sys.executable} -m venv failed (on Debian and Ubuntu: apt install python3-venv)")
+    for step in steps:
+        if code := subprocess.run([*pip, *step], check=False).returncode:
+            sys.exit(f"bootstrap.py: {' '.join([*pip, *step])} failed with status {code}; what pip says stands above")
     STAMP.write_text(wanted)
 
 
