@@ -11,48 +11,52 @@ from typing import TYPE_CHECKING
 from riot_bus.monitors.model import ResourceSample
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["STILL", "Activity", "Idle", "Shares", "activity", "families", "idle_between", "resources", "shares"]
+__all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "resources"]
 
 _LEAST_SHARE = 0.1
+_TELLS_TIMES = os.path.exists("/proc/self/schedstat")
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """Voluntary context switches so far of a group of processes, and whether a thread of theirs wants a processor."""
-
-    switches: int
-    busy: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Shares:
-    """What a group of processes has had of the processors so far, by thread.
+    """What a group of processes has done so far.
 
     Attributes:
-        ran: Seconds in which the thread ran.
-        waited: Seconds in which it could have run, but others had the processors.
+        threads: By thread, the nanoseconds in which it ran, those in which it could have run but others had the
+            processors, and how often it got a processor.
     """
 
-    ran: Mapping[int, float]
-    waited: Mapping[int, float]
+    threads: Mapping[int, tuple[int, int, int]]
 
-    def ran_since(self, before: Shares) -> float:
+    @property
+    def switches(self) -> int:
+        """How often threads got a processor."""
+        return sum(switches for _, _, switches in self.threads.values())
+
+    def ran_since(self, before: Activity) -> float:
         """Return the seconds in which the processes have run, summed over their threads."""
-        return sum(ran - before.ran.get(thread, 0.0) for thread, ran in self.ran.items())
+        return self._sum_since(before, 0)
 
-    def had_since(self, before: Shares, *, seconds: float) -> float:
+    def had_since(self, before: Activity, *, seconds: float) -> float:
         """Return those of some seconds in which the processes were not held up, a tenth of them at least."""
         return max(seconds - self.waited_since(before), seconds * _LEAST_SHARE)
 
-    def share_since(self, before: Shares, *, seconds: float) -> float:
+    def share_since(self, before: Activity, *, seconds: float) -> float:
         """Return the share of these seconds in which they ran."""
         return self.ran_since(before) / self.had_since(before, seconds=seconds)
 
-    def waited_since(self, before: Shares) -> float:
+    def waited_since(self, before: Activity) -> float:
         """Return the seconds in which the processes were held up by others: those of the thread that waited longest."""
-        return max((waited - before.waited.get(thread, 0.0) for thread, waited in self.waited.items()), default=0.0)
+        return max((times[1] - before.of(thread)[1] for thread, times in self.threads.items()), default=0) / 1e9
+
+    def of(self, thread: int) -> tuple[int, int, int]:
+        """Return what one thread has done; nothing if it is not known."""
+        return self.threads.get(thread, (0, 0, 0))
+
+    def _sum_since(self, before: Activity, which: int) -> float:
+        return sum(times[which] - before.of(thread)[which] for thread, times in self.threads.items()) / 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,7 @@ STILL = Idle()
 """Nothing."""
 
 
-def idle_between(before: tuple[Activity, Shares], after: tuple[Activity, Shares], *, seconds: float) -> Idle:
+def idle_between(before: Activity, after: Activity, *, seconds: float) -> Idle:
     """Return what processes do from what they have done.
 
     Args:
@@ -84,40 +88,80 @@ def idle_between(before: tuple[Activity, Shares], after: tuple[Activity, Shares]
         after: At the end.
         seconds: In between. What they had to wait for a processor is taken off: in that time they could do nothing.
     """
-    had = after[1].had_since(before[1], seconds=seconds)
-    return Idle((after[0].switches - before[0].switches) / had, after[1].ran_since(before[1]) / had)
+    had = after.had_since(before, seconds=seconds)
+    return Idle((after.switches - before.switches) / had, after.ran_since(before) / had)
+
+
+class Threads:
+    """All threads of some processes, looked at through files that stay open.
+
+    A process with Zenoh has forty threads; to open their files at each look took most of a trial's time.
+
+    Args:
+        pids: The processes; those that are gone do nothing.
+    """
+
+    def __init__(self, pids: Iterable[int]) -> None:
+        self.pids = tuple(pids)
+        self._files: dict[int, tuple[int, int]] = {}
+
+    def activity(self) -> Activity:
+        """Return what the threads that there are have done so far."""
+        self._find()
+        found = {}
+        for thread, (file, _) in self._files.items():
+            with suppress(OSError, ValueError):  # it has ended just now
+                found[thread] = _times(os.pread(file, 4096, 0))
+        return Activity(found)
+
+    def busy(self) -> bool:
+        """Return whether a thread runs, or could."""
+        self._find()
+        for _, file in self._files.values():
+            with suppress(OSError):
+                if os.pread(file, 512, 0).rpartition(b") ")[2][:1] in (b"R", b"D"):
+                    return True
+        return False
+
+    def close(self) -> None:
+        """Close all files."""
+        for files in self._files.values():
+            for file in files:
+                os.close(file)
+        self._files.clear()
+
+    def _find(self) -> None:
+        """Open the files of new threads, close those of threads that are gone."""
+        now: dict[int, str] = {}
+        for pid in self.pids:
+            with suppress(OSError):
+                now |= {int(name): f"/proc/{pid}/task/{name}" for name in os.listdir(f"/proc/{pid}/task")}
+        for thread in self._files.keys() - now.keys():
+            for file in self._files.pop(thread):
+                os.close(file)
+        for thread in now.keys() - self._files.keys():
+            with suppress(OSError):
+                times = os.open(f"{now[thread]}/{'schedstat' if _TELLS_TIMES else 'status'}", os.O_RDONLY)
+                try:
+                    self._files[thread] = times, os.open(f"{now[thread]}/stat", os.O_RDONLY)
+                except OSError:
+                    os.close(times)
+
+
+def _times(text: bytes) -> tuple[int, int, int]:
+    if _TELLS_TIMES:
+        ran, waited, switches = text.split()
+        return int(ran), int(waited), int(switches)
+    return 0, 0, int(text.partition(b"\nvoluntary_ctxt_switches:\t")[2].partition(b"\n")[0])
 
 
 def families(pids: Sequence[int]) -> list[int]:
     """Return processes and all that they have started and still run, such as the node behind `ros2 run`."""
-    import psutil
-
     found = list(pids)
-    for pid in pids:
-        with suppress(psutil.Error):
-            found += [child.pid for child in psutil.Process(pid).children(recursive=True)]
+    for pid in found:
+        for task in _tasks([pid]):
+            found += [child for child in map(int, _read(f"{task}/children").split()) if child not in found]
     return found
-
-
-def activity(pids: Sequence[int]) -> Activity:
-    """Read the activity of processes from /proc; processes that are gone count as idle."""
-    switches, busy = 0, False
-    for task in _tasks(pids):
-        text = _read(f"{task}/status")
-        busy = busy or text.partition(b"State:\t")[2][:1] in (b"R", b"D")
-        switches += int(text.partition(b"\nvoluntary_ctxt_switches:\t")[2].partition(b"\n")[0] or 0)
-    return Activity(switches, busy)
-
-
-def shares(pids: Sequence[int]) -> Shares:
-    """Read from /proc what processes have had of the processors; nothing where the kernel does not tell."""
-    ran, waited = {}, {}
-    for task in _tasks(pids):
-        numbers = _read(f"{task}/schedstat").split()
-        if len(numbers) == 3:
-            thread = int(task.rpartition("/")[2])
-            ran[thread], waited[thread] = int(numbers[0]) / 1e9, int(numbers[1]) / 1e9
-    return Shares(ran, waited)
 
 
 def resources(pids: Sequence[int], *, messages: int) -> ResourceSample:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -18,6 +18,8 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from riot_bus.sut.forking import Fork
 
 __all__ = ["ComponentProcess", "Launcher"]
 
@@ -29,6 +31,7 @@ class ComponentProcess:
     """One started component.
 
     Attributes:
+        cannot_fork: Why it was executed though it was to be forked; empty if all is as wanted.
         status: Exit status, negative for a signal, None while it runs.
     """
 
@@ -36,6 +39,7 @@ class ComponentProcess:
     pid: int
     stdout: Path
     stderr: Path
+    cannot_fork: str = ""
     status: int | None = None
 
     def errors(self) -> str:
@@ -88,6 +92,7 @@ class Launcher:
         cwd: Path,
         directory: Path,
         fixed: bool = False,
+        fork: Fork | None = None,
     ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
 
@@ -98,21 +103,23 @@ class Launcher:
             cwd: Its working folder.
             directory: Folder for its output.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
+            fork: How it is forked; None to execute its command.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
         """
         stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
+        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": asdict(fork) if fork else None}
         with self._lock:
-            self._send({**request, "stdout": str(stdout), "stderr": str(stderr)})
+            self._send(request)
             reply = self._reply()
             if reply["event"] == "refused":
                 raise EnvironmentFaultError(
                     f"component {name!r} does not start: {reply['error']}",
                     hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
                 )
-            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr)
+            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, str(reply["cannot"]))
             self._processes[process.pid] = process
             self._settle_exits()
         return process

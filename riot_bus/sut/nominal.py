@@ -13,7 +13,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import MutableMapping, Sequence
     from pathlib import Path
 
     from riot_bus.sut.context import Context
@@ -33,14 +33,14 @@ _TRIALS = 3
 class _IdleTrial:
     context: Context
     unit: str
+    imports: MutableMapping[str, Sequence[str]] | None
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
         file = self.context.file
         name = file.unit[self.unit].component or self.unit
         try:
-            with TrialSetup(
-                self.context, launcher, directory, segments=[file.segment_of(file.components[name])]
-            ) as stage:
+            segments = [file.segment_of(file.components[name])]
+            with TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage:
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)
@@ -50,22 +50,36 @@ class _IdleTrial:
         return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
 
 
-def measure_baseline(context: Context, unit: str, pool: Pool, log: Sequence[Message]) -> Baseline:
+def measure_baseline(
+    context: Context,
+    unit: str,
+    pool: Pool,
+    log: Sequence[Message],
+    *,
+    imports: MutableMapping[str, Sequence[str]] | None = None,
+) -> Baseline:
     """Return what a unit does without input, and with its nominal log.
 
     Where nominal trials fail, only the former is known.
 
+    Args:
+        context: The system.
+        unit: The unit.
+        pool: Executes the trials.
+        log: The nominal log.
+        imports: Modules that Python components import, by name; trials fill it.
+
     Raises:
         EnvironmentFaultError: The unit does not start.
     """
-    outcome = pool.execute(_IdleTrial(context, unit), TestCase())
+    outcome = pool.execute(_IdleTrial(context, unit, imports), TestCase())
     if outcome.verdict is Verdict.ERROR:
         raise EnvironmentFaultError(outcome.detail)
     idle = Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
     if not log:
         return Baseline(idle=idle)
     seen: list[NominalTrial] = []
-    trial = UnitTrial(context, unit, Baseline(idle=idle), seen)
+    trial = UnitTrial(context, unit, Baseline(idle=idle), seen, imports=imports)
     outcomes = pool.map(trial, [TestCase(tuple(log), seed=number) for number in range(_TRIALS)])
     if any(one.verdict is not Verdict.PASS for one in outcomes):
         return Baseline(idle=idle)

@@ -56,15 +56,31 @@ class PythonReport:
     def __init__(self, directory: Path) -> None:
         self._events = directory / "python.events"
         self._stacks = directory / "python.stacks"
+        self._imports = directory / "python.imports"
 
-    def environment(self, given: Mapping[str, str]) -> dict[str, str]:
-        """Return the variables that make the hook work, for a component with these."""
-        path = [str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])]
+    def environment(self, given: Mapping[str, str], *, imports: bool = False) -> dict[str, str]:
+        """Return the variables that make the hook work, for a component with these.
+
+        Args:
+            given: The variables that the component has besides.
+            imports: Whether the hook also writes down what is imported.
+        """
+        more = {"RIOT_TRIAL_IMPORTS": str(self._imports)} if imports else {}
         return {
-            "PYTHONPATH": os.pathsep.join(path),
+            "PYTHONPATH": os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])]),
             "RIOT_TRIAL_EVENTS": str(self._events),
             "RIOT_TRIAL_STACKS": str(self._stacks),
+            **more,
         }
+
+    def imports(self, pid: int) -> tuple[str, ...]:
+        """Return the modules that a process has imported, in their order; none if it has no hook."""
+        try:
+            with self._imports.open(encoding="utf-8", errors="replace") as stream:
+                lines = stream.read(_LARGEST).splitlines()
+        except OSError:
+            return ()
+        return tuple(dict.fromkeys(line.partition(" ")[2] for line in lines if line.startswith(f"{pid} ")))
 
     def main_end(self, pids: Iterable[int]) -> MainEnd | None:
         """Return how a main thread of these processes has ended; None if none has, as far as Python knows."""

@@ -78,6 +78,7 @@ class LocalRunners:
         self._context, self._jobs, self._keep = context, jobs, keep
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
+        self._imports: dict[str, Sequence[str]] = {}
         self._measuring = threading.Lock()
 
     @property
@@ -93,8 +94,10 @@ class LocalRunners:
         def trial() -> Trial:
             with self._measuring:
                 if unit not in self._baselines:
-                    self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log())
-            return UnitTrial(self._context, unit, self._baselines[unit])
+                    self._baselines[unit] = measure_baseline(
+                        self._context, unit, self._pool, log(), imports=self._imports
+                    )
+            return UnitTrial(self._context, unit, self._baselines[unit], imports=self._imports)
 
         return LocalRunner(trial, self._pool)
 
@@ -126,7 +129,7 @@ class LocalRunners:
 
     def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
-        trial = SystemTrial(self._context, pace, tuple(observe), record)
+        trial = SystemTrial(self._context, pace, tuple(observe), record, self._imports)
         return LocalRunner(lambda: trial, self._pool)
 
     def close(self) -> None:

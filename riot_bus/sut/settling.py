@@ -14,13 +14,13 @@ import os
 import time
 from typing import TYPE_CHECKING
 
-from riot_bus.sut.activity import STILL, Shares, activity, shares
+from riot_bus.sut.activity import STILL, Activity
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-    from riot_bus.sut.activity import Activity, Idle
+    from riot_bus.sut.activity import Idle, Threads
 
 __all__ = ["wait_sent", "wait_settled"]
 
@@ -55,7 +55,7 @@ def _wants_processor(task: str) -> bool:
 
 
 def wait_settled(
-    pids: Sequence[int],
+    threads: Threads,
     *,
     window: float,
     timeout: float,
@@ -66,7 +66,7 @@ def wait_settled(
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
     Args:
-        pids: The processes.
+        threads: Those of the processes.
         window: Seconds without activity that count as settled.
         timeout: Deadline in seconds, of those in which the processes did not have to wait for a processor.
         idle: What the processes do without any input.
@@ -81,12 +81,12 @@ def wait_settled(
         EnvironmentFaultError: Most of the time others had the processors, so nothing can be told.
     """
     start = time.monotonic()
-    begun = shares(pids)
+    begun = threads.activity()
     pause = min(max(window / _POLLS, _POLL), _LONGEST_POLL)
-    calm = _Calm(pids, idle, start)
+    calm = _Calm(begun, idle, start)
     received = since is None
     while True:
-        seen = activity(pids)
+        seen = threads.activity()
         now = time.monotonic()
         if not alive():
             return True
@@ -95,10 +95,10 @@ def wait_settled(
             received = True
         if not received and now - start > 10 * window:
             received = True
-        if received and not seen.busy and now - calm.since >= window and calm.confirmed(now):
+        if received and now - calm.since >= window and calm.confirmed(seen, now) and not threads.busy():
             return True
         if now - start > timeout:
-            if now - start - shares(pids).waited_since(begun) > timeout:
+            if now - start - seen.waited_since(begun) > timeout:
                 return False
             if now - start > _LONGER * timeout + _LONGER_BY:
                 raise EnvironmentFaultError(
@@ -111,28 +111,25 @@ def wait_settled(
 class _Calm:
     """Since when processes have done no more than without input."""
 
-    def __init__(self, pids: Sequence[int], idle: Idle, now: float) -> None:
+    def __init__(self, begun: Activity, idle: Idle, now: float) -> None:
         self.since = now
-        self._pids, self._idle = pids, idle
-        self._switches, self._shares = -1, Shares({}, {})
+        self._idle, self._begun = idle, begun
 
     def see(self, seen: Activity, now: float) -> None:
         """Begin anew if there were more switches than without input."""
         allowed = _MORE_SWITCHES * self._idle.switches * (now - self.since) + (1 if self._idle.switches else 0)
-        if self._switches < 0 or not 0 <= seen.switches - self._switches <= allowed:
-            self._begin(seen.switches, now)
+        if not 0 <= seen.switches - self._begun.switches <= allowed:
+            self._begin(seen, now)
 
-    def confirmed(self, now: float) -> bool:
+    def confirmed(self, seen: Activity, now: float) -> bool:
         """Return whether they have not run for longer than without input either; if they have, begin anew."""
         if not self._idle.switches:
             return True
         allowed = _MORE_TIME * self._idle.ran + _SLACK
-        if shares(self._pids).share_since(self._shares, seconds=now - self.since) <= allowed:
+        if seen.share_since(self._begun, seconds=now - self.since) <= allowed:
             return True
-        self._begin(-1, now)
+        self._begin(seen, now)
         return False
 
-    def _begin(self, switches: int, now: float) -> None:
-        self.since, self._switches = now, switches
-        if self._idle.switches:
-            self._shares = shares(self._pids)
+    def _begin(self, seen: Activity, now: float) -> None:
+        self.since, self._begun = now, seen

@@ -103,8 +103,8 @@ class Feeder:
         """Wait until the unit has moved since the last messages and its threads sleep: it has taken them in."""
         deadline = time.monotonic() + _TAKEN_S
         while time.monotonic() < deadline:
-            seen = self._stage.activity([self._name])
-            if seen.switches > before.switches and not seen.busy:
+            threads = self._stage.threads([self._name])
+            if threads.activity().switches > before.switches and not threads.busy():
                 return
             time.sleep(_TAKEN_POLL)
 

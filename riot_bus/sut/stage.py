@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import socket
 import sys
@@ -11,15 +10,17 @@ from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
-from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, resources, shares
+from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
+from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.settling import wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.message import Qos
+from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
     from pathlib import Path
 
     from riot_bus.pipeline.runner import Pipeline
@@ -49,6 +50,8 @@ class TrialSetup:
         intercept: Key expressions that are cut and passed through `pipeline`.
         pipeline: Interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
+        imports: Modules that Python components import, by name of the component; those that are not in it are executed
+            and added, others are forked.
 
     Attributes:
         idle: What components do that are ready and never rest; nothing if they rest.
@@ -64,12 +67,13 @@ class TrialSetup:
         intercept: Sequence[str] = (),
         pipeline: Pipeline | None = None,
         stall: float = 10.0,
+        imports: MutableMapping[str, Sequence[str]] | None = None,
     ) -> None:
         self.context = context
         self.launcher = launcher
         self.directory = directory
         self.processes: dict[str, ComponentProcess] = {}
-        self._families: dict[tuple[int, ...], list[int]] = {}
+        self._families: dict[tuple[int, ...], Threads] = {}
         self.outputs: list[Message] = []
         self.inputs: list[Message] = []
         self.python = PythonReport(directory)
@@ -77,6 +81,7 @@ class TrialSetup:
         self._published: set[str] = set()
         self._started: dict[str, float] = {}
         self.idle = STILL
+        self.imports = {} if imports is None else imports
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
             intercept=intercept,
@@ -97,6 +102,11 @@ class TrialSetup:
                     self.launcher.interrupt(process, signal.SIGTERM)
                     self.launcher.wait([process], timeout=3.0)
             self.launcher.kill_all()
+            for threads in self._families.values():
+                threads.close()
+            for name, process in self.processes.items():
+                if name not in self.imports:
+                    self.imports[name] = self.python.imports(process.pid)
         finally:
             self.bus.close()
 
@@ -123,14 +133,20 @@ class TrialSetup:
             "{speed}": f"{pace.speed if pace else 1:g}",
         }
         fixed = self.context.file.system.surroundings == "fixed"
-        given = {**os.environ, **_filled(component.env, words)}
-        env = {**given, **self.python.environment(given), **(fixed_environment(component.env) if fixed else {})}
+        filled = _filled(component.env, words)
+        given = {**environment_of_others(), **filled}
+        hook = self.python.environment(given, imports=name not in self.imports)
+        env = {**given, **hook, **(fixed_environment(component.env) if fixed else {})}
         argv = [*before, *(_fill(part, words) for part in component.command)]
         cwd = (self.context.file.root / component.cwd).resolve()
+        fork = None
+        if fixed and not before and self.context.file.isolation_of(name) != "fresh":
+            varying = {key for key, value in filled.items() if component.env[key] != value}
+            fork = fork_of(argv, env=env, varying=varying, cwd=cwd, modules=self.imports.get(name, ()))
         if component.ready.topic is not None:
             for expression in self.context.topics(component.ready.topic):
                 self.bus.subscribe(segment, expression, lambda _: self._published.add(name))
-        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed)
+        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork)
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
@@ -296,30 +312,30 @@ class TrialSetup:
 
     def activity(self, names: Iterable[str]) -> Activity:
         """Return how busy components have been so far."""
-        return activity(self._family(names))
+        return self.threads(names).activity()
 
     def measure_idle(self, names: Iterable[str], *, seconds: float) -> Idle:
         """Return what components do now, watched for some seconds."""
         names = list(names)
-        begin, before = time.monotonic(), (self.activity(names), self._shares(names))
+        begin, before = time.monotonic(), self.activity(names)
         time.sleep(seconds)
-        after = self.activity(names), self._shares(names)
-        return idle_between(before, after, seconds=time.monotonic() - begin)
+        return idle_between(before, self.activity(names), seconds=time.monotonic() - begin)
 
     def held_up(self, names: Iterable[str]) -> Callable[[], float]:
         """Return what tells for how many seconds from now on components had to wait for a processor."""
         names = list(names)
-        before = self._shares(names)
-        return lambda: self._shares(names).waited_since(before)
+        before = self.activity(names)
+        return lambda: self.activity(names).waited_since(before)
 
-    def _shares(self, names: Iterable[str]) -> Shares:
-        return shares(self._family(names))
-
-    def _family(self, names: Iterable[str]) -> list[int]:
+    def threads(self, names: Iterable[str]) -> Threads:
+        """Return the threads of components and of what they had started when they were last waited for."""
         pids = tuple(self.processes[name].pid for name in names)
         if pids not in self._families:
-            self._families[pids] = families(pids)
+            self._families[pids] = Threads(families(pids))
         return self._families[pids]
+
+    def _family(self, names: Iterable[str]) -> Sequence[int]:
+        return self.threads(names).pids
 
     def settle(
         self,
@@ -338,11 +354,14 @@ class TrialSetup:
         processes = [self.processes[name] for name in names]
         pids = tuple(process.pid for process in processes)
         deadline = time.monotonic() + timeout
-        known: list[int] = []
-        while (family := families(pids)) != known:  # they may still be starting others
-            known = self._families[pids] = family
+        known: tuple[int, ...] = ()
+        while (family := tuple(families(pids))) != known:  # they may still be starting others
+            known = family
+            if self.threads(names).pids != family:
+                self._families.pop(pids).close()
+                self._families[pids] = Threads(family)
             settled = wait_settled(
-                family,
+                self._families[pids],
                 window=window,
                 timeout=max(0.0, deadline - time.monotonic()),
                 idle=idle,

@@ -1,9 +1,9 @@
 """The process that owns a trial's components, so that none outlives riot.
 
-It runs as a script of its own (standard library only, one thread) and talks JSON lines over a socket on file
-descriptor 0. When riot dies, even by `kill -9`, the socket ends and everything that was started is killed. Children
-also carry PR_SET_PDEATHSIG in case the supervisor itself is killed, and grandchildren that were orphaned come to it
-as their sub-reaper.
+Components are executed, or forked from a server that has imported what they import (`fork_server`). It runs as a script
+of its own (standard library only, one thread) and talks JSON lines over a socket on file descriptor 0. When riot dies,
+even by `kill -9`, the socket ends and everything that was started is killed. Children also carry PR_SET_PDEATHSIG in
+case the supervisor itself is killed, and grandchildren that were orphaned come to it as their sub-reaper.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 ADDR_NO_RANDOMIZE = 0x0040000
+STARTS_WITHIN_S = 60.0
+"""Within it a fork server has done its imports, on a loaded machine too."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -51,8 +53,10 @@ def become_fixed_component() -> None:
 
 
 def children_of(parent: int) -> list[int]:
-    """Return the processes whose parent is `parent`, zombies included."""
-    found = []
+    """Return the processes whose parent is `parent`, which has one thread; zombies included."""
+    with contextlib.suppress(OSError), open(f"/proc/{parent}/task/{parent}/children", "rb") as stream:
+        return [int(pid) for pid in stream.read().split()]
+    found = []  # such a file is an option of the kernel
     for name in os.listdir("/proc"):
         if name.isdigit():
             with contextlib.suppress(OSError), open(f"/proc/{name}/stat", "rb") as stat:
@@ -61,12 +65,59 @@ def children_of(parent: int) -> list[int]:
     return found
 
 
+class ForkServer:
+    """A running `fork_server.py`.
+
+    Args:
+        wanted: What riot asks for: `interpreter` (a command), `env`, `modules`, `own`.
+        fixed: Whether addresses are the same each time.
+    """
+
+    def __init__(self, wanted: dict[str, Any], *, fixed: bool) -> None:
+        self._link, theirs = socket.socketpair()
+        self._link.settimeout(STARTS_WITHIN_S)
+        self._process = subprocess.Popen(
+            [*wanted["interpreter"], os.path.join(os.path.dirname(os.path.abspath(__file__)), "fork_server.py")],
+            env=wanted["env"],
+            stdin=theirs.fileno(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=become_fixed_component if fixed else become_component,
+        )
+        theirs.close()
+        self.pid = self._process.pid
+        self._answers = self._link.makefile("rb")
+        self.cannot = ""
+        self._ask(modules=wanted["modules"], own=wanted["own"])
+
+    def start(self, **request: object) -> int:
+        """Fork a component; return its process number, 0 if it `cannot`."""
+        return 0 if self.cannot else int(self._ask(parent=os.getpid(), **request).get("pid", 0))
+
+    def _ask(self, **request: object) -> dict[str, Any]:
+        answer = {"cannot": "the fork server has ended"}
+        with contextlib.suppress(OSError, ValueError):
+            self._link.sendall(json.dumps(request).encode() + b"\n")
+            answer = json.loads(self._answers.readline())
+        self.cannot = answer.get("cannot", "")
+        return answer
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+        self._answers.close()
+        self._link.close()
+
+
 class Supervisor:
     """Starts, signals, reaps and finally kills components on request."""
 
     def __init__(self, link: socket.socket) -> None:
         self._link = link
-        self._running: dict[int, subprocess.Popen[bytes]] = {}
+        self._running: set[int] = set()
+        self._servers: dict[str, ForkServer] = {}
 
     def tell(self, **event: object) -> None:
         """Send one event to riot."""
@@ -75,41 +126,62 @@ class Supervisor:
     def start(self, request: dict[str, Any]) -> None:
         """Start one component in a session of its own."""
         try:
-            with open(request["stdout"], "ab") as out, open(request["stderr"], "ab") as err:
-                process = subprocess.Popen(
-                    request["argv"],
-                    env=request["env"],
-                    cwd=request["cwd"],
-                    stdin=subprocess.DEVNULL,
-                    stdout=out,
-                    stderr=err,
-                    start_new_session=True,
-                    preexec_fn=become_fixed_component if request["fixed"] else become_component,
-                )
+            pid, cannot = self.fork(request) if request["fork"] else (0, "")
+            pid = pid or self.execute(request)
         except (OSError, subprocess.SubprocessError) as error:
             self.tell(event="refused", error=str(error))
             return
-        self._running[process.pid] = process
-        self.tell(event="started", pid=process.pid)
+        self._running.add(pid)
+        self.tell(event="started", pid=pid, cannot=cannot)
+        self.reap()  # a forked one may have ended before it was known
+
+    def execute(self, request: dict[str, Any]) -> int:
+        """Execute a component's command."""
+        with open(request["stdout"], "ab") as out, open(request["stderr"], "ab") as err:
+            process = subprocess.Popen(
+                request["argv"],
+                env=request["env"],
+                cwd=request["cwd"],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+                preexec_fn=become_fixed_component if request["fixed"] else become_component,
+            )
+        process.returncode = 0  # it is reaped here, by its number
+        return process.pid
+
+    def fork(self, request: dict[str, Any]) -> tuple[int, str]:
+        """Fork a component from a server; return its number, or 0 and why that cannot be done."""
+        wanted = request["fork"]
+        key = json.dumps([wanted[name] for name in ("interpreter", "env", "modules", "own")])
+        server = self._servers.get(key)
+        if server is None:
+            server = self._servers[key] = ForkServer(wanted, fixed=request["fixed"])
+        for name in ("stdout", "stderr"):
+            open(request[name], "ab").close()  # they are there as soon as it is
+        told = {name: request[name] for name in ("argv", "env", "cwd", "stdout", "stderr")}
+        return server.start(**told, module=wanted["module"], words=wanted["words"]), server.cannot
 
     def reap(self) -> None:
         """Collect what has ended and report components' exit statuses (negative: signal)."""
-        for pid, process in list(self._running.items()):
-            status = process.poll()
-            if status is not None:
-                del self._running[pid]
-                self.tell(event="exited", pid=pid, status=status)
+        servers = {server.pid for server in self._servers.values()}
         for pid in children_of(os.getpid()):
-            if pid not in self._running:
-                with contextlib.suppress(ChildProcessError):
-                    os.waitpid(pid, os.WNOHANG)
+            if pid in servers:
+                continue
+            with contextlib.suppress(ChildProcessError):
+                ended, status = os.waitpid(pid, os.WNOHANG)
+                if ended in self._running:
+                    self._running.remove(ended)
+                    self.tell(event="exited", pid=ended, status=os.waitstatus_to_exitcode(status))
 
     def kill_all(self) -> None:
         """Kill every component and all their descendants, and wait until they are gone."""
-        for pid in list(self._running):
+        for pid in self._running:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGKILL)
-        while children := children_of(os.getpid()):
+        servers = {server.pid for server in self._servers.values()}
+        while children := set(children_of(os.getpid())) - servers:
             for pid in children:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
@@ -117,6 +189,12 @@ class Supervisor:
                 with contextlib.suppress(ChildProcessError):
                     os.waitpid(pid, 0)
         self._running.clear()
+
+    def close(self) -> None:
+        """Kill everything, servers included."""
+        self.kill_all()
+        for server in self._servers.values():
+            server.close()
 
     def handle(self, request: dict[str, Any]) -> None:
         """Carry out one request."""
@@ -163,7 +241,7 @@ def main() -> int:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             supervisor.serve()
     finally:
-        supervisor.kill_all()
+        supervisor.close()
     return 0
 
 

@@ -114,9 +114,13 @@ class Unit(_Table):
     `order` says what is kept of the log's order. With "log" a message waits until the unit has taken in those of other
     topics before it; a unit with a thread for each topic may take them in any order else. "fast" does not wait. "auto"
     does not either, until a failure that does not always come again turns out to come more often with the order kept.
+
+    Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
+    is forked from a process that has imported what it needs, where that makes no difference.
     """
 
     component: str | None = None
+    isolation: Literal["auto", "fresh"] = "auto"
     log: str | None = None
     rate: float = Field(default=0.0, ge=0)
     order: Literal["auto", "log", "fast"] = "auto"
@@ -168,6 +172,11 @@ class SystemFile(_Table):
     def segment_of(self, component: Component) -> str:
         """Return the segment that a component connects to."""
         return component.segment or self.system.segments[0]
+
+    def isolation_of(self, component: str) -> str:
+        """Return how processes of a component are started: as its unit says, "auto" if it is none."""
+        units = [unit for name, unit in self.unit.items() if (unit.component or name) == component]
+        return "fresh" if any(unit.isolation == "fresh" for unit in units) else "auto"
 
     def choose_unit(self, name: str | None) -> str:
         """Return the unit to test: the named one, or the only one.

@@ -22,7 +22,7 @@ from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, MutableMapping, Sequence
     from pathlib import Path
 
     from riot_bus.pipeline.event import Event
@@ -66,12 +66,14 @@ class SystemTrial:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
         pace: How long external components run, and how fast.
         record: File that gets every message of the run; None for none.
+        imports: Modules that Python components import, by name; runs fill it.
     """
 
     context: Context
     pace: RunPace
     observe: tuple[str, ...] = ()
     record: Path | None = None
+    imports: MutableMapping[str, Sequence[str]] | None = None
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
         """Run the system once and judge it."""
@@ -107,6 +109,7 @@ class SystemTrial:
                     intercept=self.context.topics(*sorted(injected)),
                     pipeline=Pipeline([Injector(case.injections, seed=case.seed), tap], registry=registry),
                     stall=_STALL,
+                    imports=self.imports,
                 )
             )
             internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)

@@ -17,6 +17,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
+    from collections.abc import MutableMapping, Sequence
     from pathlib import Path
 
     from riot_bus.sut.baseline import NominalTrial
@@ -39,6 +40,7 @@ class UnitTrial:
         nominal: If given, cases are the nominal log, and what the unit shows in them is added here.
         evidence: Folder for what a failing trial leaves, or one behind a debugger; None to keep nothing.
         before: Words before the unit's command, such as those of a debugger.
+        imports: Modules that Python components import, by name; trials fill it.
     """
 
     context: Context
@@ -47,6 +49,7 @@ class UnitTrial:
     nominal: list[NominalTrial] | None = None
     evidence: Path | None = None
     before: tuple[str, ...] = ()
+    imports: MutableMapping[str, Sequence[str]] | None = None
 
     def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
@@ -61,7 +64,14 @@ class UnitTrial:
         segment = file.segment_of(component)
         messages, touched = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
         try:
-            with TrialSetup(self.context, launcher, directory, segments=[segment], stall=unit.settle.timeout) as stage:
+            with TrialSetup(
+                self.context,
+                launcher,
+                directory,
+                segments=[segment],
+                stall=unit.settle.timeout,
+                imports=self.imports,
+            ) as stage:
                 process = stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)

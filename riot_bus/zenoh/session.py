@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "canonical",
+    "environment_of_others",
     "free_endpoint",
     "includes",
     "intersects",
@@ -35,6 +36,7 @@ __all__ = [
 
 _VARIABLE = "ZENOH_RUNTIME"
 _RECEIVERS = 128
+_OURS = f"(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))"
 _FEW_RECEIVERS = 4
 _ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
 _CALLBACKS = "pyo3-closure"
@@ -50,13 +52,19 @@ def prepare_runtime() -> None:
     they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost nothing.
     """
     if _VARIABLE not in os.environ:
-        os.environ[_VARIABLE] = f"(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))"
+        os.environ[_VARIABLE] = _OURS
+    if os.environ[_VARIABLE] == _OURS:
         return
     receivers = _receivers_of(os.environ[_VARIABLE])
     if receivers < _FEW_RECEIVERS:
-        hint = f"set {_VARIABLE}='(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))'"
+        hint = f"set {_VARIABLE}='{_OURS}'"
         text = f"receive threads per router: {receivers}: expect stalls and closed links under load; {hint}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+def environment_of_others() -> dict[str, str]:
+    """Return the environment for processes that are not riot's: what `prepare_runtime` has set is for routers alone."""
+    return {name: value for name, value in os.environ.items() if (name, value) != (_VARIABLE, _OURS)}
 
 
 @atexit.register

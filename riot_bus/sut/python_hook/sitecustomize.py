@@ -40,7 +40,25 @@ def _noted(file: str, name: str, call: Callable[..., Any]) -> Callable[..., Any]
     return noted
 
 
-def _watch(events: str, stacks: str) -> None:
+def _note_imports(file: str) -> None:
+    """Write down the name of each module that is imported, one a line, with the process number before it."""
+    out = open(file, "a", buffering=1)  # noqa: SIM115 - it stays open
+
+    class Noted:
+        @staticmethod
+        def find_spec(name: str, *_: object) -> None:
+            out.write(f"{os.getpid()} {name}\n")
+
+    sys.meta_path.insert(0, Noted)
+
+
+def watch(events: str, stacks: str) -> None:
+    """Tell of the end of the main thread and, on a signal, where threads stand.
+
+    Args:
+        events: File that gets a JSON line for each event.
+        stacks: File, without the process number, that gets stacks.
+    """
     import atexit
     import faulthandler
     import signal
@@ -71,7 +89,9 @@ def _chain() -> None:
 
 try:
     if "RIOT_TRIAL_EVENTS" in os.environ:
-        _watch(os.environ["RIOT_TRIAL_EVENTS"], os.environ["RIOT_TRIAL_STACKS"])
+        watch(os.environ["RIOT_TRIAL_EVENTS"], os.environ["RIOT_TRIAL_STACKS"])
+    if "RIOT_TRIAL_IMPORTS" in os.environ:
+        _note_imports(os.environ["RIOT_TRIAL_IMPORTS"])
 except OSError:
     pass
 _chain()

@@ -8,19 +8,23 @@ import time
 
 import pytest
 
-from riot_bus.sut.activity import STILL, Activity, Idle, Shares, activity, families, idle_between, shares
+from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between
+from riot_bus.zenoh.session import wait_until
 
 NOBODY = 2**22 + 1
+MS = 10**6
+WAIT_S = 60.0
 
 
 def test_processes_that_are_gone_do_nothing() -> None:
-    assert activity([NOBODY]) == Activity(0, busy=False)
-    assert shares([NOBODY]) == Shares({}, {})
+    assert Threads([NOBODY]).activity() == Activity({})
+    assert not Threads([NOBODY]).busy()
     assert families([NOBODY]) == [NOBODY]
 
 
 def test_own_work_is_seen() -> None:
-    before, switches = shares([os.getpid()]), activity([os.getpid()]).switches
+    threads = Threads([os.getpid()])
+    before = threads.activity()
     end = time.process_time() + 0.05
     while time.process_time() < end:
         pass
@@ -29,24 +33,38 @@ def test_own_work_is_seen() -> None:
     thread.start()
     woken.set()
     thread.join()
-    assert shares([os.getpid()]).ran_since(before) >= 0.03  # the kernel counts up in ticks
-    assert activity([os.getpid()]).busy
-    assert activity([os.getpid()]).switches >= switches
+    assert threads.activity().ran_since(before) >= 0.03  # the kernel counts up in ticks
+    assert threads.busy()
+    assert threads.activity().switches >= before.switches
+    threads.close()
+
+
+def test_threads_that_begin_and_end_are_followed() -> None:
+    files, threads, end = len(os.listdir("/proc/self/fd")), Threads([os.getpid()]), threading.Event()
+    threads.activity()
+    more = threading.Thread(target=end.wait)
+    more.start()
+    assert more.native_id in threads.activity().threads
+    end.set()
+    more.join()
+    assert wait_until(lambda: more.native_id not in threads.activity().threads, WAIT_S)  # the kernel is a moment behind
+    threads.close()
+    assert len(os.listdir("/proc/self/fd")) == files
 
 
 def test_shares_are_told_by_thread() -> None:
-    before, after = Shares({1: 1.0}, {1: 0.5}), Shares({1: 1.5, 2: 0.25}, {1: 0.75, 2: 1.0})
+    before = Activity({1: (10**9, 500 * MS, 3)})
+    after = Activity({1: (1500 * MS, 750 * MS, 4), 2: (250 * MS, 10**9, 1)})
     assert after.ran_since(before) == 0.75
     assert after.waited_since(before) == 1.0
-    assert Shares({}, {}).waited_since(before) == 0.0
+    assert Activity({}).waited_since(before) == 0.0
 
 
 @pytest.mark.parametrize(
     ("waited", "expected"), [(0.0, Idle(50.0, 0.125)), (1.0, Idle(100.0, 0.25)), (2.0, Idle(500.0, 1.25))]
 )
 def test_time_without_a_processor_does_not_count(waited: float, expected: Idle) -> None:
-    before = Activity(100, busy=False), Shares({1: 0.0}, {1: 0.0})
-    after = Activity(200, busy=True), Shares({1: 0.25}, {1: waited})
+    before, after = Activity({1: (0, 0, 100)}), Activity({1: (250 * MS, round(waited * 1e9), 200)})
     assert idle_between(before, after, seconds=2.0) == expected
 
 

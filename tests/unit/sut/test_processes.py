@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from riot_bus.sut.activity import activity, families
+from riot_bus.sut.activity import Threads, families
 from riot_bus.sut.launcher import ComponentProcess, Launcher
 from riot_bus.sut.settling import wait_settled
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -94,13 +94,12 @@ def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
 
 def test_settling(launcher: Launcher, start: Start) -> None:
     busy = start("while True: pass")
-    assert not wait_settled([busy.pid], window=0.05, timeout=0.5)
+    assert not wait_settled(Threads([busy.pid]), window=0.05, timeout=0.5)
     idle = start("import time; time.sleep(60)")
-    assert wait_settled([idle.pid], window=0.05, timeout=20)
-    assert activity([idle.pid]).switches > 0
-    assert not activity([idle.pid]).busy
-    assert wait_settled([busy.pid], window=0.05, timeout=20, alive=lambda: False)
-    assert activity([2**22 + 1]).switches == 0
+    assert wait_settled(Threads([idle.pid]), window=0.05, timeout=20)
+    assert Threads([idle.pid]).activity().switches > 0
+    assert not Threads([idle.pid]).busy()
+    assert wait_settled(Threads([busy.pid]), window=0.05, timeout=20, alive=lambda: False)
 
 
 def test_what_a_component_has_started_counts_too(start: Start) -> None:
@@ -108,6 +107,6 @@ def test_what_a_component_has_started_counts_too(start: Start) -> None:
     code = f"import subprocess,sys,time; subprocess.Popen([sys.executable,'-S','-c',{busy!r}]); time.sleep(60)"
     process = start(code)
     assert wait_until(lambda: len(families([process.pid])) == 2 and process.stdout.stat().st_size > 0, WAIT_S)
-    assert wait_settled([process.pid], window=0.05, timeout=20)
-    assert not wait_settled(families([process.pid]), window=0.05, timeout=0.5)
+    assert wait_settled(Threads([process.pid]), window=0.05, timeout=20)
+    assert not wait_settled(Threads(families([process.pid])), window=0.05, timeout=0.5)
     assert families([2**22 + 1]) == [2**22 + 1]

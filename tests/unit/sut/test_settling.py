@@ -11,7 +11,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from riot_bus.sut.activity import Idle, activity, idle_between, shares
+from riot_bus.sut.activity import Activity, Idle, Threads, idle_between
 from riot_bus.sut.settling import wait_settled
 from riot_bus.zenoh.session import wait_until
 
@@ -42,9 +42,10 @@ def start() -> Iterator[Start]:
 
 
 def idle_of(pid: int, seconds: float = 0.5) -> Idle:
-    begin, before = time.monotonic(), (activity([pid]), shares([pid]))
+    threads = Threads([pid])
+    begin, before = time.monotonic(), threads.activity()
     time.sleep(seconds)
-    return idle_between(before, (activity([pid]), shares([pid])), seconds=time.monotonic() - begin)
+    return idle_between(before, threads.activity(), seconds=time.monotonic() - begin)
 
 
 def test_waiting_for_a_processor_is_no_hang(start: Start) -> None:
@@ -52,13 +53,13 @@ def test_waiting_for_a_processor_is_no_hang(start: Start) -> None:
         start(SPIN)
     worker = start("while time.process_time() < 0.8: pass\ntime.sleep(600)")
     begin = time.monotonic()
-    assert wait_settled([worker], window=0.05, timeout=2.0)
+    assert wait_settled(Threads([worker]), window=0.05, timeout=2.0)
     assert time.monotonic() - begin > 2.0
 
 
 def test_a_hang_on_a_busy_machine_is_one(start: Start) -> None:
     start(SPIN)
-    assert not wait_settled([start(SPIN)], window=0.05, timeout=0.5)
+    assert not wait_settled(Threads([start(SPIN)]), window=0.05, timeout=0.5)
 
 
 def test_timers_on_a_busy_machine_are_no_work(start: Start) -> None:
@@ -67,7 +68,7 @@ def test_timers_on_a_busy_machine_are_no_work(start: Start) -> None:
     assert idle.switches > 20
     for _ in range(RIVALS):
         start(SPIN)
-    assert wait_settled([ticker], window=0.15, timeout=5.0, idle=idle)
+    assert wait_settled(Threads([ticker]), window=0.15, timeout=5.0, idle=idle)
 
 
 def test_work_beside_timers_is_work(start: Start) -> None:
@@ -77,5 +78,5 @@ def test_work_beside_timers_is_work(start: Start) -> None:
         "while True:\n end = time.process_time() + 0.05\n while time.process_time() < end: pass\n time.sleep(0.003)"
     )
     worker = start(steady)
-    assert wait_until(lambda: shares([worker]).ran_since(shares([])) > 0.2, PATIENCE_S)
-    assert not wait_settled([worker], window=0.15, timeout=1.5, idle=idle)
+    assert wait_until(lambda: Threads([worker]).activity().ran_since(Activity({})) > 0.2, PATIENCE_S)
+    assert not wait_settled(Threads([worker]), window=0.15, timeout=1.5, idle=idle)

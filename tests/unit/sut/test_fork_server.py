@@ -1,0 +1,164 @@
+"""A forked component cannot be told from one whose command was executed; where it could, nothing is forked."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from riot_bus.sut.forking import fork_of
+from riot_bus.sut.launcher import ComponentProcess, Launcher
+from riot_bus.zenoh.session import wait_until
+
+WAIT_S = 60.0
+IMPORTS = ("json", "json.decoder", "numpy", "own", "nowhere.to.be.found")
+
+PROGRAM = """
+import atexit, json, os, signal, sys, threading
+import own
+
+def report():
+    main = sys.modules["__main__"]
+    print(json.dumps({
+        "argv": sys.argv, "orig_argv": sys.orig_argv, "path": sys.path[0], "name": __name__, "file": __file__,
+        "spec": getattr(__spec__, "name", None), "package": __package__, "main": main.__dict__ is globals(),
+        "names": sorted(name for name in globals() if not name.startswith("__")),
+        "cwd": os.getcwd(), "env": sorted(os.environ.items()), "stdin": sys.stdin.read(),
+        "session": os.getsid(0) == os.getpid(),
+        "parent": os.getppid(), "flags": str(sys.flags), "threads": threading.active_count(),
+        "signals": [str(signal.getsignal(n)) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD)],
+        "files": sorted(os.listdir("/proc/self/fd"))[:3], "imported": own.times,
+    }))
+
+atexit.register(print, "at exit")
+report()
+def last():
+    threading.main_thread().join()
+    print("last thread")
+threading.Thread(target=last).start()
+def inner(how):
+    exec(how)
+inner(sys.argv[-1])
+"""
+
+
+@pytest.fixture
+def launcher() -> Iterator[Launcher]:
+    with Launcher() as launcher:
+        yield launcher
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "parts").mkdir()
+    for place in (tmp_path / "parts" / "__main__.py", tmp_path / "parts" / "program.py", tmp_path / "program.py"):
+        place.write_text(PROGRAM)
+    for place in (tmp_path / "own.py", tmp_path / "parts" / "own.py"):
+        place.write_text("times = globals().get('times', 0) + 1\n")
+    return tmp_path
+
+
+def start(
+    launcher: Launcher, folder: Path, words: Sequence[str], *, modules: Sequence[str], name: str = "unit"
+) -> ComponentProcess:
+    env = {**os.environ, "PYTHONUNBUFFERED": "1", "OPENBLAS_NUM_THREADS": "1"}
+    argv = [sys.executable, *words]
+    fork = fork_of(argv, env=env, varying=frozenset({"RUN"}), cwd=folder, modules=modules)
+    env |= {"RUN": name}
+    return launcher.start(name, argv, env=env, cwd=folder, directory=folder, fork=fork)
+
+
+def ended(launcher: Launcher, process: ComponentProcess) -> tuple[str, str, int | None]:
+    assert launcher.wait([process], timeout=WAIT_S)
+    return process.printed(), process.errors(), process.status
+
+
+THREAD = "import threading; threading.Thread(target=threading.Event().wait, daemon=True).start()"
+ENDS = (
+    "pass",
+    "raise ValueError('bad')",
+    "sys.exit(3)",
+    "sys.exit('a text')",
+    "raise SystemExit",
+    "os._exit(4)",
+    "os.kill(os.getpid(), signal.SIGKILL)",
+    "import ctypes; ctypes.string_at(0)",
+    "[][1]",
+)
+
+
+@pytest.mark.parametrize(
+    "command", [("program.py",), ("-m", "parts"), ("-m", "parts.program"), ("-u", "-Wignore", "program.py")]
+)
+@pytest.mark.parametrize("end", ENDS)
+def test_it_is_as_if_it_had_been_executed(launcher: Launcher, folder: Path, command: tuple[str, ...], end: str) -> None:
+    words = [*command, "--name", "a b", end]
+    executed = ended(launcher, start(launcher, folder, words, modules=(), name="executed"))
+    forked = start(launcher, folder, words, modules=IMPORTS, name="executed2")
+    assert not forked.cannot_fork
+    printed, errors, status = ended(launcher, forked)
+    assert (printed.replace("executed2", "executed"), errors, status) == executed
+
+
+def test_it_has_imported_what_is_installed_and_nothing_of_its_own(launcher: Launcher, folder: Path) -> None:
+    code = "import sys; print([name in sys.modules for name in ('numpy', 'json.decoder', 'own')])"
+    (folder / "looks.py").write_text(f"{code}\nimport numpy; print(numpy.random.random())")
+    printed = []
+    for number in range(2):
+        process = start(launcher, folder, ["looks.py"], modules=IMPORTS, name=f"looks{number}")
+        printed.append(ended(launcher, process)[0].splitlines())
+    assert [lines[0] for lines in printed] == ["[True, True, False]"] * 2
+    assert printed[0][1] != printed[1][1]  # processes do not draw the same numbers
+
+
+def test_it_is_killed_with_all_others(launcher: Launcher, folder: Path) -> None:
+    (folder / "sleeps.py").write_text("import time; print('here', flush=True); time.sleep(600)")
+    process = start(launcher, folder, ["sleeps.py"], modules=IMPORTS)
+    assert wait_until(lambda: "here" in process.printed(), WAIT_S)
+    assert launcher.alive(process)
+    launcher.kill_all()
+    assert not Path(f"/proc/{process.pid}").exists()
+    again = start(launcher, folder, ["sleeps.py"], modules=IMPORTS, name="again")
+    assert not again.cannot_fork
+    assert wait_until(lambda: "here" in again.printed(), WAIT_S)
+    launcher.close()
+    assert not Path(f"/proc/{again.pid}").exists()
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "modules", "why"),
+    [
+        ("site-packages/busy.py", THREAD, "busy", "its imports start 1 threads"),
+        ("site-packages/gevent.py", "", "gevent", "it imports gevent, which must come before all others"),
+        ("json.py", "dumps = str", "json", r"it has modules of its own called .*json.*"),
+        ("site-packages/dies.py", "import os; os._exit(1)", "dies", "the fork server has ended"),
+    ],
+)  # fmt: skip
+def test_where_it_would_make_a_difference_it_is_executed(
+    launcher: Launcher, folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, text: str, modules: str, why: str
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(folder / "site-packages"))
+    (folder / file).parent.mkdir(exist_ok=True)
+    (folder / file).write_text(text)
+    (folder / "simple.py").write_text("print('done')")
+    for number in range(2):
+        process = start(launcher, folder, ["simple.py"], modules=[modules], name=f"simple{number}")
+        assert re.fullmatch(why, process.cannot_fork)
+        assert ended(launcher, process) == ("done\n", "", 0)
+
+
+def test_only_python_programs_are_forked(tmp_path: Path) -> None:
+    def forked(*argv: str, varying: frozenset[str] = frozenset()) -> bool:
+        return fork_of(argv, env={}, varying=varying, cwd=tmp_path, modules=["json"]) is not None
+
+    assert forked("/usr/bin/python3.12", "-X", "dev", "-O", "node.py", "--x")
+    assert forked("python", "-m", "node")
+    assert not forked("python", "-c", "pass")
+    assert not forked("python", "node")  # a folder, or a file of unknown kind
+    assert not forked("bash", "node.py")
+    assert not forked("python", "node.py", varying=frozenset({"PYTHONPATH"}))
+    assert fork_of(["python", "node.py"], env={}, varying=frozenset(), cwd=tmp_path, modules=[]) is None
