@@ -96,6 +96,11 @@ class PythonReport:
                     return last
         return None
 
+    def goes_on(self, pid: int) -> bool:
+        """Return whether the main thread of a process is known not to have ended; False without the hook."""
+        told = {event.get("event") for event in self._read() if event.get("pid") == pid}
+        return "ready" in told and not told & {"main ended", "exit"}
+
     def exit_call(self, pids: Iterable[int]) -> MainEnd | None:
         """Return the last call that was to end one of these processes; None if there was none."""
         wanted = set(pids)

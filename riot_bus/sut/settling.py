@@ -27,31 +27,37 @@ __all__ = ["wait_sent", "wait_settled"]
 _POLL = 0.004
 _LONGEST_POLL = 0.02
 _POLLS = 8
-_ZENOH_THREADS = (b"app-", b"acc-", b"tx-", b"rx-", b"net-")
+_SEND, _RECEIVE = (b"app-", b"tx-", b"net-"), (b"acc-", b"rx-")
+_RECEIVERS: set[str] = set()
+"""Threads of this process that are known to receive only: there are a hundred for each segment, which need no look."""
 _LONGER, _LONGER_BY = 10, 60.0
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
 
 
 def wait_sent(*, timeout: float) -> bool:
-    """Wait until no Zenoh thread of this process wants the processor: what was put is on its way.
+    """Wait until no thread of Zenoh's in this process that sends wants the processor: what was put is on its way.
 
     A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
     """
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
-        if not any(_wants_processor(f"/proc/self/task/{thread}") for thread in os.listdir("/proc/self/task")):
+        threads = set(os.listdir("/proc/self/task"))
+        _RECEIVERS.intersection_update(threads)
+        if not any(_wants_to_send(thread) for thread in threads - _RECEIVERS):
             return True
         time.sleep(_POLL)
     return False
 
 
-def _wants_processor(task: str) -> bool:
+def _wants_to_send(thread: str) -> bool:
     try:
-        with open(f"{task}/stat", "rb") as stream:
-            name, _, rest = stream.read().partition(b"(")[2].rpartition(b")")
+        with open(f"/proc/self/task/{thread}/stat", "rb", buffering=0) as stream:
+            name, _, rest = stream.read(512).partition(b"(")[2].rpartition(b")")
     except OSError:
         return False
-    return name.startswith(_ZENOH_THREADS) and rest.split()[0] in (b"R", b"D")
+    if name.startswith(_RECEIVE):
+        _RECEIVERS.add(thread)
+    return name.startswith(_SEND) and rest.split()[0] in (b"R", b"D")
 
 
 def wait_settled(

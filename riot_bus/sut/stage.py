@@ -33,9 +33,10 @@ __all__ = ["TrialSetup"]
 
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
-_AT_REST = 0.1
-_TIMERS_AFTER = 2.0
-_MEASURE = 0.25
+_MEASURE = 0.15
+"""Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
+_LITTLE = 0.03
+"""Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
 
 
@@ -227,18 +228,18 @@ class TrialSetup:
         return None
 
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
-        """Wait until components stand still, or are as busy as the moment before: they have timers of their own.
+        """Wait until components do next to nothing, or as much as the moment before: they have timers of their own.
 
-        Standing still is asked for longer here than after the last input. Else a pause between two timers passes for
-        rest, `idle` says that they never move, and no pause as long may come at the end: a hang that is none.
+        What they do then is `idle`, which is told from work later on. It is watched for longer than they are after the last
+        input; else a pause between two timers would pass for rest, and no pause as long might come at the end.
         """
-        if self.settle(names, window=_AT_REST, timeout=max(_AT_REST, min(_TIMERS_AFTER, deadline - time.monotonic()))):
-            return
-        last = self.measure_idle(names, seconds=_MEASURE)
+        last: Idle | None = None
         while time.monotonic() < deadline:
+            self._include_started(names)
             now = self.measure_idle(names, seconds=_MEASURE)
-            self.idle = now.or_more(last)
-            if abs(now.switches - last.switches) <= _ALIKE * now.switches:
+            self.idle = now if last is None else now.or_more(last)
+            alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
+            if (now.ran <= _LITTLE or alike) and not self.threads(names).busy():
                 return
             last = now
 
@@ -258,9 +259,11 @@ class TrialSetup:
         """Give components that are at rest time to die.
 
         A process that ends with an exception is quiet while its session closes (100 ms and more were seen, with a full
-        queue), and looks the same from outside as one that has nothing to do.
+        queue), and looks the same from outside as one that has nothing to do. Of Python programs it is known.
         """
         processes = [self.processes[name] for name in names]
+        if all(self.python.goes_on(process.pid) for process in processes):
+            return
         deadline = time.monotonic() + seconds
         while all(map(self.launcher.alive, processes)) and time.monotonic() < deadline:
             time.sleep(_POLL)
@@ -334,6 +337,17 @@ class TrialSetup:
             self._families[pids] = Threads(families(pids))
         return self._families[pids]
 
+    def _include_started(self, names: Iterable[str]) -> bool:
+        """Look at what components have started meanwhile, too; return whether it is the same as before."""
+        pids = tuple(self.processes[name].pid for name in names)
+        now, known = tuple(families(pids)), self._families.get(pids)
+        if known is not None and known.pids == now:
+            return True
+        if known is not None:
+            known.close()
+        self._families[pids] = Threads(now)
+        return False
+
     def _family(self, names: Iterable[str]) -> Sequence[int]:
         return self.threads(names).pids
 
@@ -352,25 +366,19 @@ class TrialSetup:
             EnvironmentFaultError: The machine was too busy for them.
         """
         processes = [self.processes[name] for name in names]
-        pids = tuple(process.pid for process in processes)
         deadline = time.monotonic() + timeout
-        known: tuple[int, ...] = ()
-        while (family := tuple(families(pids))) != known:  # they may still be starting others
-            known = family
-            if self.threads(names).pids != family:
-                self._families.pop(pids).close()
-                self._families[pids] = Threads(family)
+        while True:
+            self._include_started(names)
             settled = wait_settled(
-                self._families[pids],
+                self.threads(names),
                 window=window,
                 timeout=max(0.0, deadline - time.monotonic()),
                 idle=idle,
                 since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
             )
-            if not settled:
-                return False
-        return True
+            if not settled or self._include_started(names):  # else they may still be starting others
+                return settled
 
     def view(
         self, names: Sequence[str], *, settled: bool, waited: float, signs: Mapping[str, Signs] | None = None
