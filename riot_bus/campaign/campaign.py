@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.campaign.schedule import Schedule
+    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Progress, Runner
 
@@ -50,11 +51,16 @@ class CampaignResult:
 class _Campaign:
     runner: Runner
     found: Callable[[Failure], object]
+    ordered: bool
     failures: dict[str, Failure] = field(default_factory=dict)
     failing: int = 0
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
     unseen: dict[str, list[str]] = field(default_factory=dict)
+
+    def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
+        """Return a test case of this campaign."""
+        return TestCase(log, injections, seed, ordered=self.ordered)
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Take in the outcomes of some trials, and confirm what is new in them."""
@@ -96,10 +102,10 @@ class _Campaign:
 
     def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
         """Try the nominal log, more often if it fails; return the number of trials."""
-        cases = {-number: TestCase(log, seed=seed + number - 1) for number in range(1, _NOMINAL + 1)}
+        cases = {-number: self.case(log, seed + number - 1) for number in range(1, _NOMINAL + 1)}
         outcomes = list(self.runner.run(list(cases.values())))
         if len({outcome.verdict for outcome in outcomes}) > 1:
-            more = {-number: TestCase(log, seed=seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
+            more = {-number: self.case(log, seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
             outcomes += self.runner.run(list(more.values()))
             cases |= more
         self.nominal = outcomes
@@ -114,6 +120,7 @@ def run_campaign(
     *,
     seed: int,
     trials: int,
+    ordered: bool = False,
     seconds: float | None = None,
     progress: Progress | None = None,
     found: Callable[[Failure], object] = lambda _: None,
@@ -129,18 +136,19 @@ def run_campaign(
         runner: Executes test cases.
         seed: Seed of the campaign.
         trials: At most so many injected trials; nominal and repeated ones come on top.
+        ordered: Whether trials keep the order of the log across topics.
         seconds: At most so much time; None for no limit.
         progress: Told after each batch.
         found: Called with each failure as soon as it is confirmed.
     """
     log = tuple(messages)
-    work = _Campaign(runner, found)
+    work = _Campaign(runner, found, ordered)
     nominal = work.check_nominal(log, seed)
     done, started = 0, time.monotonic()
     hopeless = work.failing == nominal
     while not hopeless and done < trials and (seconds is None or time.monotonic() - started < seconds):
         batch = range(done, min(trials, done + 2 * runner.parallelism))
-        cases = {trial: TestCase(log, schedule.injections(trial), seed=seed) for trial in batch}
+        cases = {trial: work.case(log, seed, schedule.injections(trial)) for trial in batch}
         work.judge(cases, runner.run(list(cases.values())))
         done = batch.stop
         if progress:

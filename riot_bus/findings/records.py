@@ -131,6 +131,7 @@ class CampaignRecord(Artefact):
     Attributes:
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
+        ordered: Whether trials kept the order of the log across topics.
     """
 
     FILE = "campaign.json"
@@ -142,6 +143,7 @@ class CampaignRecord(Artefact):
     findings: tuple[str, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     notes: dict[str, int] = {}
+    ordered: bool = False
 
 
 class FindingRecord(Artefact):

@@ -99,10 +99,12 @@ class Threads:
 
     Args:
         pids: The processes; those that are gone do nothing.
+        names: What names of the threads begin with; others are left out.
     """
 
-    def __init__(self, pids: Iterable[int]) -> None:
+    def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",)) -> None:
         self.pids = tuple(pids)
+        self._names = names
         self._files: dict[int, tuple[int, int]] = {}
 
     def activity(self) -> Activity:
@@ -114,9 +116,18 @@ class Threads:
                 found[thread] = _times(os.pread(file, 4096, 0))
         return Activity(found)
 
-    def busy(self) -> bool:
-        """Return whether a thread runs, or could."""
-        self._find()
+    def switches(self) -> int:
+        """Return how often the threads that were there at the last look at all of them got a processor."""
+        total = 0
+        for file, _ in self._files.values():
+            with suppress(OSError, ValueError):
+                total += _times(os.pread(file, 4096, 0))[2]
+        return total
+
+    def busy(self, *, new: bool = True) -> bool:
+        """Return whether a thread runs, or could; without `new`, of those that were there at the last look at all."""
+        if new:
+            self._find()
         for _, file in self._files.values():
             with suppress(OSError):
                 if os.pread(file, 512, 0).rpartition(b") ")[2][:1] in (b"R", b"D"):
@@ -140,6 +151,8 @@ class Threads:
             for file in self._files.pop(thread):
                 os.close(file)
         for thread in now.keys() - self._files.keys():
+            if not _read(f"{now[thread]}/comm").startswith(self._names):
+                continue
             with suppress(OSError):
                 times = os.open(f"{now[thread]}/{'schedstat' if _TELLS_TIMES else 'status'}", os.O_RDONLY)
                 try:

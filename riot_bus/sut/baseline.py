@@ -84,6 +84,7 @@ class Baseline:
         ends: Whether the unit ends by itself with status 0.
         growth: The most that it grew.
         mute: Monitors that stayed silent on each trial's copy that was to violate them, and why.
+        ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
     """
 
     idle: Idle = STILL
@@ -98,6 +99,7 @@ class Baseline:
     ends: bool = True
     growth: Growth = NO_GROWTH
     mute: tuple[str, ...] = ()
+    ordered: bool = False
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
         """Return the functions in which threads stand that stand elsewhere at rest.
@@ -150,12 +152,15 @@ def probe_of(log: Sequence[Message]) -> tuple[Message, ...]:
     return tuple(message for number, message in enumerate(log) if number >= first or last[message.key] == number)
 
 
-def baseline_of(trials: Sequence[NominalTrial], *, idle: Idle, log: Sequence[Message]) -> Baseline:
+def baseline_of(
+    trials: Sequence[NominalTrial], *, idle: Idle, log: Sequence[Message], ordered: bool = False
+) -> Baseline:
     """Return what nominal trials have in common."""
     if not trials:
-        return Baseline(idle=idle)
+        return Baseline(idle=idle, ordered=ordered)
     return Baseline(
         idle=idle,
+        ordered=ordered,
         trials=len(trials),
         log=tuple(log),
         probe=probe_of(log),

@@ -14,50 +14,64 @@ import os
 import time
 from typing import TYPE_CHECKING
 
-from riot_bus.sut.activity import STILL, Activity
+from riot_bus.sut.activity import STILL, Activity, Threads
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from riot_bus.sut.activity import Idle, Threads
+    from riot_bus.sut.activity import Idle
 
-__all__ = ["wait_sent", "wait_settled"]
+__all__ = ["own_senders", "wait_sent", "wait_settled", "wait_taken"]
 
 _POLL = 0.004
 _LONGEST_POLL = 0.02
 _POLLS = 8
-_SEND, _RECEIVE = (b"app-", b"tx-", b"net-"), (b"acc-", b"rx-")
-_RECEIVERS: set[str] = set()
-"""Threads of this process that are known to receive only: there are a hundred for each segment, which need no look."""
+_TAKEN_POLL = 0.0001
+_SENDERS = (b"app-", b"tx-", b"net-")
 _LONGER, _LONGER_BY = 10, 60.0
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
 
 
-def wait_sent(*, timeout: float) -> bool:
-    """Wait until no thread of Zenoh's in this process that sends wants the processor: what was put is on its way.
+def own_senders() -> Threads:
+    """Return Zenoh's threads of this process that send.
 
     A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
     """
+    return Threads([os.getpid()], names=_SENDERS)
+
+
+def wait_sent(senders: Threads, *, timeout: float) -> bool:
+    """Wait until none of Zenoh's threads that send wants the processor: what was put is on its way."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
-        threads = set(os.listdir("/proc/self/task"))
-        _RECEIVERS.intersection_update(threads)
-        if not any(_wants_to_send(thread) for thread in threads - _RECEIVERS):
+        if not senders.busy():
             return True
         time.sleep(_POLL)
     return False
 
 
-def _wants_to_send(thread: str) -> bool:
-    try:
-        with open(f"/proc/self/task/{thread}/stat", "rb", buffering=0) as stream:
-            name, _, rest = stream.read(512).partition(b"(")[2].rpartition(b")")
-    except OSError:
-        return False
-    if name.startswith(_RECEIVE):
-        _RECEIVERS.add(thread)
-    return name.startswith(_SEND) and rest.split()[0] in (b"R", b"D")
+def wait_taken(threads: Threads, senders: Threads, *, before: int, timeout: float) -> bool:
+    """Wait until processes have taken in what was put: it is sent, they have moved since, and all their threads sleep.
+
+    Threads are looked at one after the other, and one may wake another that has been looked at already; so it is done
+    twice, with no switch in between.
+
+    Args:
+        threads: Those of the processes.
+        senders: From `own_senders`.
+        before: How often the processes' threads had got a processor before the first of what was put.
+        timeout: Deadline in seconds.
+    """
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        switches = threads.switches()
+        if switches > before and not senders.busy(new=False):
+            asleep = not threads.busy(new=False) and not threads.busy(new=False)
+            if asleep and threads.switches() == switches:
+                return True
+        time.sleep(_TAKEN_POLL)
+    return False
 
 
 def wait_settled(

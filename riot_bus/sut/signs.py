@@ -10,7 +10,7 @@ from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of, probe_of
 from riot_bus.sut.python_report import deepest_common
-from riot_bus.sut.settling import wait_sent
+from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ __all__ = ["Feeder"]
 _CHECK_EVERY = 64
 _SAMPLES = 16
 _POLL = 0.005
-_TAKEN_S, _TAKEN_POLL = 0.1, 0.0001
+_TAKEN_S = 2.0
+"""A unit that works for longer, or has a thread that never sleeps, gets all further messages without waiting."""
 _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
 _LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
@@ -76,16 +77,16 @@ class Feeder:
     def _publish(self, messages: Sequence[Message]) -> Activity:
         """Publish messages; return what the unit had done just before the last one."""
         stage, names = self._stage, [self._name]
-        before, self.sent = stage.activity(names), 0
+        before, self.sent, ordered = stage.activity(names), 0, self._ordered
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
-        key = messages[0].key if messages else ""
+        key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
 
         def publish(message: Message) -> None:
-            nonlocal before, key
-            if self._ordered and message.key != key:
-                self._wait_taken(before)
-                before, key = stage.activity(names), message.key
-            elif self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
+            nonlocal before, key, switches, ordered
+            if ordered and message.key != key:
+                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S)
+                switches, key = threads.switches(), message.key
+            if self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
                 before = stage.activity(names)
             if self.sent % samples == 0:
                 stage.sample_resources(names)
@@ -96,17 +97,8 @@ class Feeder:
             return self.sent % _CHECK_EVERY == 0 and not self.alive
 
         play(messages, publish, rate=self._rate, clock=SystemClock(), stop=stop)
-        wait_sent(timeout=self._settle.timeout)
+        wait_sent(stage.senders, timeout=self._settle.timeout)
         return before
-
-    def _wait_taken(self, before: Activity) -> None:
-        """Wait until the unit has moved since the last messages and its threads sleep: it has taken them in."""
-        deadline = time.monotonic() + _TAKEN_S
-        while time.monotonic() < deadline:
-            threads = self._stage.threads([self._name])
-            if threads.activity().switches > before.switches and not threads.busy():
-                return
-            time.sleep(_TAKEN_POLL)
 
     def nominal(self, messages: Sequence[Message]) -> NominalTrial:
         """Return what the unit does after its nominal log, which it has got, and to a probe of it."""

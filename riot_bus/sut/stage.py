@@ -13,7 +13,7 @@ from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
-from riot_bus.sut.settling import wait_settled
+from riot_bus.sut.settling import own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.message import Qos
@@ -56,6 +56,7 @@ class TrialSetup:
 
     Attributes:
         idle: What components do that are ready and never rest; nothing if they rest.
+        senders: The threads of this process that send.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class TrialSetup:
         self._started: dict[str, float] = {}
         self.idle = STILL
         self.imports = {} if imports is None else imports
+        self.senders = own_senders()
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
             intercept=intercept,
@@ -103,7 +105,7 @@ class TrialSetup:
                     self.launcher.interrupt(process, signal.SIGTERM)
                     self.launcher.wait([process], timeout=3.0)
             self.launcher.kill_all()
-            for threads in self._families.values():
+            for threads in (self.senders, *self._families.values()):
                 threads.close()
             for name, process in self.processes.items():
                 if name not in self.imports:
@@ -230,7 +232,7 @@ class TrialSetup:
     def _come_to_rest(self, names: Sequence[str], deadline: float) -> None:
         """Wait until components do next to nothing, or as much as the moment before: they have timers of their own.
 
-        What they do then is `idle`, which is told from work later on. It is watched for longer than they are after the last
+        What they do then is `idle`, which is told from work later on. It is watched longer than they are after the last
         input; else a pause between two timers would pass for rest, and no pause as long might come at the end.
         """
         last: Idle | None = None

@@ -53,6 +53,10 @@ class FailingRunner:
         """Return a runner for runs of the whole system."""
         return self
 
+    def keeps_order(self, *_: Any) -> bool:
+        """Keep no order: nothing is played."""
+        return False
+
     def keep_evidence(self, *_: Any, **__: Any) -> bool:
         """Keep nothing."""
         return False

@@ -161,6 +161,9 @@ class Machine:
         assert unit == "drive"
         return PureRunner(self.play)
 
+    def keeps_order(self, unit: str, log: object) -> bool:
+        return False
+
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         return False
 
