@@ -37,6 +37,7 @@ class CampaignResult:
         failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up (False: time ran out, or the campaign was told to stop).
         notes: What monitors said of themselves: they raised, or saw nothing.
+        started: How the last trial started the unit.
     """
 
     trials: int
@@ -45,6 +46,7 @@ class CampaignResult:
     exhausted: bool
     unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
+    started: str = ""
 
 
 @dataclass(slots=True)
@@ -57,6 +59,7 @@ class _Campaign:
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
     unseen: dict[str, list[str]] = field(default_factory=dict)
+    started: str = ""
 
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
@@ -66,6 +69,7 @@ class _Campaign:
         """Take in the outcomes of some trials, and confirm what is new in them."""
         fresh: dict[str, Failure] = {}
         for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
+            self.started = str(outcome.statistics.get("started", ""))
             if outcome.detail and outcome.verdict is not Verdict.ERROR:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
             for line in outcome.statistics.get("unseen", ()):
@@ -161,4 +165,5 @@ def run_campaign(
     every = nominal + done
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
-    return CampaignResult(nominal + done, work.failing, confirmed, not hopeless and done >= trials, rest, notes)
+    finished = not hopeless and done >= trials
+    return CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started)

@@ -82,6 +82,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             unconfirmed=tuple(_unconfirmed(each) for each in result.unconfirmed.values()),
             notes=dict(result.notes),
             ordered=ordered,
+            started=result.started,
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,

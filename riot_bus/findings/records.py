@@ -132,6 +132,7 @@ class CampaignRecord(Artefact):
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
+        started: How trials started the unit: "forked" or "executed", and why not forked.
     """
 
     FILE = "campaign.json"
@@ -144,6 +145,7 @@ class CampaignRecord(Artefact):
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     notes: dict[str, int] = {}
     ordered: bool = False
+    started: str = ""
 
 
 class FindingRecord(Artefact):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["Fork", "fork_of"]
 
 _PYTHON = re.compile(r"python(\d+(\.\d+)?)?$")
-_FLAGS = re.compile(r"-[bBdEiIOPqRsSuv]+$")
+_OPTION = re.compile(r"-([bBdEiIOPqRsSuv]+|[WX].+)$")
 _WITH_WORD = ("-W", "-X")
 _READ_AT_START = ("PYTHON", "LD_")
 _OF_A_TRIAL = "RIOT_TRIAL_"
@@ -59,7 +59,7 @@ def fork_of(
         return None
     env = {name: value for name, value in env.items() if name not in varying and not name.startswith(_OF_A_TRIAL)}
     at = 1
-    while at < len(argv) and (_FLAGS.match(argv[at]) or argv[at] in _WITH_WORD):
+    while at < len(argv) and (_OPTION.match(argv[at]) or argv[at] in _WITH_WORD):
         at += 1 + (argv[at] in _WITH_WORD)
     interpreter, rest = argv[:at], argv[at:]
     if len(rest) > 1 and rest[0] == "-m":

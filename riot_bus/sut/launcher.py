@@ -31,7 +31,7 @@ class ComponentProcess:
     """One started component.
 
     Attributes:
-        cannot_fork: Why it was executed though it was to be forked; empty if all is as wanted.
+        started: "forked" or "executed", with the reason where it was to be forked.
         status: Exit status, negative for a signal, None while it runs.
     """
 
@@ -39,7 +39,7 @@ class ComponentProcess:
     pid: int
     stdout: Path
     stderr: Path
-    cannot_fork: str = ""
+    started: str = "executed"
     status: int | None = None
 
     def errors(self) -> str:
@@ -119,7 +119,8 @@ class Launcher:
                     f"component {name!r} does not start: {reply['error']}",
                     hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
                 )
-            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, str(reply["cannot"]))
+            started = f"executed, since {reply['cannot']}" if reply["cannot"] else "forked" if fork else "executed"
+            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, started)
             self._processes[process.pid] = process
             self._settle_exits()
         return process

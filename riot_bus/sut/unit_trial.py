@@ -105,6 +105,7 @@ class UnitTrial:
                 "messages": len(messages),
                 "modified": sum(index < sent for index, _, _ in touched),
                 "outputs": answered,
+                "started": process.started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
             },
         )

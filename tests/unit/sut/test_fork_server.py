@@ -99,7 +99,7 @@ def test_it_is_as_if_it_had_been_executed(launcher: Launcher, folder: Path, comm
     words = [*command, "--name", "a b", end]
     executed = ended(launcher, start(launcher, folder, words, modules=(), name="executed"))
     forked = start(launcher, folder, words, modules=IMPORTS, name="executed2")
-    assert not forked.cannot_fork
+    assert forked.started == "forked"
     printed, errors, status = ended(launcher, forked)
     assert (printed.replace("executed2", "executed"), errors, status) == executed
 
@@ -123,7 +123,7 @@ def test_it_is_killed_with_all_others(launcher: Launcher, folder: Path) -> None:
     launcher.kill_all()
     assert not Path(f"/proc/{process.pid}").exists()
     again = start(launcher, folder, ["sleeps.py"], modules=IMPORTS, name="again")
-    assert not again.cannot_fork
+    assert again.started == "forked"
     assert wait_until(lambda: "here" in again.printed(), WAIT_S)
     launcher.close()
     assert not Path(f"/proc/{again.pid}").exists()
@@ -147,7 +147,7 @@ def test_where_it_would_make_a_difference_it_is_executed(
     (folder / "simple.py").write_text("print('done')")
     for number in range(2):
         process = start(launcher, folder, ["simple.py"], modules=[modules], name=f"simple{number}")
-        assert re.fullmatch(why, process.cannot_fork)
+        assert re.fullmatch(f"executed, since {why}", process.started)
         assert ended(launcher, process) == ("done\n", "", 0)
 
 
