@@ -45,7 +45,7 @@ class Operation(ABC):
         self._stopping = threading.Event()
         self._done = threading.Event()
         self._problem: dict[str, Any] | None = None
-        self._last: dict[str, Any] = {}
+        self._last: dict[str, Any] = {}  # what there was to say last
         self._thread = threading.Thread(target=self._run, name=f"riot-agent-{self.kind}", daemon=True)
 
     def start(self) -> None:
@@ -122,7 +122,7 @@ class Operation(ABC):
 
     @abstractmethod
     def _details(self) -> dict[str, Any] | None:
-        """Return how it goes, with a state of its own; None before it has begun."""
+        """Return how it goes, with a state of its own; None before it has begun and once it is being closed."""
 
     def _state(self, details: dict[str, Any]) -> str:
         if self._done.is_set():

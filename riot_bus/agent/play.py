@@ -51,6 +51,7 @@ class Play(Operation):
         self._request, self._names, self._files, self._agent = request, list(names), files, agent
         self._lock = threading.Lock()
         self._service: PlayService | None = None
+        self._last = {"logs": self._names}
 
     def pause(self) -> None:
         """Stop time."""
@@ -89,8 +90,8 @@ class Play(Operation):
             while not service.wait(_LOOK_S):
                 pass
             with self._lock:
-                self._service = None
-                return {**self._row(service), "result": _result(service.result())}
+                self._last, self._service = self._row(service), None
+            return {**self._last, "result": _result(service.result())}
 
     def _stop(self) -> None:
         with self._lock:
@@ -99,7 +100,7 @@ class Play(Operation):
 
     def _details(self) -> dict[str, Any] | None:
         with self._lock:
-            return {"logs": self._names} if self._service is None else self._row(self._service)
+            return None if self._service is None else self._row(self._service)
 
     def _row(self, service: PlayService) -> dict[str, Any]:
         status = service.status()

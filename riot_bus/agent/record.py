@@ -72,8 +72,8 @@ class RecordOperation(Operation):
             while not service.wait(_LOOK_S):
                 self._look_at_disk()
             with self._lock:
-                self._service = None
-                return {**self._row(service), "result": _result(service.result())}
+                self._last, self._service = self._row(service), None
+            return {**self._last, "result": _result(service.result())}
         finally:
             service.close()
 

@@ -92,7 +92,7 @@ def test_a_controller_that_is_away_for_long_makes_the_robot_pause_and_then_go_on
             listener.wait(10)
             cable.cut()
             robot.expect("paused: the controller was lost for 1 s")
-            assert wait_until(lambda: local(bus)["state"] == "paused", 20, interval=0.1)
+            assert wait_until(lambda: local(bus)["state"] == "paused", 60, interval=0.1)
             held = len(listener.messages)
             assert held < COUNT
             cable.restore()
@@ -169,7 +169,7 @@ def test_a_link_that_hangs_is_noticed_and_hangs_nobody(bus: str, hub: str, logs:
             cable.cut()
             cable.restore()
             listener.clear()
-            assert wait_until(lambda: riot("fleet", "status", "r7", f"--endpoint={hub}")[0] == 0, 30)
+            assert wait_until(lambda: riot("fleet", "status", "r7", f"--endpoint={hub}")[0] == 0, 60)
             with playing(hub, "short.mcap") as again:
                 assert again.end() == 0, again.err
             assert listener.payloads(10) == expected(10)
@@ -202,7 +202,7 @@ def test_an_interrupted_controller_without_a_link_leaves_within_a_bound(bus: str
 
 def test_a_robot_is_steered_and_does_one_thing_at_a_time(bus: str, hub: str, logs: Path) -> None:
     with Listener(bus, "a/*") as listener, agent(logs, bus, hub), playing(hub, "log.mcap", "-p") as controller:
-        assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "paused", 30)
+        assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "paused", 60)
         (robot,) = fleet(hub, "robots")["robots"]
         assert (robot["name"], robot["agents"], robot["status"]["busy"]) == ("r7", 1, True)
         err = fleet(hub, "play", "r7", "short.mcap", code=4)
@@ -224,12 +224,12 @@ def test_progress_is_told_to_whoever_listens(bus: str, hub: str, logs: Path) -> 
         with playing(hub, "log.mcap", "--rate=2") as controller:
             assert controller.end() == 0, controller.err
         robot.expect("play ended")
-        assert wait_until(lambda: json.loads(news.messages[-1].payload)["busy"] is False, 30)
+        assert wait_until(lambda: json.loads(news.messages[-1].payload)["busy"] is False, 60)
         told = [json.loads(each.payload)["operation"] for each in news.messages]
     states = [each["state"] for each in told]
-    assert [state for place, state in enumerate(states) if states[place - 1 : place] != [state]][-2:] == [
-        "playing", "ended"
-    ]  # fmt: skip
+    order = ["starting", "waiting", "ready", "playing", "stopping", "ended"]
+    assert states == sorted(states, key=order.index)
+    assert {"playing", "ended"} <= set(states)
     assert told[-1]["result"]["published"] == COUNT
     assert ["result" in each for each in told].count(True) == 1
     assert [each["published"] for each in told if "published" in each] == sorted(
@@ -296,13 +296,13 @@ def test_nonsense_is_answered(bus: str, hub: str, logs: Path) -> None:
     ]
     with agent(logs, bus, hub), open_client(hub) as client:
         for command, payload, message in cases:
-            (reply,) = client.session.get(f"@riot/r7/agent/{command}", payload=payload, timeout=10)
+            (reply,) = client.session.get(f"@riot/r7/agent/{command}", payload=payload, timeout=60)
             assert reply.ok is None
             assert reply.err is not None
             found = json.loads(reply.err.payload.to_bytes())
             assert message in found["message"], (command, found)
             assert found["exit_code"] == 2
-        replies = [reply.ok for reply in client.session.get("@riot/*/agent/*", timeout=10, payload=b"{}")]
+        replies = [reply.ok for reply in client.session.get("@riot/*/agent/*", timeout=60, payload=b"{}")]
         answered = {json.loads(ok.payload.to_bytes())["command"] for ok in replies if ok is not None}
         assert answered == {"agent/status", "agent/logs"}  # what changes nothing
 
@@ -310,14 +310,14 @@ def test_nonsense_is_answered(bus: str, hub: str, logs: Path) -> None:
 def test_logs_are_listed(bus: str, hub: str, logs: Path) -> None:
     (logs / "broken.mcap").write_text("nothing")
     with agent(logs, bus, hub):
-        assert wait_until(lambda: fleet(hub, "logs", "r7")["complete"], 30)
+        assert wait_until(lambda: fleet(hub, "logs", "r7")["complete"], 60)
         found = fleet(hub, "logs", "r7")
         assert [(each["name"], each["messages"]) for each in found["logs"]] == [
             ("log.mcap", COUNT), ("short.mcap", 10), ("broken.mcap", 0)
         ]  # fmt: skip
         assert found["logs"][2]["problem"] == "not an MCAP file"
         write(logs / "new.mcap", numbered(3, "b"))
-        assert wait_until(lambda: fleet(hub, "logs", "r7", "topic=b")["count"] == 1, 30)
+        assert wait_until(lambda: fleet(hub, "logs", "r7", "topic=b")["count"] == 1, 60)
         assert fleet(hub, "logs", "r7", "min-duration=1", "lossless")["count"] == 1
 
 
@@ -403,13 +403,13 @@ def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs
         with Process(
             "fleet", "record", "r7", "a/**", "-o", "new.mcap", f"--endpoint={hub}", "--format=json"
         ) as recorder:
-            assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "recording", 30)
+            assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "recording", 60)
             for number in range(10):
                 source.put(Message(BEGIN, "a/x", b'{"v": %d}' % number))
             listener.wait(10)
             assert "is busy: record of new.mcap" in fleet(hub, "play", "r7", "log.mcap", code=4)
             assert "knows no seek" in fleet(hub, "seek", "r7", "1", code=2)
-            assert wait_until(lambda: fleet(hub, "status", "r7")["operation"]["recorded"] == 10, 30)
+            assert wait_until(lambda: fleet(hub, "status", "r7")["operation"]["recorded"] == 10, 60)
             recorder.process.send_signal(signal.SIGINT)
             assert recorder.end() == 130, recorder.err
             status = json.loads(recorder.out[0])
@@ -417,7 +417,7 @@ def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs
         assert "exists already" in fleet(hub, "record", "r7", "-o", "new.mcap", code=2)
         assert "is outside of" in fleet(hub, "record", "r7", "-o", "../new.mcap", code=2)
         found = fleet(hub, "logs", "r7", "path=*new.mcap", "lossless")
-        assert wait_until(lambda: fleet(hub, "logs", "r7", "path=*new.mcap", "lossless")["count"] == 1, 30), found
+        assert wait_until(lambda: fleet(hub, "logs", "r7", "path=*new.mcap", "lossless")["count"] == 1, 60), found
         listener.clear()
         with playing(hub, "new.mcap") as controller:
             assert controller.end() == 0, controller.err
@@ -427,12 +427,12 @@ def test_a_robot_records_and_plays_what_it_has_recorded(bus: str, hub: str, logs
 def test_a_recording_outlives_its_controller(bus: str, hub: str, logs: Path) -> None:
     with open_client(bus) as source, Listener(bus, "a/*") as listener, agent(logs, bus, hub) as robot:
         with Process("fleet", "record", "r7", "-o", "new.mcap", f"--endpoint={hub}", "--grace=0") as controller:
-            assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "recording", 30)
+            assert wait_until(lambda: (fleet(hub, "status", "r7")["operation"] or {}).get("state") == "recording", 60)
             controller.process.kill()
             controller.end()
         source.put(Message(BEGIN, "a/x", b"after"))
         listener.wait(1)
-        assert wait_until(lambda: fleet(hub, "status", "r7")["operation"]["recorded"] == 1, 30)
+        assert wait_until(lambda: fleet(hub, "status", "r7")["operation"]["recorded"] == 1, 60)
         fleet(hub, "stop", "r7")
         robot.expect("record stopped")
     assert [each.payload for each in read_log(logs / "new.mcap")] == [b"after"]
