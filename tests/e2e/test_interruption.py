@@ -43,10 +43,10 @@ def test_interrupted_campaign(press: Path, tmp_path: Path, number: signal.Signal
     assert wait_until(lambda: trials(out) >= moment, 120)
     before = trials(out)
     running.send_signal(number)
-    _, errors = running.communicate(timeout=30)
+    _, errors = running.communicate(timeout=60)
     assert running.returncode == code, errors
     assert "Traceback" not in errors
-    assert wait_until(lambda: not belonging_to(tmp_path), 10), belonging_to(tmp_path)
+    assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)
 
     again = subprocess.run(command(*arguments), env=environment(), capture_output=True, text=True, timeout=300)
     assert again.returncode in (0, 1), again.stderr
@@ -65,4 +65,4 @@ def test_killed_router_process_group_leaves_nothing(press: Path, tmp_path: Path)
     assert wait_until(lambda: trials(out) >= 1, 120)
     os.killpg(running.pid, signal.SIGKILL)
     running.wait(timeout=10)
-    assert wait_until(lambda: not belonging_to(tmp_path), 10), belonging_to(tmp_path)
+    assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)

@@ -19,7 +19,7 @@ from riot_bus.zenoh.session_config import client_config
 from tests.integration.fault_tools import SEGMENTS, pipeline
 
 KEY = "cut/k"
-WAIT_S = 30.0
+WAIT_S = 60.0
 
 Join = Callable[..., zenoh.Session]
 """Opens the session of a component in a segment, with further configuration; it is closed at the end."""

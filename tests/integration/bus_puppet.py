@@ -36,7 +36,7 @@ class Puppet:
     def _answer(self) -> Any:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        assert line, f"puppet ended with {self.process.wait(5)}"
+        assert line, f"puppet ended with {self.process.wait(60)}"
         return json.loads(line)
 
     answer = _answer
@@ -54,7 +54,7 @@ class Puppet:
 
     def kill(self) -> None:
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(60)
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 with contextlib.suppress(BrokenPipeError):
@@ -234,15 +234,15 @@ def _main(endpoint: str, mode: str, more: str) -> None:
             case "stop_streams":
                 streaming.clear()
                 for each in streams.values():
-                    each.join(20)
+                    each.join(60)
                 return sent
             case "wait":
                 with arrived:
-                    arrived.wait_for(lambda: len(received) >= order["count"], order.get("timeout", 10))
+                    arrived.wait_for(lambda: len(received) >= order["count"], order.get("timeout", 60))
                     return [show(sample) for sample in received]
             case "wait_numbers":
                 with arrived:
-                    arrived.wait_for(lambda: len(numbers) >= order["count"], order.get("timeout", 30))
+                    arrived.wait_for(lambda: len(numbers) >= order["count"], order.get("timeout", 60))
                 return {"count": len(numbers), "ordered": numbers == sorted(numbers), "different": len(set(numbers))}
             case "queryable":
 
@@ -252,7 +252,7 @@ def _main(endpoint: str, mode: str, more: str) -> None:
 
                 keep.append(session.declare_queryable(key, reply))
             case "get":
-                return [bytes(r.ok.payload).hex() for r in session.get(key, payload=b"ask", timeout=2) if r.ok]
+                return [bytes(r.ok.payload).hex() for r in session.get(key, payload=b"ask", timeout=60) if r.ok]
             case "token":
                 keep.append(session.liveliness().declare_token(key))
             case "tokens":

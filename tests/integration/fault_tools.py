@@ -49,7 +49,7 @@ def payloads(samples: list[dict[str, str]], key: str) -> list[bytes]:
 
 
 def subscribed(bus: Bus, segment: str, *keys: str) -> None:
-    assert bus.wait_subscribed(segment, list(keys), timeout=10) == []
+    assert bus.wait_subscribed(segment, list(keys), timeout=60) == []
 
 
 def received(bus: Bus, topic: str) -> int:
@@ -64,4 +64,4 @@ def crosses(source: Puppet, sink: Puppet, key: str, text: str) -> bool:
         source.do("put_texts", key=key, payloads=[text], congestion="BLOCK")
         return text.encode() in payloads(sink.do("wait", count=1, timeout=0.02), key)
 
-    return wait_until(crossed, 30, interval=0.02)
+    return wait_until(crossed, 60, interval=0.02)

@@ -13,7 +13,7 @@ from riot_bus_mavlink.dialect import load_dialect
 from riot_bus_mavlink.frame import Frame, Framer
 from tests.integration.router_process import ENVIRONMENT, RIOT
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 class MavlinkBridgeProcess:
@@ -70,7 +70,7 @@ class MavlinkBridgeProcess:
 
     def __exit__(self, *error: object) -> None:
         self.process.kill()
-        self.process.communicate(timeout=10)
+        self.process.communicate(timeout=60)
 
 
 class UdpEnd:

@@ -49,7 +49,7 @@ class Listener:
             self.messages.append(message)
             self._bell.notify_all()
 
-    def wait(self, count: int, timeout: float = 30) -> list[Message]:
+    def wait(self, count: int, timeout: float = 60) -> list[Message]:
         """Return what has come, at least so many unless the time is up."""
         with self._bell:
             self._bell.wait_for(lambda: len(self.messages) >= count, timeout)

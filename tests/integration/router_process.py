@@ -48,7 +48,7 @@ class RouterProcess:
 
     def end(self, number: int) -> tuple[int, str, str]:
         self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=20)
+        out, err = self.process.communicate(timeout=60)
         return self.process.returncode, out, err
 
     def __enter__(self) -> Self:
@@ -56,7 +56,7 @@ class RouterProcess:
 
     def __exit__(self, *error: object) -> None:
         self.process.kill()
-        self.process.communicate(timeout=10)
+        self.process.communicate(timeout=60)
 
 
 def riot(
@@ -65,7 +65,7 @@ def riot(
     """Run a command to its end; return exit code, stdout and stderr."""
     variables = {**ENVIRONMENT, **(environment or {})}
     done = subprocess.run(
-        [*RIOT, *arguments], capture_output=True, text=True, timeout=60, env=variables, cwd=cwd, check=False
+        [*RIOT, *arguments], capture_output=True, text=True, timeout=120, env=variables, cwd=cwd, check=False
     )
     return done.returncode, done.stdout, done.stderr
 

@@ -70,7 +70,7 @@ def show(reply: zenoh.Reply) -> Found:
 
 
 def call(
-    client: Client, payload: str | None = "x", key: str = ADD, *, timeout: float = 10.0, **more: Any
+    client: Client, payload: str | None = "x", key: str = ADD, *, timeout: float = 60.0, **more: Any
 ) -> list[Found]:
     """Ask, and return all replies once the call has ended."""
     more.setdefault("consolidation", zenoh.ConsolidationMode.NONE)
@@ -85,7 +85,7 @@ def eventually(client: Client, payload: str | None = "x", key: str = ADD, **more
         found.extend(call(client, payload, key, **more))
         return bool(found)
 
-    wait_until(answered, 10)
+    wait_until(answered, 60)
     return found
 
 
@@ -93,13 +93,13 @@ def present(client: Client, key: str = ADD, *, there: bool = True, complete: boo
     """Wait until a component sees that there is a service, or that there is none."""
     target = zenoh.QueryTarget.ALL_COMPLETE if complete else zenoh.QueryTarget.BEST_MATCHING
     querier: Any = client.session.declare_querier(key, target=target)
-    assert wait_until(lambda: querier.matching_status.matching is there, 10)
+    assert wait_until(lambda: querier.matching_status.matching is there, 60)
     querier.undeclare()
 
 
 def balance(bus: Bus) -> dict[str, TopicCounts]:
     """Return all counts once nothing is under way, and check that each balances."""
-    assert bus.drain(10)
+    assert bus.drain(60)
     counts = bus.counts()
     for topic, each in counts.items():
         assert each.received + each.added == each.forwarded + each.dropped + each.lost + each.held, (topic, each)

@@ -65,7 +65,7 @@ def test_a_late_joiner_gets_the_end_of_the_changed_stream_and_then_what_comes(
         ):
             assert each.end("x:live") == [*expected, "x:live"]
         assert early.missed + late.missed + shallow.missed + fresh.missed == []
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert (bus.counts()[KEY].received, bus.counts()[KEY].forwarded) == (count + 1, count + 1)
         assert_balanced(bus)
 
@@ -276,7 +276,7 @@ def test_history_is_what_was_delivered(name: str, *, numbered: bool) -> None:
         assert late.end("9") == [*expected[-4:], "9"]
         assert early.end("9") == [*expected, "9"]
         assert early.missed + volatile.missed + late.missed == []
-        assert bus.drain(10)
+        assert bus.drain(60)
         counts = bus.counts()[KEY]
         assert (counts.received, counts.forwarded) == (8, len(expected) + 1)
         assert_balanced(bus)
@@ -319,7 +319,7 @@ def test_what_was_published_before_the_router_was_there_is_history(*, numbered: 
             assert early.end("x:live") == late.end("x:live") == [*history, "x:live"]
             assert uninterested.end("x:live") == plain.end("x:live") == ["x:live"]
             assert early.missed + late.missed + uninterested.missed == []
-            assert bus.drain(10)
+            assert bus.drain(60)
             assert bus.counts()[KEY].received == 4
             assert_balanced(bus)
         finally:
@@ -352,7 +352,7 @@ def test_an_interceptor_that_blocks_while_history_is_replayed_is_bypassed() -> N
             publisher.put("end")
             assert early.end("x:end")[-2:] == ["x:live", "x:end"]
             assert bus.gate.pipeline.errors["Hanging"].count == 1
-            assert bus.drain(10)
+            assert bus.drain(60)
             assert wait_until(lambda: names("riot-advanced") == 1, WAIT_S), threading.enumerate()
             assert (bus.counts()[KEY].received, bus.counts()[KEY].forwarded) == (5, 5)
             assert_balanced(bus)

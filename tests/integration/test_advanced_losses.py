@@ -55,7 +55,7 @@ def test_what_a_receiver_lost_it_recovers_from_the_router() -> None:
         assert plain.end("x:5") == forgoing.end("x:5") == SHORT
         assert forgoing.until(lambda: sum(forgoing.missed) == 3)
         assert listener.missed == []
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert bus.counts()[KEY].received == len(TEXTS)  # none of them went through the interceptors again
         assert_balanced(bus)
 
@@ -90,7 +90,7 @@ def test_what_was_lost_on_the_way_to_the_router_goes_through_the_interceptors_wh
         publisher.put("live")
         assert listener.end("x:live") == changed([*texts, "live"])
         assert plain.end("x:live") == [*SHORT, "x:live"]
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert bus.counts()[KEY].received == len(texts) + 1
         assert_balanced(bus)
 

@@ -85,7 +85,7 @@ def test_no_operation_outlives_its_grace_and_none_ends_without_need(tmp_path: Pa
 def _round(hub: str, robot: Process, controllers: Cable, cable: Cable, kind: str, *, long: bool) -> None:
     parts = kind in ("cut", "frozen", "killed")
     with RemoteOperation(controllers.endpoint, "r7") as operation:
-        assert wait_until(lambda: _state(hub) is not None, 30), "the agent has not come back"
+        assert wait_until(lambda: _state(hub) is not None, 60), "the agent has not come back"
         operation.begin("play", {"logs": ["log.mcap"], "wait": 0.0, "grace": GRACE_S, "who": kind})
         operation.follow(lambda *_: None, give_up=30, until=lambda status: status["state"] == "playing")
         if kind == "killed":
@@ -102,7 +102,7 @@ def _round(hub: str, robot: Process, controllers: Cable, cable: Cable, kind: str
         if long and parts:
             return
         time.sleep(GRACE_S + 1.0)  # what was to end in spite of all would have ended by now
-        assert wait_until(lambda: _state(hub) is not None, 30)
+        assert wait_until(lambda: _state(hub) is not None, 60)
         assert _state(hub) == "playing", "it ended without need"
         ask_robot(hub, "r7", "stop", who="the test")
         robot.expect("play stopped: stopped by the test")

@@ -158,7 +158,7 @@ def test_secrets_are_in_nothing_that_others_read(bus: str, hub: str, logs: Path)
         seen: list[bytes] = []
         listener.session.declare_subscriber("@riot/**", lambda sample: seen.append(sample.payload.to_bytes()))
         with start(hub) as operation:
-            assert wait_until(lambda: len(seen) > 2, 30)
+            assert wait_until(lambda: len(seen) > 2, 60)
             secret = operation._secret
             texts = [json.dumps(ask_robot(hub, "r7", name)) for name in ("status", "logs")]
         robot.expect("play stopped")

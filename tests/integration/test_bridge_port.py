@@ -14,7 +14,7 @@ from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 KEY = "0/add/T/H"
 
 

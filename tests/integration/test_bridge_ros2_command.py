@@ -90,12 +90,12 @@ class Samples:
 
     def tokens(self) -> set[str]:
         """Present tokens, without the bridge's session."""
-        replies = self.client.session.liveliness().get("@ros2_lv/**", timeout=10)
+        replies = self.client.session.liveliness().get("@ros2_lv/**", timeout=60)
         found = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
         return {"/".join([*chunks[:2], *chunks[5:]]) for chunks in found}
 
     def gids(self, kind: str) -> set[bytes]:
-        replies = self.client.session.liveliness().get("@ros2_lv/**", timeout=10)
+        replies = self.client.session.liveliness().get("@ros2_lv/**", timeout=60)
         return {gid_of(str(r.ok.key_expr)) for r in replies if r.ok is not None and f"/{kind}/" in str(r.ok.key_expr)}
 
     def __enter__(self) -> Samples:

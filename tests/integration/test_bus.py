@@ -65,7 +65,7 @@ def pair(bus: Bus, *, subscribe: str = "**") -> Iterator[tuple[Puppet, Puppet]]:
     """A component in each segment; the one in `unit` has subscribed."""
     with Puppet(bus.endpoint("system")) as source, Puppet(bus.endpoint("unit")) as sink:
         sink.do("subscribe", key=subscribe)
-        assert bus.wait_subscribed("unit", [subscribe], timeout=5) == []
+        assert bus.wait_subscribed("unit", [subscribe], timeout=60) == []
         yield source, sink
 
 
@@ -75,7 +75,7 @@ def texts(samples: list[dict[str, str]]) -> list[str]:
 
 def routed(bus: Bus, key: str) -> None:
     """Wait until subscriptions of `unit` are known in `system`."""
-    assert bus.wait_subscribed("system", [key], timeout=5) == []
+    assert bus.wait_subscribed("system", [key], timeout=60) == []
 
 
 def test_what_is_not_intercepted_passes_natively() -> None:
@@ -95,7 +95,7 @@ def test_what_is_not_intercepted_passes_natively() -> None:
 def test_services_on_intercepted_keys_still_work() -> None:
     with Bus(SEGMENTS, intercept=["cut/**"]) as bus, pair(bus) as (source, sink):
         source.do("queryable", key="cut/service")
-        assert wait_until(lambda: sink.do("get", key="cut/service") == [b"ask".hex()], 5)
+        assert wait_until(lambda: sink.do("get", key="cut/service") == [b"ask".hex()], 60)
 
 
 def test_nothing_leaks_around_the_interceptors() -> None:
@@ -106,10 +106,11 @@ def test_nothing_leaks_around_the_interceptors() -> None:
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Nothing())) as bus, pair(bus) as (source, sink):
         source.do("publish_advanced", key="cut/cached", payloads=["old1", "old2"])
         sink.do("subscribe_advanced", key="cut/cached")
+        routed(bus, "free/x")
         source.do("put_texts", key="cut/x", payloads=["secret"] * 50, congestion="BLOCK")
         source.do("put_texts", key="free/x", payloads=["end"], congestion="BLOCK")
         assert texts(sink.do("wait", count=1)) == ["end"]
-        assert bus.drain(5)
+        assert bus.drain(60)
         assert texts(sink.do("wait", count=2, timeout=0.3)) == ["end"]
         assert bus.counts()["cut/x"].dropped == 50
         assert bus.counts()["cut/cached"].dropped == 2
@@ -131,7 +132,7 @@ def test_an_intercepted_message_is_equal_at_the_receiver(order: dict[str, str]) 
     with Bus(SEGMENTS, intercept=["cut/**"]) as bus, pair(bus, subscribe="cut/**") as (source, sink):
         with Puppet(bus.endpoint("system")) as neighbour:
             neighbour.do("subscribe", key="cut/**")
-            assert bus.wait_subscribed("system", ["cut/**"], timeout=5) == []
+            assert bus.wait_subscribed("system", ["cut/**"], timeout=60) == []
             source.do(**order, key="cut/a/b")
             (native,) = neighbour.do("wait", count=1)
         assert sink.do("wait", count=1) == [native]
@@ -149,7 +150,7 @@ def test_interceptors_drop_delay_copy_change_and_add() -> None:
         expected = ["twice", "twice", "changed", "more", "added", "elsewhere", "raise", "same", "late"]
         assert texts([sample for sample in samples if sample["key"] == "cut/x"]) == expected
         assert [sample["key"] for sample in samples].count("free/added") == 1
-        assert bus.drain(5)
+        assert bus.drain(60)
         counts = bus.counts()["cut/x"]
         assert (counts.received, counts.dropped, counts.added, counts.forwarded, counts.lost) == (8, 1, 2, 9, 0)
 
@@ -161,7 +162,7 @@ def test_advanced_subscribers_get_copies_and_delayed_messages() -> None:
         Puppet(bus.endpoint("unit")) as sink,
     ):
         sink.do("subscribe_advanced", key="cut/x")
-        assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
+        assert bus.wait_subscribed("unit", ["cut/x"], timeout=60) == []
         source.do("publish_advanced", key="cut/x", payloads=["late", "twice", "same"])
         assert texts(sink.do("wait", count=4)) == ["twice", "twice", "same", "late"]
 
@@ -175,8 +176,8 @@ def test_both_directions_under_load_lose_nothing_and_keep_the_order() -> None:
     ):
         one.do("subscribe_numbers", key="cut/back")
         two.do("subscribe_numbers", key="cut/forth")
-        assert bus.wait_subscribed("system", ["cut/back"], timeout=5) == []
-        assert bus.wait_subscribed("unit", ["cut/forth"], timeout=5) == []
+        assert bus.wait_subscribed("system", ["cut/back"], timeout=60) == []
+        assert bus.wait_subscribed("unit", ["cut/forth"], timeout=60) == []
         one.start("flood", key="cut/forth", count=count)
         two.start("flood", key="cut/back", count=count)
         one.answer(), two.answer()
@@ -204,8 +205,8 @@ def test_what_drop_publishers_lose_to_a_slow_interceptor_is_counted() -> None:
     count = 20_000
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Sleepy())) as bus, pair(bus) as (source, _):
         source.do("flood", key="cut/x", count=count, congestion="DROP")
-        assert wait_until(lambda: bus.losses.reasons.get("no room", 0) > 0, 10), bus.counts()
-        assert bus.drain(30)
+        assert wait_until(lambda: bus.losses.reasons.get("no room", 0) > 0, 60), bus.counts()
+        assert bus.drain(60)
         counts = bus.counts()["cut/x"]
         assert counts.received == counts.forwarded + counts.lost
         assert counts.lost == bus.losses.messages["cut/x"]
@@ -220,7 +221,7 @@ def test_block_publishers_wait_for_a_slow_interceptor() -> None:
         Puppet(bus.endpoint("unit")) as sink,
     ):
         sink.do("subscribe_numbers", key="cut/x")
-        assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
+        assert bus.wait_subscribed("unit", ["cut/x"], timeout=60) == []
         source.start("flood", key="cut/x", count=count)
         assert sink.do("wait_numbers", count=count) == {"count": count, "ordered": True, "different": count}
         source.answer()
@@ -273,7 +274,7 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         pair(bus, subscribe="cut/**") as (source, sink),
     ):
         source.do("subscribe", key="cut/**")
-        assert bus.wait_subscribed("system", ["cut/**"], timeout=5) == []
+        assert bus.wait_subscribed("system", ["cut/**"], timeout=60) == []
         seen: list[Message] = []
         bus.subscribe("unit", "cut/**", seen.append)
         bus.put("system", Message(0, "cut/x", b"change", attachment=b"a", qos=Qos(congestion="block")))
@@ -282,7 +283,7 @@ def test_put_goes_to_the_segment_and_through_the_interceptors() -> None:
         samples = sink.do("wait", count=2)
         assert sorted(texts(samples)) == ["changed", "plain"]
         assert sorted(sample["priority"] for sample in samples) == [2, 5]
-        assert wait_until(lambda: len(seen) == 2, 5)
+        assert wait_until(lambda: len(seen) == 2, 60)
         assert [(each.payload, each.attachment, each.segment) for each in seen] == [
             (b"changed", b"a", "unit"),
             (b"plain", None, "unit"),
@@ -298,17 +299,17 @@ def test_what_stays_intercepted_loses_nothing_whatever_else_changes() -> None:
     ):
         for key in ("cut/x", "cut/y", "free/x"):
             sink.do("subscribe_by_key", key=key)
-        assert bus.wait_subscribed("unit", ["cut/x", "cut/y", "free/x"], timeout=5) == []
+        assert bus.wait_subscribed("unit", ["cut/x", "cut/y", "free/x"], timeout=60) == []
         for key in ("cut/x", "cut/y", "free/x"):
             source.do("stream", key=key, interval=0.001)
         for expressions in steps:
             before = bus.counts()["cut/x"].received if "cut/x" in bus.counts() else 0
             bus.set_intercept(expressions)
             assert bus.intercepted == expressions
-            assert wait_until(lambda before=before: bus.counts()["cut/x"].received > before + 20, 10)
+            assert wait_until(lambda before=before: bus.counts()["cut/x"].received > before + 20, 60)
         sent = source.do("stop_streams")
-        assert bus.drain(10)
-        assert wait_until(lambda: sink.do("by_key")["cut/x"]["count"] >= sent["cut/x"], 10)
+        assert bus.drain(60)
+        assert wait_until(lambda: sink.do("by_key")["cut/x"]["count"] >= sent["cut/x"], 60)
         seen = sink.do("by_key")
         assert (seen["cut/x"]["count"], seen["cut/x"]["ordered"]) == (sent["cut/x"], True)
         for key, each in seen.items():
@@ -336,7 +337,7 @@ def test_one_scalar_is_set_in_all_messages_and_what_lacks_it_passes() -> None:
         first = next(sample for sample in samples if sample["payload"] == changed[0])
         assert (first["attachment"], first["priority"]) == ("0a", 4)
         assert next(sample for sample in samples if sample["payload"] == changed[1])["encoding"] == "application/cdr;v"
-        assert bus.drain(5)
+        assert bus.drain(60)
         assert injector.hits == {0: 5}
         assert sum(injector.skipped.values()) == 3
         counts = bus.counts()["cut/x"]
@@ -350,7 +351,7 @@ def test_overlapping_expressions_deliver_once() -> None:
     with Bus(SEGMENTS, intercept=["cut/**", "cut/x", "*/x"]) as bus, pair(bus) as (source, sink):
         source.do("put_texts", key="cut/x", payloads=["one", "two"], congestion="BLOCK")
         assert texts(sink.do("wait", count=2)) == ["one", "two"]
-        assert bus.drain(5)
+        assert bus.drain(60)
         assert texts(sink.do("wait", count=3, timeout=0.2)) == ["one", "two"]
 
 
@@ -416,7 +417,7 @@ def test_peers_of_different_segments_stay_apart() -> None:
         Puppet(bus.endpoint("unit"), mode="peer") as sink,
     ):
         sink.do("subscribe", key="cut/x")
-        assert bus.wait_subscribed("unit", ["cut/x"], timeout=5) == []
+        assert bus.wait_subscribed("unit", ["cut/x"], timeout=60) == []
         source.do("declare", key="cut/x")
         source.do("put_texts", key="cut/x", payloads=["drop", "change"], congestion="BLOCK")
         assert texts(sink.do("wait", count=1)) == ["changed"]
@@ -427,7 +428,7 @@ def test_a_link_that_breaks_under_load_is_reported() -> None:
         os.kill(sink.process.pid, signal.SIGSTOP)
         try:
             source.start("flood", key="cut/x", count=3000, padding=10_000)
-            assert wait_until(lambda: bool(bus.losses.links), 20)
+            assert wait_until(lambda: bool(bus.losses.links), 60)
         finally:
             os.kill(sink.process.pid, signal.SIGCONT)
         (link, *_) = bus.losses.links
@@ -439,7 +440,7 @@ def test_components_that_leave_are_no_loss() -> None:
         with pair(bus) as (source, sink):
             source.do("put_texts", key="cut/x", payloads=["a"])
             sink.do("wait", count=1)
-        assert wait_until(lambda: bus.departures == 2, 5)
+        assert wait_until(lambda: bus.departures == 2, 60)
         assert not bus.losses
 
 
@@ -473,11 +474,11 @@ def test_client_speaks_in_messages() -> None:
     with Bus({"only": []}) as bus, open_client(bus.endpoint("only")) as one, open_client(bus.endpoint("only")) as two:
         seen: list[Message] = []
         two.subscribe("a/**", seen.append)
-        assert bus.wait_subscribed("only", ["a/x"], timeout=5) == []
+        assert bus.wait_subscribed("only", ["a/x"], timeout=60) == []
         one.declare("a/x", Qos(3, "block", express=True))
         one.put(Message(0, "a/x", b"p", encoding="text/plain", attachment=b"q", qos=Qos(3, "block", express=True)))
         one.put(Message(0, "a/x", b"", kind="delete"))
-        assert wait_until(lambda: len(seen) == 2, 5)
+        assert wait_until(lambda: len(seen) == 2, 60)
         assert seen[0].with_(time=0, sequence=0) == Message(
             0, "a/x", b"p", encoding="text/plain", attachment=b"q", qos=Qos(3, "block", express=True)
         )
@@ -539,7 +540,7 @@ def test_recorder_keeps_originals_and_what_was_delivered_under_one_number() -> N
         source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
         source.do("put_texts", key="free/x", payloads=["native"], congestion="BLOCK")
         sink.do("wait", count=5)
-        assert bus.drain(5)
+        assert bus.drain(60)
     recorder.close()
     assert writer.closed
     rows = [(role, each.payload.decode(), actions) for role, each, actions in writer.rows if each.key == "cut/x"]
@@ -573,7 +574,7 @@ def test_injected_messages_arrive_whether_or_not_they_are_recorded(
     with Bus(SEGMENTS, intercept=["cut/**"], pipeline=injecting, recorder=recorder) as bus, pair(bus) as (source, sink):
         source.do("put_texts", key="cut/x", payloads=payloads, congestion="BLOCK")
         assert texts(sink.do("wait", count=len(payloads))) == expected
-        assert bus.drain(5)
+        assert bus.drain(60)
         assert bus.counts()["cut/x"].forwarded == len(payloads)
     if recorder is not None:
         recorder.close()
@@ -594,7 +595,7 @@ def test_opening_and_closing_leaves_nothing_behind() -> None:
     before = descriptors(), threading.active_count()
     for _ in range(10):
         cycle()
-    assert wait_until(lambda: descriptors() <= before[0] + 2 and threading.active_count() <= before[1], 5), (
+    assert wait_until(lambda: descriptors() <= before[0] + 2 and threading.active_count() <= before[1], 60), (
         before,
         descriptors(),
         threading.active_count(),
@@ -614,7 +615,7 @@ def test_a_segment_that_asks_for_passwords_is_joined_and_cut_like_any_other(tmp_
         sink.do("subscribe", key="**")
         for number, cut in enumerate([[], ["cut/**"], [], ["cut/**"], ["cut/x", "free/**"]]):
             bus.set_intercept(cut)
-            assert bus.wait_subscribed("unit", ["cut/x", "free/x"], timeout=5) == []
+            assert bus.wait_subscribed("unit", ["cut/x", "free/x"], timeout=60) == []
             for key in ("cut/x", "free/x"):
                 source.do("put_texts", key=key, payloads=[str(number)], congestion="BLOCK")
             sink.do("wait", count=2 * (number + 1))
@@ -647,7 +648,7 @@ def test_a_message_that_is_changed_on_one_way_only() -> None:
     ):
         for name, sink in (("unit", unit), ("third", third)):
             sink.do("subscribe", key="cut/*")
-            assert bus.wait_subscribed(name, ["cut/x"], timeout=5) == []
+            assert bus.wait_subscribed(name, ["cut/x"], timeout=60) == []
         source.do("put_texts", key="cut/x", payloads=["a"], congestion="BLOCK")
         assert texts(unit.do("wait", count=1)) == ["a!"]
         assert texts(third.do("wait", count=1)) == ["a"]

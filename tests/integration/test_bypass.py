@@ -51,12 +51,12 @@ def finds(bus: Bus, kind: str, *processes: ZenohProcess, scouting: Scouting | No
         found[:] = [each for each in find_bypasses(bus, scouting=scouting) if each.kind == kind]
         return any(wanted <= zids(each) for each in found)
 
-    assert wait_until(there, 10, interval=0.02), found
+    assert wait_until(there, 60, interval=0.02), found
     return next(each for each in found if wanted <= zids(each))
 
 
 def connected(bus: Bus, segment: str, process: ZenohProcess) -> None:
-    assert wait_until(lambda: process.zid in bus.segment(segment).peers(), 10)
+    assert wait_until(lambda: process.zid in bus.segment(segment).peers(), 60)
 
 
 def test_components_that_keep_to_their_segments_are_no_alarm(bus: Bus, group: str) -> None:
@@ -68,7 +68,7 @@ def test_components_that_keep_to_their_segments_are_no_alarm(bus: Bus, group: st
     ):
         for each, segment in ((one, "outside"), (two, "outside"), (three, "outside"), (four, "inside")):
             connected(bus, segment, each)
-        assert wait_until(lambda: three.zid in two.do("transports", ""), 10)  # peers of one segment may
+        assert wait_until(lambda: three.zid in two.do("transports", ""), 60)  # peers of one segment may
         assert find_bypasses(bus, scouting=Scouting(address=group)) == []
 
 
@@ -78,7 +78,7 @@ def test_peers_that_find_each_other_by_multicast_are_named(bus: Bus, group: str)
         ZenohProcess("peer", bus.endpoint("outside"), **multicast(group)) as one,
         ZenohProcess("peer", bus.endpoint("inside"), **multicast(group)) as two,
     ):
-        assert wait_until(lambda: two.zid in one.do("transports", ""), 10)
+        assert wait_until(lambda: two.zid in one.do("transports", ""), 60)
         found = finds(bus, "multicast", one, two, scouting=how)
         assert found.active
         assert "scouting/multicast/enabled" in found.cure
@@ -156,7 +156,7 @@ def test_the_watch_tells_when_a_way_opens_and_closes(bus: Bus) -> None:
         with ZenohProcess("peer", bus.endpoint("outside"), bus.endpoint("inside")) as both:
             assert changed.wait(10)
             assert zids(seen[0][0]) == {both.zid}
-        assert wait_until(lambda: seen[-1] == [], 10)
+        assert wait_until(lambda: seen[-1] == [], 60)
 
 
 def test_a_look_is_cheap(bus: Bus) -> None:
@@ -174,7 +174,7 @@ def test_a_look_is_cheap(bus: Bus) -> None:
 def test_the_doctor_sees_who_answers_and_which_port_is_taken(bus: Bus, group: str) -> None:
     how = Scouting(address=group)
     with ZenohProcess("peer", bus.endpoint("outside"), **multicast(group)) as one:
-        assert wait_until(lambda: one.zid in scout(how, until=[one.zid]), 10)
+        assert wait_until(lambda: one.zid in scout(how, until=[one.zid]), 60)
         checks = {each.name: each for each in check(endpoints=[bus.endpoint("outside")], scouting=how)}
         assert checks["multicast scouting"].status == "warning"
         assert one.zid in checks["multicast scouting"].text

@@ -53,7 +53,7 @@ class Stream:
                 self._put(key, -1)
             return all(self.got[key] for key in self.keys)
 
-        assert wait_until(routed, 10, interval=0.01)
+        assert wait_until(routed, 60, interval=0.01)
         self._thread.start()
         return self
 
@@ -76,7 +76,7 @@ class Stream:
     def wait(self, more: int) -> None:
         """Wait until so many more messages have arrived on each key."""
         goal = self.sent + more
-        assert wait_until(lambda: self.arrived(goal), 20), {key: self.got[key][-1:] for key in self.keys}
+        assert wait_until(lambda: self.arrived(goal), 60), {key: self.got[key][-1:] for key in self.keys}
 
     def _put(self, key: str, number: int) -> None:
         self._source.put(Message(0, key, str(number).encode(), qos=BLOCK))
@@ -114,7 +114,7 @@ def test_intercepted_keys_change_while_messages_pass(router: RouterProcess, caps
         assert remote.ask("intercept/remove", keys("turn/**"))["intercepted"] == ["cut/**"]
         stream.wait(300)
         stream.finish()
-        assert wait_until(lambda: stream.arrived(stream.sent - 1), 10)
+        assert wait_until(lambda: stream.arrived(stream.sent - 1), 60)
         losses = remote.ask("status")["losses"]
     assert stream.numbers("cut/x") == list(range(stream.sent))  # all, in order, once
     for key in stream.keys:
@@ -143,7 +143,7 @@ def test_recordings_begin_split_and_end_without_a_loss(router: RouterProcess, tm
             counts = remote.ask("counts")["counts"]
             return all(counts[key]["recorded"] >= stream.sent - first for key in stream.keys)
 
-        assert wait_until(lambda: stream.arrived(stream.sent - 1) and recorded(), 10, interval=0.05)
+        assert wait_until(lambda: stream.arrived(stream.sent - 1) and recorded(), 60, interval=0.05)
         assert remote.ask("record/stop")["lost"] == 0
     found: defaultdict[str, list[int]] = defaultdict(list)
     for name in files:
@@ -173,17 +173,17 @@ def test_plans_are_loaded_and_cleared(router: RouterProcess) -> None:
 
             return ask
 
-        assert wait_until(arrives(b'{"v": 1}'), 10, interval=0.01)
+        assert wait_until(arrives(b'{"v": 1}'), 60, interval=0.01)
         answer = remote.ask("plan/load", PLAN.encode(), parameters="name=p.toml")
         assert (answer["plan"]["name"], answer["intercepted"]) == ("p.toml", ["cut/**", "free/plan"])
-        assert wait_until(arrives(b'{"v": 99}'), 10, interval=0.01)
+        assert wait_until(arrives(b'{"v": 99}'), 60, interval=0.01)
         assert remote.ask("status")["plan"]["hits"] > 0
         assert remote.ask("plan/clear")["intercepted"] == ["cut/**"]
-        assert wait_until(arrives(b'{"v": 1}'), 10, interval=0.01)
+        assert wait_until(arrives(b'{"v": 1}'), 60, interval=0.01)
 
 
 def raw(client: Client, key: str, **more: Any) -> list[zenoh.Reply]:
-    return list(client.session.get(key, timeout=10, target=zenoh.QueryTarget.ALL, **more))
+    return list(client.session.get(key, timeout=60, target=zenoh.QueryTarget.ALL, **more))
 
 
 def test_hostile_input_is_answered_and_does_nothing(router: RouterProcess) -> None:
@@ -211,7 +211,7 @@ def test_hostile_input_is_answered_and_does_nothing(router: RouterProcess) -> No
                 assert [each["exit_code"] for each in errors] == [2], key
                 assert {"message", "where", "hint", "version"} <= errors[0].keys()
         client.put(Message(0, "@riot/lab/plan/clear", b"", qos=BLOCK))
-        channels = [client.session.get("@riot/lab/status", timeout=10) for _ in range(300)]
+        channels = [client.session.get("@riot/lab/status", timeout=60) for _ in range(300)]
         answers = [reply for channel in channels for reply in channel]
         assert len(answers) == 300  # all are answered, some that there are too many
         assert any(reply.ok for reply in answers)
@@ -253,7 +253,7 @@ def test_commands_of_the_command_line(router: RouterProcess, tmp_path: Path) -> 
             lambda: (
                 "system" in [each["segment"] for each in ask(router.endpoints["unit"], "lab", "graph")["components"]]
             ),
-            10,
+            60,
             interval=0.05,
         )
         for form, text in (("text", "SEGMENT"), ("json", '"version": 1'), ("mermaid", "subgraph"), ("dot", "cluster")):
@@ -265,7 +265,7 @@ def test_several_routers_in_one_network_are_told_apart_by_name(router: RouterPro
     joined = f"--connect=system={router.endpoints['system']}"
     with RouterProcess("--name=other", joined, cwd=tmp_path) as second:
         endpoint = second.endpoints["system"]
-        assert wait_until(lambda: find_routers(endpoint) == ["lab", "other"], 10, interval=0.05)
+        assert wait_until(lambda: find_routers(endpoint) == ["lab", "other"], 60, interval=0.05)
         with pytest.raises(ConfigError, match="several routers answer: lab, other"):
             ask(endpoint, None, "plan/clear")
         assert ask(endpoint, "lab", "status")["name"] == "lab"

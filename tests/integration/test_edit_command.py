@@ -216,7 +216,7 @@ def test_nothing_is_left_behind_when_it_is_interrupted(tmp_path: Path, number: i
         process.communicate(timeout=60)
     finally:
         process.kill()
-        process.wait(20)
+        process.wait(60)
     assert process.returncode == 130
     assert names(out) == []
 

@@ -40,13 +40,13 @@ def test_a_publisher_that_is_killed_in_a_burst_harms_nobody() -> None:
         subscribed(bus, "unit", "cut/other")
         victim.start("flood", key="cut/victim", count=10_000_000)
         other.start("flood", key="cut/other", count=20_000)
-        assert wait_until(lambda: received(bus, "cut/victim") > 1000, 20)
+        assert wait_until(lambda: received(bus, "cut/victim") > 1000, 60)
         victim.kill()
         other.answer()
         assert sink.do("wait_numbers", count=20_000) == everything(20_000)
         assert crosses(other, sink, "cut/end", "end"), bus.losses
-        assert bus.drain(10)
-        assert wait_until(lambda: bus.departures == 1, 10)
+        assert bus.drain(60)
+        assert wait_until(lambda: bus.departures == 1, 60)
         assert not bus.losses
         assert_balanced(bus)
 
@@ -93,11 +93,11 @@ def test_a_subscriber_that_is_killed_in_a_burst_harms_nobody() -> None:
         subscribed(bus, "unit", "cut/x")
         victim.do("subscribe_numbers", key="cut/**")
         source.start("flood", key="cut/x", count=count)
-        assert wait_until(lambda: received(bus, "cut/x") > 1000, 20)
+        assert wait_until(lambda: received(bus, "cut/x") > 1000, 60)
         victim.kill()
         source.answer()
         assert sink.do("wait_numbers", count=count) == everything(count)
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert bus.counts()["cut/x"].forwarded == count
         assert not bus.losses.messages
         assert_balanced(bus)
@@ -134,25 +134,25 @@ def test_a_subscriber_that_never_reads_costs_bounded_memory_and_nobody_else(cong
 
             if congestion == "BLOCK":
                 flooding.start("flood", **flood)
-            assert wait_until(much_came, 30)
+            assert wait_until(much_came, 60)
             if congestion == "DROP":
                 flooding.start("flood", **flood)
             for key in ("other/x", "free/x"):
                 source.do("put_texts", key=key, payloads=[str(n) for n in range(200)], congestion="BLOCK")
-            samples = sink.do("wait", count=400, timeout=20)
+            samples = sink.do("wait", count=400, timeout=60)
             for key in ("other/x", "free/x"):
                 assert payloads(samples, key) == [str(n).encode() for n in range(200)]
             flooding.answer()
-            assert bus.drain(30)
+            assert bus.drain(60)
             assert rss() - before < 200 * MIB
         finally:
             stopped.go_on()
         assert crosses(source, stopped, "cut/again", "again"), bus.losses
         if congestion == "BLOCK":  # what waits too long costs the link, and that is said
-            assert wait_until(lambda: bool(bus.losses.links), 30)
+            assert wait_until(lambda: bool(bus.losses.links), 60)
             links = {(each.segment, each.peer, each.reason) for each in bus.losses.links}
             assert ("unit", stopped.zid, "stalled") in links, links
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert received(bus, "cut/x") == bus.counts()["cut/x"].forwarded + bus.counts()["cut/x"].lost
         assert_balanced(bus)
 
@@ -168,7 +168,7 @@ def test_clients_come_back_by_themselves_when_the_router_was_killed() -> None:
             source.start("stream", key="cut/stream", interval=0.001)
             source.answer()
             first.process.kill()
-            first.process.wait(10)
+            first.process.wait(60)
             source.do("stop_streams")
             with RouterProcess("--intercept=cut/**", endpoints=endpoints) as again:
                 assert again.ready.startswith("ready: "), again.ready

@@ -32,10 +32,10 @@ def test_thirty_changes_of_the_cut_under_traffic_lose_nothing_of_what_stays_cut_
         for number in range(30):
             before = received(bus, "keep/x")
             bus.set_intercept(["keep/**"] if number % 2 else ["turn/**", "keep/**"])
-            assert wait_until(lambda before=before: received(bus, "keep/x") >= before + 20, 20)  # type: ignore[misc]
+            assert wait_until(lambda before=before: received(bus, "keep/x") >= before + 20, 60)  # type: ignore[misc]
         sent = source.do("stop_streams")
-        assert wait_until(lambda: sink.do("by_key")["keep/x"]["count"] >= sent["keep/x"], 20)
-        assert bus.drain(10)
+        assert wait_until(lambda: sink.do("by_key")["keep/x"]["count"] >= sent["keep/x"], 60)
+        assert bus.drain(60)
         seen = sink.do("by_key")
         assert seen["keep/x"]["count"] == sent["keep/x"]
         for key in keys:
@@ -58,7 +58,7 @@ def test_fifty_buses_that_were_opened_and_closed_leave_no_files_threads_or_memor
             bus.put("system", Message(0, "cut/x", b"x"))
             if number % 5 == 0:
                 bus.set_intercept(["cut/**", "more/**"])
-            assert bus.drain(10)
+            assert bus.drain(60)
 
     for number in range(10):
         cycle(number)
@@ -67,7 +67,7 @@ def test_fifty_buses_that_were_opened_and_closed_leave_no_files_threads_or_memor
     for number in range(50):
         cycle(number)
     gc.collect()
-    assert wait_until(lambda: process.num_fds() <= files and process.num_threads() <= threads, 20, interval=0.05), (
+    assert wait_until(lambda: process.num_fds() <= files and process.num_threads() <= threads, 60, interval=0.05), (
         (files, threads),
         (process.num_fds(), process.num_threads()),
     )

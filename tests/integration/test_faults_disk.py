@@ -62,17 +62,17 @@ def test_a_full_disk_costs_the_recording_alone_and_every_message_of_it_is_counte
         _, most = resource.prlimit(router.process.pid, resource.RLIMIT_FSIZE)
         resource.prlimit(router.process.pid, resource.RLIMIT_FSIZE, (SMALL, most))
         with flooded(router) as (source, sink), Remote(router.endpoints["unit"]) as remote:
-            assert wait_until(lambda: settled(remote), 20)
+            assert wait_until(lambda: settled(remote), 60)
             row = row_of(remote, "cut/x")
             assert (row["received"], row["forwarded"], row["lost"]) == (COUNT, COUNT, 0)
             assert 0 < row["recorded"] < COUNT
             assert "File too large" in remote.ask("status")["recording"]["problem"]
             resource.prlimit(router.process.pid, resource.RLIMIT_FSIZE, (most, most))
             assert crosses(source, sink, "route", "now there is room again")
-            assert wait_until(lambda: remote.ask("status")["recording"]["problem"] == "", 10)
+            assert wait_until(lambda: remote.ask("status")["recording"]["problem"] == "", 60)
             remote.ask("record/split", json.dumps({"path": "b.mcap"}).encode())
             source.do("put_texts", key="cut/after", payloads=["x"] * 100, congestion="BLOCK")
-            assert wait_until(lambda: row_of(remote, "cut/after")["recorded"] == 100, 10)
+            assert wait_until(lambda: row_of(remote, "cut/after")["recorded"] == 100, 60)
             row = row_of(remote, "cut/x")  # the last chunk of the former file may have failed after all
             assert row["recorded"] + row["unrecorded"] == COUNT
             assert written(log, "cut/x") == row["recorded"]
@@ -108,9 +108,9 @@ def test_a_folder_that_vanishes_takes_the_recording_along_and_that_is_counted(tm
     log = folder / "a.mcap"
     with RouterProcess("--intercept=cut/**", f"--record={log}", "--format=json") as router:
         with flooded(router) as (source, sink), Remote(router.endpoints["unit"]) as remote:
-            assert wait_until(lambda: row_of(remote, "cut/x")["recorded"] == COUNT, 20)
+            assert wait_until(lambda: row_of(remote, "cut/x")["recorded"] == COUNT, 60)
             shutil.rmtree(folder)
-            assert wait_until(lambda: row_of(remote, "cut/x")["unrecorded"] == COUNT, 20)
+            assert wait_until(lambda: row_of(remote, "cut/x")["unrecorded"] == COUNT, 60)
             assert row_of(remote, "cut/x")["recorded"] == 0
             for path in ("b.mcap", None):
                 with pytest.raises(ConfigError, match=r"no folder|cannot write"):
@@ -137,9 +137,9 @@ def test_a_recording_that_cannot_be_written_at_all_is_an_error_at_once(path: str
 def test_a_recording_of_a_killed_router_holds_what_was_said_to_be_recorded_a_second_before(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"
     with RouterProcess("--intercept=cut/**", f"--record={log}") as router, flooded(router):
-        assert wait_until(lambda: written(log, "cut/x") == COUNT, 20, interval=0.05)
+        assert wait_until(lambda: written(log, "cut/x") == COUNT, 60, interval=0.05)
         router.process.kill()
-        router.process.wait(10)
+        router.process.wait(60)
     with LogReader(log) as reader:
         numbers = [int.from_bytes(each.payload[:8], "little") for each in reader.messages() if each.key == "cut/x"]
         assert reader.loss.unfinished

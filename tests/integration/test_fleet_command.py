@@ -151,7 +151,7 @@ def test_an_interrupted_index_goes_on(work: Path) -> None:
     for number in range(2000):
         (work / "logs" / f"{number}.mcap").write_bytes(source)
     with Process("fleet", "index", str(work / "logs"), f"--catalogue={work / 'c.sqlite'}") as process:
-        assert wait_until((work / "c.sqlite").is_file, 30)
+        assert wait_until((work / "c.sqlite").is_file, 60)
         with Catalogue(work / "c.sqlite") as known:
             assert wait_until(lambda: known.count(Query()) >= 20, 60, interval=0.01)
             process.process.kill()

@@ -93,7 +93,7 @@ class Sensor:
         return self.sent
 
     def publishes_until(self, condition: Callable[[], bool]) -> bool:
-        return wait_until(lambda: bool(self.publish()) and condition(), 20, interval=0.02)
+        return wait_until(lambda: bool(self.publish()) and condition(), 60, interval=0.02)
 
     def _answer(self, query: zenoh.Query) -> None:
         assert query.payload is not None
@@ -165,7 +165,7 @@ def test_messages_get_fields_while_they_pass(tmp_path: Path, version: Literal[1,
             assert node.publishes_until(lambda: got[-1] == -1.0)
             for _ in range(10):
                 node.publish()
-            assert wait_until(lambda: len(got) == node.sent - missed, 20), (len(got), node.sent)
+            assert wait_until(lambda: len(got) == node.sent - missed, 60), (len(got), node.sent)
             assert node.asked[0] == {"type_name": NAME, "type_hash": HASH, "include_type_sources": False}
             assert len(node.asked) <= 4
             sent = node.sent
@@ -193,7 +193,7 @@ def test_what_is_recorded_has_its_definition_from_the_first_message_on(tmp_path:
             assert len(node.asked) == 1
             for _ in range(20):
                 node.publish()
-            assert wait_until(lambda: recorder.status()["messages"] == 20, 20)
+            assert wait_until(lambda: recorder.status()["messages"] == 20, 60)
     assert not said
     assert schemas(path) == [(NAME, 20, True)]  # the kept one is not announced, so it is not asked for
 
@@ -209,13 +209,13 @@ def test_a_recording_goes_on_with_a_type_that_becomes_known(tmp_path: Path, ring
         with CaptureService(options, warn=said.append) as recorder:
             for _ in range(5):
                 node.publish()
-            assert wait_until(lambda: recorder.status()["messages"] == 5, 20)
+            assert wait_until(lambda: recorder.status()["messages"] == 5, 60)
             node.announce()
             assert node.publishes_until(lambda: recorder.registry.type_of(KEY) is not None)
-            assert wait_until(lambda: any("has been told" in line for line in said), 20, interval=0.01)
+            assert wait_until(lambda: any("has been told" in line for line in said), 60, interval=0.01)
             for _ in range(7):
                 node.publish()
-            assert wait_until(lambda: recorder.status()["messages"] == node.sent, 20)
+            assert wait_until(lambda: recorder.status()["messages"] == node.sent, 60)
             if ring:
                 recorder.dump()
     file = path if not ring else next(tmp_path.glob("run*.mcap"))
@@ -271,4 +271,4 @@ def test_what_nobody_looks_at_is_not_listened_to(tmp_path: Path) -> None:
         router.intercept_add(["/reading"])
         assert node.publishes_until(lambda: router._registry.type_of(KEY) is not None)
         assert len(node.asked) == 1
-        assert wait_until(lambda: KEY not in pursued, 20)
+        assert wait_until(lambda: KEY not in pursued, 60)

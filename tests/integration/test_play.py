@@ -138,7 +138,7 @@ def test_the_first_message_waits_for_subscribers(router: str, tmp_path: Path) ->
     log = write(tmp_path / "log.mcap", numbered(20, "a/x", "a/y"))
     options = PlayOptions(logs=[log], endpoint=router, wait=60.0, rate=0.0)
     with PlayService(options) as service, Listener(router, "a/x") as listener:
-        assert wait_until(lambda: service._publishing.unmatched() == ["a/y"], 20)
+        assert wait_until(lambda: service._publishing.unmatched() == ["a/y"], 60)
         assert service.status()["state"] == "waiting"
         assert not service.wait(0.1)
         assert listener.messages == []
@@ -329,7 +329,7 @@ def test_a_topic_that_has_lost_its_subscriber_is_named(router: str, tmp_path: Pa
     ):
         listener.wait(1)
         other.client.close()
-        assert wait_until(lambda: service._publishing.unmatched() == ["a/y"], 20)
+        assert wait_until(lambda: service._publishing.unmatched() == ["a/y"], 60)
         while not service.wait(0.01):
             listener.client.put(Message(0, "go", b""))
     assert warnings == ["at the end nobody subscribes any more to a/y"]

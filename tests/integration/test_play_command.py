@@ -48,7 +48,7 @@ def playing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         yield process
     finally:
         process.kill()
-        process.communicate(timeout=20)
+        process.communicate(timeout=60)
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any], str]:
@@ -81,7 +81,7 @@ def test_remote_control(router: str, tmp_path: Path) -> None:
         return found
 
     with Listener(router, "a/*") as listener, playing(str(log), "-e", router, "--name=one", "-p") as process:
-        assert wait_until(lambda: ctl("status")["state"] == "paused", 30)
+        assert wait_until(lambda: ctl("status")["state"] == "paused", 60)
         ctl("step")
         assert ctl("step", "2")["state"] == "paused"
         assert len(listener.wait(3)) == 3
@@ -195,7 +195,7 @@ class Terminal:
 
     def __exit__(self, *error: object) -> None:
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(60)
         os.close(self.master)
         os.close(self._slave)
 
@@ -219,7 +219,7 @@ def test_keys_on_a_terminal(router: str, tmp_path: Path) -> None:
         assert terminal.after()[3] & termios.ICANON == 0
         terminal.press("q")
         assert terminal.shows("stopped before the end")
-        assert terminal.process.wait(20) == 0
+        assert terminal.process.wait(60) == 0
         assert terminal.after() == terminal.before
         assert len(listener.messages) == 3
 
@@ -230,7 +230,7 @@ def test_ctrl_c_leaves_the_terminal_as_it_was(router: str, tmp_path: Path) -> No
         assert terminal.shows("of 100.0 s")
         terminal.press("\x03")
         assert terminal.shows("stopped before the end")
-        assert terminal.process.wait(20) == 130
+        assert terminal.process.wait(60) == 130
         assert terminal.after() == terminal.before
 
 

@@ -206,7 +206,7 @@ def test_late_joiners_of_a_third_party_get_what_is_latched(
     with PlayService(options, warn=lambda line: None) as service:
         assert wait_until(lambda: service.status()["state"] == "ended", 60)
         with node_at(python, router, tmp_path) as node:
-            assert wait_until(lambda: expected.keys() <= set(node.do("topics")), 20)
+            assert wait_until(lambda: expected.keys() <= set(node.do("topics")), 60)
             for topic, (kind, values) in expected.items():
                 node.do("subscribe", topic, type=kind, latched=True)
                 assert received(node, topic, kind, 1) == values[-1:], topic  # the SDK asks for no more
@@ -224,7 +224,7 @@ def test_the_third_party_sees_a_node_with_publishers(python: Path, router: str, 
             found.update(node.do("topics"))
             return "/map" in found
 
-        assert wait_until(shown, 20)
+        assert wait_until(shown, 60)
     assert found["/odom"] == [ODOMETRY]
     assert found["/tf_static"] == found["/tf"] == [TF]
 
@@ -280,7 +280,7 @@ def test_attachments_are_new_and_tokens_fit_them(router: str, tmp_path: Path) ->
             found = subscriber.wait(20)
             tokens = [
                 str(reply.ok.key_expr)
-                for reply in client.session.liveliness().get("@ros2_lv/**", timeout=10)
+                for reply in client.session.liveliness().get("@ros2_lv/**", timeout=60)
                 if reply.ok is not None
             ]
             zid = service._publishing.zid
@@ -324,7 +324,7 @@ def test_late_advanced_subscribers_get_what_is_latched(router: str, tmp_path: Pa
     bag = strings(tmp_path / "bag.mcap", 5, LATCHED, name="/map")
     options = PlayOptions(logs=[bag], endpoint=router, domain=0, wait=0.0, rate=0.0, hold=True)
     with PlayService(options, warn=lambda line: None) as service:
-        assert wait_until(lambda: service.status()["state"] == "ended", 20)
+        assert wait_until(lambda: service.status()["state"] == "ended", 60)
         with Advanced(router, f"0/map/{STRING_KEY}", latched=10) as late:
             assert [payload[8:17] for payload, _ in late.wait(2)] == [b"message 3", b"message 4"]
             sequences = [parse_attachment(attachment or b"").sequence for _, attachment in late.wait(2)]

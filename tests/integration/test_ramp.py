@@ -20,7 +20,7 @@ from tests.integration.fault_tools import subscribed
 
 pytestmark = pytest.mark.integration
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 KEY = "a/b"
 SEGMENTS = {"one": ["tcp/127.0.0.1:0"], "two": ["tcp/127.0.0.1:0"]}
 

@@ -36,9 +36,9 @@ def test_a_node_is_recorded_as_a_bag(python: Path, tmp_path: Path) -> None:
                 assert process.stdout is not None
                 assert json.loads(process.stdout.readline())["event"] == "started"
                 talker.do("publish", "/chatter", messages=[{"data": f"message {number} ä"} for number in range(20)])
-                assert wait_until(lambda: len(read_log(folder / "bag_0.mcap")) == 20, 20, interval=0.05)
+                assert wait_until(lambda: len(read_log(folder / "bag_0.mcap")) == 20, 60, interval=0.05)
                 process.send_signal(signal.SIGINT)
-                out, err = process.communicate(timeout=30)
+                out, err = process.communicate(timeout=60)
             finally:
                 process.kill()
                 process.communicate()
@@ -68,7 +68,7 @@ def test_a_router_records_a_node_as_ros_tools_want_it(python: Path, tmp_path: Pa
         with RosNode(python, endpoint, environment=override, folder=tmp_path, name="talker") as talker:
             talker.do("advertise", "/chatter")
             talker.do("publish", "/chatter", messages=[{"data": f"message {number}"} for number in range(20)])
-            assert wait_until(lambda: len(read_log(path)) == 20, 20, interval=0.05)
+            assert wait_until(lambda: len(read_log(path)) == 20, 60, interval=0.05)
         assert router.end(signal.SIGINT)[0] == 0
     with AnyReader([path]) as bag:
         texts = [bag.deserialize(raw, each.msgtype).data for each, _, raw in bag.messages()]

@@ -137,7 +137,7 @@ def test_bridges_of_dds_systems_are_injected_shown_recorded_and_played_by_name(t
                 one.do("put", key="chatter", payload=text(f"{number}").hex(), congestion="BLOCK")
             assert wait_until(lambda: len(read_log(folder / "bag_0.mcap")) == 20, 60, interval=0.05)
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=30)
+            out, err = process.communicate(timeout=60)
         finally:
             process.kill()
             process.communicate()

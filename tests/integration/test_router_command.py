@@ -34,7 +34,7 @@ def components(router: RouterProcess) -> Iterator[tuple[Puppet, Puppet]]:
             source.do("put_texts", key="hello", payloads=["hello"])
             return bool(sink.do("wait", count=1, timeout=0.02))
 
-        assert wait_until(crossed, 10)
+        assert wait_until(crossed, 60)
         yield source, sink
 
 
@@ -46,7 +46,7 @@ def arrived(sink: Puppet, key: str, count: int) -> list[bytes]:
         found[:] = [bytes.fromhex(each["payload"]) for each in samples if each["key"] == key]
         return len(found) >= count
 
-    assert wait_until(enough, 10), found
+    assert wait_until(enough, 60), found
     return found
 
 
@@ -85,9 +85,9 @@ def test_recording_survives_a_kill_with_originals_and_provenance(tmp_path: Path)
                 keys = {message.key for message in reader.messages()}
             return {"cut/x", "free"} <= keys
 
-        assert wait_until(written, 10, interval=0.05)
+        assert wait_until(written, 60, interval=0.05)
         router.process.kill()
-        router.process.wait(10)
+        router.process.wait(60)
     with LogReader(log) as reader:
         (delivered,) = [message for message in reader.messages() if message.key == "cut/x"]
         (original,) = list(reader.originals())

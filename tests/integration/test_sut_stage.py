@@ -63,7 +63,7 @@ def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
         one.wait_subscribed("part", ["ask"])
         assert time.monotonic() - begin >= 0.5
         if "after" not in ready:
-            assert wait_until(lambda: "ready" in process.printed(), 10)
+            assert wait_until(lambda: "ready" in process.printed(), 60)
 
 
 @pytest.mark.parametrize(

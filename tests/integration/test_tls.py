@@ -126,7 +126,7 @@ def passes(endpoint: str, config: dict[str, Any]) -> bool:
             source.put(Message(0, "a", b"x"))
             return bool(heard)
 
-        return wait_until(told, 20, interval=0.05)
+        return wait_until(told, 60, interval=0.05)
 
 
 def test_who_is_who_it_should_be_is_let_in(keys: Path) -> None:

@@ -47,11 +47,11 @@ def test_protobuf_and_structures_are_injected(tmp_path: Path) -> None:
             source.do("put", key="cut/declared", payload=payload, congestion="BLOCK")
             source.do("put", key="cut/encoded", payload=payload, congestion="BLOCK", encoding=encoding)
             source.do("put", key="cut/struct", payload=packed, congestion="BLOCK")
-        samples = sink.do("wait", count=3 * COUNT, timeout=30)
+        samples = sink.do("wait", count=3 * COUNT, timeout=60)
         got: dict[str, list[bytes]] = {}
         for each in samples:
             got.setdefault(each["key"], []).append(bytes.fromhex(each["payload"]))
-        assert bus.drain(10)
+        assert bus.drain(60)
         assert not interceptors.errors
         assert_balanced(bus)
     parse = cls("test.Every").FromString

@@ -41,12 +41,12 @@ class ZenohProcess:
     def _answer(self) -> Any:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
-        assert line, f"ended with {self.process.wait(5)}"
+        assert line, f"ended with {self.process.wait(60)}"
         return json.loads(line)
 
     def close(self) -> None:
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(60)
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 with contextlib.suppress(BrokenPipeError):

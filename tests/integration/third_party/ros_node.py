@@ -110,7 +110,7 @@ def main(port: int, folder: Path, name: str) -> None:
                     return sum(where == topic for where, _ in received)
             case "wait":
                 with arrived:
-                    arrived.wait_for(lambda: sum(each[0] == topic for each in received) >= order["count"], 10)
+                    arrived.wait_for(lambda: sum(each[0] == topic for each in received) >= order["count"], 30)
                     return [values for where, values in received if where == topic]
             case "received":
                 with arrived:
@@ -120,7 +120,7 @@ def main(port: int, folder: Path, name: str) -> None:
             case "ask":
                 servers.append(sdk.ROS2ServiceClient(topic, **service))
             case "call":
-                client = sdk.ROS2ServiceClient(topic, timeout=order.get("timeout", 10.0), **service)
+                client = sdk.ROS2ServiceClient(topic, timeout=order.get("timeout", 30.0), **service)
                 answer = client.call(a=order["a"], b=order["b"])
                 client.close()
                 return None if answer is None else answer.sum

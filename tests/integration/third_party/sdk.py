@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 from typing import Any, Self
 
-ANSWER_S = 30
+ANSWER_S = 60
 
 
 class RosNode:
@@ -62,7 +62,7 @@ class RosNode:
 
     def __exit__(self, *error: object) -> None:
         self.process.kill()
-        self.process.wait(10)
+        self.process.wait(60)
         for pipe in (self.process.stdin, self.process.stdout, self._errors):
             if pipe is not None:
                 with contextlib.suppress(BrokenPipeError):

@@ -23,6 +23,7 @@ class _Consolidation:
         from riot_bus.zenoh import api as zenoh
 
         end.meet()
+        end.matched(end.session.declare_querier(end.key("q")))  # a stand-in for a selected service comes a moment later
         seen = {}
         for mode in ("NONE", "LATEST", "AUTO"):
             consolidation = getattr(zenoh.ConsolidationMode, mode)
