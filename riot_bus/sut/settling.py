@@ -100,14 +100,17 @@ def wait_settled(
     Raises:
         EnvironmentFaultError: Most of the time others had the processors, so nothing can be told.
     """
-    start = time.monotonic()
     begun = threads.activity()
+    start = time.monotonic()
     pause = min(max(window / _POLLS, _POLL), _LONGEST_POLL)
     calm = _Calm(begun, idle, start)
     received = since is None
     while True:
-        seen = threads.activity()
+        # In this order, for others may have the processor in between: who sleeps here, and has not run by the look that
+        # follows, has slept since `calm.since`, which is taken after a look. Else a pause passes for rest.
         now = time.monotonic()
+        busy = now - calm.since >= window and threads.busy()
+        seen = threads.activity()
         if not alive():
             return True
         calm.see(seen, now)
@@ -115,7 +118,7 @@ def wait_settled(
             received = True
         if not received and now - start > 10 * window:
             received = True
-        if received and now - calm.since >= window and calm.confirmed(seen, now) and not threads.busy():
+        if received and now - calm.since >= window and not busy and calm.confirmed(seen, now):
             return True
         if now - start > timeout:
             if now - start - seen.waited_since(begun) > timeout:
@@ -138,8 +141,9 @@ class _Calm:
     def see(self, seen: Activity, now: float) -> None:
         """Begin anew if there were more switches than without input."""
         allowed = _MORE_SWITCHES * self._idle.switches * (now - self.since) + (1 if self._idle.switches else 0)
-        if not 0 <= seen.switches - self._begun.switches <= allowed:
-            self._begin(seen, now)
+        ran = not self._idle.switches and seen.ran_since(self._begun) > 0  # long, without giving up the processor
+        if ran or not 0 <= seen.switches - self._begun.switches <= allowed:
+            self._begin(seen)
 
     def confirmed(self, seen: Activity, now: float) -> bool:
         """Return whether they have not run for longer than without input either; if they have, begin anew."""
@@ -148,8 +152,8 @@ class _Calm:
         allowed = _MORE_TIME * self._idle.ran + _SLACK
         if seen.share_since(self._begun, seconds=now - self.since) <= allowed:
             return True
-        self._begin(seen, now)
+        self._begin(seen)
         return False
 
-    def _begin(self, seen: Activity, now: float) -> None:
-        self.since, self._begun = now, seen
+    def _begin(self, seen: Activity) -> None:
+        self._begun, self.since = seen, time.monotonic()

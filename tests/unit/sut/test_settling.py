@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -20,6 +21,7 @@ SPIN = "while True: pass"
 TICK = "while True: time.sleep(0.003)"
 RIVALS = 3
 PATIENCE_S = 60.0
+WINDOW_S = 0.05
 
 
 @pytest.fixture
@@ -80,3 +82,25 @@ def test_work_beside_timers_is_work(start: Start) -> None:
     worker = start(steady)
     assert wait_until(lambda: Threads([worker]).activity().ran_since(Activity({})) > 0.2, PATIENCE_S)
     assert not wait_settled(Threads([worker]), window=0.15, timeout=1.5, idle=idle)
+
+
+class HeldUp(Threads):
+    """Others have the processor for two windows after every other look."""
+
+    looks = itertools.count()
+
+    def activity(self) -> Activity:
+        seen = super().activity()
+        if next(self.looks) % 2:
+            time.sleep(2 * WINDOW_S)
+        return seen
+
+
+def test_who_is_held_up_while_looking_takes_no_pause_for_rest(start: Start) -> None:
+    ticker = start("while True: time.sleep(0.02)")
+    assert not wait_settled(HeldUp([ticker]), window=WINDOW_S, timeout=1.0)
+
+
+def test_the_window_begins_when_a_long_run_is_over(start: Start) -> None:
+    run = "while True:\n end = time.process_time() + 0.1\n while time.process_time() < end: pass\n time.sleep(0.02)"
+    assert not wait_settled(Threads([start(run)]), window=WINDOW_S, timeout=1.0)
