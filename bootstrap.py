@@ -37,8 +37,9 @@ def environment() -> None:
     print(f"building {ENVIRONMENT} (once, about a minute)", file=sys.stderr, flush=True)
     pip = [str(BIN / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     if sys.version_info[:2] in LOCKED_PYTHONS and platform.machine() in LOCKED_MACHINES:
-        # The lock is complete. Without --no-deps, pip before 25.1 fails as soon as something that is asked for with an extra has a newer
-        # release. pip cannot check an editable installation, and a build of its own would fetch what nobody has locked.
+        # The lock is complete. Without --no-deps, pip before 25.1 fails as soon as something that is asked for with an
+        # extra has a newer release. pip cannot check an editable installation, and a build of its own would fetch what
+        # nobody has locked.
         project = ["--no-deps", "--no-build-isolation", "--editable", str(ROOT)]
         steps = [["--no-deps", "--require-hashes", "--requirement", str(LOCK)], project]
     else:

@@ -14,6 +14,7 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from riot_bus.campaign.covering import Covering
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = ["CampaignResult", "run_campaign"]
 
+_ROUND = 8
+"""Trials that are chosen together, so that the same are on one worker and on eight."""
+_DRAWN = 4
+"""One of so many trials has several injections drawn at random; the others try each thing once."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3
@@ -38,6 +43,8 @@ class CampaignResult:
         exhausted: Whether the budget of trials was used up (False: time ran out, or the campaign was told to stop).
         notes: What monitors said of themselves: they raised, or saw nothing.
         started: How the last trial started the unit.
+        covered: Things to try that were tried.
+        coverable: All things to try.
     """
 
     trials: int
@@ -47,6 +54,8 @@ class CampaignResult:
     unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
     started: str = ""
+    covered: int = 0
+    coverable: int = 0
 
 
 @dataclass(slots=True)
@@ -64,6 +73,11 @@ class _Campaign:
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
         return TestCase(log, injections, seed, ordered=self.ordered)
+
+    @property
+    def nominal_outputs(self) -> int:
+        """The fewest outputs of a trial of the nominal log."""
+        return min(int(outcome.statistics.get("outputs", 0)) for outcome in self.nominal)
 
     def judge(self, cases: Mapping[int, TestCase], outcomes: Sequence[Outcome]) -> None:
         """Take in the outcomes of some trials, and confirm what is new in them."""
@@ -124,6 +138,7 @@ def run_campaign(
     *,
     seed: int,
     trials: int,
+    covering: Covering | None = None,
     ordered: bool = False,
     seconds: float | None = None,
     progress: Progress | None = None,
@@ -136,10 +151,11 @@ def run_campaign(
 
     Args:
         messages: The nominal log of the unit's inputs.
-        schedule: Draws the injections of each trial.
+        schedule: Draws the injections of the other trials.
         runner: Executes test cases.
         seed: Seed of the campaign.
         trials: At most so many injected trials; nominal and repeated ones come on top.
+        covering: Chooses most trials as long as it has something to try; without it all are drawn.
         ordered: Whether trials keep the order of the log across topics.
         seconds: At most so much time; None for no limit.
         progress: Told after each batch.
@@ -151,13 +167,24 @@ def run_campaign(
     done, started = 0, time.monotonic()
     hopeless = work.failing == nominal
     while not hopeless and done < trials and (seconds is None or time.monotonic() - started < seconds):
-        batch = range(done, min(trials, done + 2 * runner.parallelism))
-        cases = {trial: work.case(log, seed, schedule.injections(trial)) for trial in batch}
-        work.judge(cases, runner.run(list(cases.values())))
+        batch = range(done, min(trials, done + max(_ROUND, runner.parallelism)))
+        together = {trial: covering.next() if covering and (trial + 1) % _DRAWN else () for trial in batch}
+        cases = {
+            trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
+            if chosen
+            else work.case(log, seed, schedule.injections(trial))
+            for trial, chosen in together.items()
+        }
+        outcomes = runner.run(list(cases.values()))
+        work.judge(cases, outcomes)
+        for chosen, outcome in zip(together.values(), outcomes, strict=True):
+            if covering and chosen:
+                covering.take(chosen, outcome, nominal_outputs=work.nominal_outputs)
         done = batch.stop
         if progress:
             distinct = sum(failure.confirmed for failure in work.failures.values())
-            progress(done, trials, f"{work.failing} failing, {distinct} distinct")
+            told = f", {covering.covered} of {covering.total} tried" if covering else ""
+            progress(done, trials, f"{work.failing} failing, {distinct} distinct{told}")
     confirmed = {key: each for key, each in work.failures.items() if each.confirmed}
     for failure in confirmed.values():
         work.simplify(failure)
@@ -166,4 +193,5 @@ def run_campaign(
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
     finished = not hopeless and done >= trials
-    return CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started)
+    tried = (covering.covered, covering.total) if covering else (0, 0)
+    return CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started, *tried)

@@ -8,24 +8,31 @@ from __future__ import annotations
 
 import random
 import re
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.covering import Item
 from riot_bus.campaign.targets import Target, targets_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.campaign.groups import Group
     from riot_bus.inject.dictionary import Dictionary
+    from riot_bus.types.capabilities import SuggestedValue
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
 
-__all__ = ["Schedule", "Target", "targets_of"]
+__all__ = ["Schedule", "Target", "message_faults", "positions_of", "targets_of"]
 
 _POLICIES = (1, 2, 3)
 _FIELDS = (1, 1, 2, 3)
 _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
+_SOME, _BURST, _LATE = 0.25, 20, 10.0
+"""Share of a topic's messages that is missing at the begin; copies of a burst; gaps by which a late message is late."""
 _INDEX = re.compile(r"\[\d+\]")
 
 
@@ -50,15 +57,15 @@ class Schedule:
         seed: int,
         groups: Mapping[str, Mapping[str, Sequence[Group]]] | None = None,
     ) -> None:
+        self._dictionary = dictionary
         self._families: dict[str, dict[str, list[Target]]] = {}
         for topic, fields in targets.items():
             for target in fields:
-                if dictionary.values_for(target.type, f"{topic}:{target.path}", told=target.told):
+                if self._values(target):
                     family = _INDEX.sub("[*]", target.path)
                     self._families.setdefault(topic, {}).setdefault(family, []).append(target)
         self._groups = groups or {}
         self._topics = sorted({*self._families, *self._groups})
-        self._dictionary = dictionary
         self._seed = seed
         if not self._topics:
             raise ConfigError(
@@ -75,6 +82,30 @@ class Schedule:
         policies = draw.choice(_POLICIES)
         return tuple(injection for _ in range(policies) for injection in self._policy(draw))
 
+    def items(self) -> list[Item]:
+        """Return each value of each field, and each mutation, as things to try once.
+
+        Of an array's elements a value is tried in one.
+        """
+        found = []
+        for topic, families in self._families.items():
+            for family, targets in families.items():
+                known = [self._values(target) for target in targets]
+                for number in range(max(map(len, known))):
+                    at = number % len(targets)
+                    if number < len(known[at]):
+                        injection = Injection(topic, targets[at].path, known[at][number].value, seed=self._seed)
+                        found.append(Item(topic, (injection,), f"{topic}:{family}"))
+        for topic, groups in self._groups.items():
+            for family, group in groups.items():
+                found += [
+                    Item(topic, tuple(each.injections(0, 0, seed=self._seed)), f"{topic} {family}") for each in group
+                ]
+        return found
+
+    def _values(self, target: Target) -> Sequence[SuggestedValue]:
+        return self._dictionary.values_for(target.type, f"{target.topic}:{target.path}", told=target.told)
+
     def _policy(self, draw: random.Random) -> list[Injection]:
         topic = draw.choice(self._topics)
         groups, families = self._groups.get(topic, {}), self._families.get(topic, {})
@@ -84,13 +115,12 @@ class Schedule:
             return group.injections(first, last, seed=self._seed)
         names = draw.sample(sorted(families), min(len(families), draw.choice(_FIELDS)))
         chosen = [draw.choice(families[name]) for name in names]
-        values = self._dictionary.values_for
         first, last = _stretch(draw, chosen[0].messages)
         return [
             Injection(
                 topic,
                 target.path,
-                draw.choice(values(target.type, f"{topic}:{target.path}", told=target.told)).value,
+                draw.choice(self._values(target)).value,
                 first=first,
                 last=last,
                 seed=self._seed,
@@ -105,3 +135,44 @@ def _stretch(draw: random.Random, messages: int, most: int | None = None) -> tup
     length = length if most is None else min(length, most)
     first = draw.randrange(messages - length + 1)
     return first, first + length - 1
+
+
+def message_faults(messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = ()) -> list[Item]:
+    """Return what may happen to whole messages of a log, as things to try once on each topic.
+
+    Single ones and a few in a row are dropped, those at the begin are missing; one comes twice, or in a burst; one
+    comes after the next, or much later.
+
+    Args:
+        messages: The log.
+        registry: Names topics.
+        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
+    """
+    patterns = tuple(leave)
+    found = []
+    for topic, positions in positions_of(messages, registry).items():
+        if any(fnmatchcase(f"{topic}:", pattern) for pattern in patterns):
+            continue
+        times = [messages[position].time for position in positions]
+        gap = max(1e-3, (times[-1] - times[0]) / 1e9 / max(1, len(times) - 1))
+        some = max(1, round(_SOME * len(times)))
+        found += [
+            Item(topic, (Injection(topic, fault="drop"),), f"{topic} drop", span, first)
+            for span, first in ((1, None), (3, None), (some, 0), (1, 0))
+        ]
+        found += [
+            Item(topic, (Injection(topic, fault="duplicate", copies=copies),), f"{topic} duplicate")
+            for copies in (1, _BURST)
+        ]
+        found += [
+            Item(topic, (Injection(topic, fault="delay", delay=gaps * gap),), f"{topic} delay") for gaps in (1.5, _LATE)
+        ]
+    return found
+
+
+def positions_of(messages: Sequence[Message], registry: TypeRegistry) -> dict[str, list[int]]:
+    """Return for each topic the positions of its messages in a log."""
+    found: dict[str, list[int]] = {}
+    for position, message in enumerate(messages):
+        found.setdefault(registry.topic(message.key), []).append(position)
+    return found

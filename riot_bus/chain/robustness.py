@@ -6,8 +6,9 @@ import logging
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
+from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.groups import groups_of
-from riot_bus.campaign.schedule import Schedule
+from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import SEVERITIES, Failure, finding_id, severity
 from riot_bus.chain.logs import FailingLog
@@ -64,6 +65,11 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             step.unit_runner(unit),
             seed=workspace.seed,
             trials=trials,
+            covering=Covering(
+                [*schedule.items(), *message_faults(log, registry, leave=settings.leave)],
+                positions_of(log, registry),
+                seed=workspace.seed,
+            ),
             ordered=(ordered := workspace.runners.keeps_order(unit, lambda: log)),
             seconds=seconds,
             progress=step.progress,
@@ -83,6 +89,8 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             notes=dict(result.notes),
             ordered=ordered,
             started=result.started,
+            covered=result.covered,
+            coverable=result.coverable,
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,
@@ -122,6 +130,8 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
         f"{result.trials} trials of {unit} with {len(log)} messages each: {result.failing} failed, "
         f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
     )
+    if result.coverable:
+        text += f"; {result.covered} of {result.coverable} (field, value) pairs and message faults tried"
     if result.unconfirmed:
         repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
         text += f"; {len(result.unconfirmed)} more did not come again in {repeats} fresh trials"

@@ -133,6 +133,8 @@ class CampaignRecord(Artefact):
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
+        covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
+        coverable: All of them.
     """
 
     FILE = "campaign.json"
@@ -146,6 +148,8 @@ class CampaignRecord(Artefact):
     notes: dict[str, int] = {}
     ordered: bool = False
     started: str = ""
+    covered: int = 0
+    coverable: int = 0
 
 
 class FindingRecord(Artefact):

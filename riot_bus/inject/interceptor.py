@@ -61,7 +61,7 @@ class Injector:
                 raise ConfigError(error.message, where=error.where or f"inject[{number}]", hint=error.hint) from None
         self._conditions = [None if each.where is None else parse_predicate(each.where) for each in self.injections]
         self._registry: TypeRegistry | None = None
-        self._routes: dict[str, list[int]] = {}
+        self._routes: dict[str, tuple[list[int], dict[int, list[int]]]] = {}
         self._rewriting: dict[str, int] = {}
 
     def load(self, registry: TypeRegistry) -> None:
@@ -72,11 +72,14 @@ class Injector:
     def message(self, event: Event) -> None:
         """Apply every injection that selects this message."""
         key = event.key
-        numbers = self._routes.get(key)
-        if numbers is None:
+        route = self._routes.get(key)
+        if route is None:
             if len(self._routes) >= _CACHED_KEYS:
                 self._routes.clear()
-            numbers = self._routes[key] = [n for n in range(len(self.injections)) if self._wants(n, key, event.topic)]
+            route = self._routes[key] = self._route(key, event.topic)
+        numbers, single = route
+        if event.index in single:
+            numbers = sorted([*numbers, *single[event.index]])
         for number in numbers:
             injection = self.injections[number]
             if not _in_window(injection, event):
@@ -95,6 +98,16 @@ class Injector:
                 self.hits[number] += 1
             if event.dropped:
                 return
+
+    def _route(self, key: str, topic: str) -> tuple[list[int], dict[int, list[int]]]:
+        """Return the numbers of the injections for a key; those for one message only, by its index."""
+        many: list[int] = []
+        single: dict[int, list[int]] = {}
+        for number, injection in enumerate(self.injections):
+            if self._wants(number, key, topic):
+                alone = injection.first == injection.last
+                (single.setdefault(injection.first, []) if alone else many).append(number)
+        return many, single
 
     def rewriter(self, kind: MessageType | None, key: str, payload: bytes) -> Callable[[bytes], bytes] | None:
         """Return what sets a field, if all messages of a key get the same value at the same place; see `Pipeline`."""

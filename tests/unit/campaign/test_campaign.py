@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.campaign import run_campaign
-from riot_bus.campaign.schedule import Schedule, targets_of
+from riot_bus.campaign.covering import Covering
+from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, targets_of
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.campaign.targets import Target
 from riot_bus.campaign.triage import finding_id
@@ -182,12 +183,31 @@ def test_progress_counts_trials_and_failures() -> None:
         schedule(),
         Pure(lambda case: Outcome(Verdict.FAIL, (CRASH,)) if case.injections else Outcome(Verdict.PASS)),
         seed=0,
-        trials=6,
+        trials=20,
         progress=lambda *words: told.append(words),
     )
-    assert [done for done, _, _ in told] == [4, 6]
-    assert {total for _, total, _ in told} == {6}
-    assert told[-1][2] == "6 failing, 1 distinct"
+    assert [done for done, _, _ in told] == [8, 16, 20]
+    assert {total for _, total, _ in told} == {20}
+    assert told[-1][2] == "20 failing, 1 distinct"
+
+
+def test_each_thing_is_tried_before_others_are_drawn_again() -> None:
+    pure, plan = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)), schedule()
+    items = plan.items()
+    covering = Covering(items, positions_of(LOG, TypeRegistry()), seed=0)
+    result = run_campaign(LOG, plan, pure, seed=0, trials=200, covering=covering)
+    assert result.covered == result.coverable == len(items) > 50
+    tried = {(one.field, repr(one.value)) for case in pure.executed for one in case.injections}
+    assert {(one.field, repr(one.value)) for item in items for one in item.injections} <= tried
+    (failure,) = result.failures.values()
+    assert len(failure.case.injections) == 1  # what has been found out alone stands for it
+
+
+def test_faults_of_whole_messages_leave_alone_what_is_left_alone() -> None:
+    faults = message_faults(LOG, TypeRegistry())
+    assert {each.injections[0].fault for each in faults} == {"drop", "duplicate", "delay"}
+    assert message_faults(LOG, TypeRegistry(), leave=["cmd:*"]) == []
+    assert message_faults(LOG, TypeRegistry(), leave=["cmd:speed"]) == faults
 
 
 def test_a_field_without_exceptional_values_is_never_drawn() -> None:

@@ -67,10 +67,12 @@ def test_what_happens_is_told(tmp_path: Path) -> None:
     assert written.occurrences <= found.occurrences == len(failing) - 4
     finished = one.told(StepFinished)[-1]
     assert (finished.step, finished.trials) == ("test", 38)
-    assert (
-        finished.text
-        == f"34 trials of drive with {COUNT} messages each: {found.occurrences} failed, 1 distinct finding"
+    assert finished.text.startswith(
+        f"34 trials of drive with {COUNT} messages each: {found.occurrences} failed, 1 distinct finding; "
     )
+    record = CampaignRecord.load(one.workspace.out)
+    assert f"; {record.covered} of {record.coverable} (field, value) pairs" in finished.text
+    assert record.covered <= record.coverable
     (ended,) = one.told(CampaignFinished)
     assert (ended.unit, ended.trials, ended.failing, ended.exhausted) == ("drive", 34, found.occurrences, True)
     assert ended.findings == (str(folder),)

@@ -1,0 +1,164 @@
+"""Tries each thing of a list once, many in one trial as long as trials pass (adaptive group testing).
+
+Things that are tried together are put on messages of their own. While trials pass, twice as many go into the next one;
+where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
+them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one.
+So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's size.
+"""
+
+from __future__ import annotations
+
+import random
+from bisect import bisect_left
+from collections import Counter, deque
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.trial import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.vocabulary.trial import Outcome
+
+__all__ = ["Covering", "Item", "Placed"]
+
+_LARGEST = 256
+"""Things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
+_ATTEMPTS = 3
+"""Trials that do not get to a thing before it counts as not tried."""
+_SHARE_SILENT = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One thing to try, on messages that are still to be chosen.
+
+    Attributes:
+        topic: Topic of the messages.
+        injections: What is done to them.
+        about: What it changes, such as `topic:field`; if one thing about it fails, others may do so alike.
+        span: Messages in a row that it takes.
+        first: Number of the first of them within the topic; None for any.
+    """
+
+    topic: str
+    injections: tuple[Injection, ...]
+    about: str
+    span: int = 1
+    first: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A thing on certain messages of its topic, from number `first` on."""
+
+    item: Item
+    first: int
+
+    @property
+    def injections(self) -> list[Injection]:
+        """What is done to these messages."""
+        last = self.first + self.item.span - 1
+        return [replace(each, first=self.first, last=last) for each in self.item.injections]
+
+
+class Covering:
+    """Chooses what to try next, and takes in what came of it. Equal answers in equal order give equal choices.
+
+    Args:
+        items: What is to be tried.
+        positions: For each topic the positions of its messages in the log, ascending.
+        seed: Seed of the choices.
+
+    Attributes:
+        covered: Things that were delivered in a trial that tells something of them.
+        total: All things.
+    """
+
+    def __init__(self, items: Iterable[Item], positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
+        self._random = random.Random(f"covering:{seed}")  # noqa: S311
+        self._positions = positions
+        fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
+        self._random.shuffle(fitting)
+        self._fresh = deque(fitting)
+        self._alone: deque[Item] = deque()
+        self._halves: deque[tuple[Placed, ...]] = deque()
+        self._missed: Counter[int] = Counter()
+        self._size = 1
+        self.total = len(fitting)
+        self.covered = 0
+
+    def next(self) -> tuple[Placed, ...]:
+        """Return what to try together; nothing when all has been tried or given out."""
+        if self._halves:
+            return self._halves.popleft()
+        if not self._fresh and self._alone:
+            self._fresh.append(self._alone.popleft())
+            self._size = 1
+        return self._gather()
+
+    def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
+        """Take in the outcome of a trial of a group.
+
+        Args:
+            group: From `next`.
+            outcome: What came of it.
+            nominal_outputs: Outputs of a nominal trial.
+        """
+        played = int(outcome.statistics.get("played", 0)) or 1 << 62
+        reached = [placed for placed in group if self._position(placed) < played]
+        failed = outcome.verdict is Verdict.FAIL
+        missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
+        hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
+        self._put_back(placed.item for placed in group if placed not in reached)
+        if (failed or hidden) and len(reached) > 1:
+            half = len(reached) // 2
+            self._halves += (tuple(reached[:half]), tuple(reached[half:]))
+        else:
+            self.covered += len(reached)
+            if failed and reached:
+                self._set_apart(reached[0].item.about)
+        self._size = max(1, self._size // 2) if failed or hidden else min(_LARGEST, max(self._size, len(group)) * 2)
+
+    def _gather(self) -> tuple[Placed, ...]:
+        """Return as many things as a trial is to have, each on messages that no other one takes."""
+        taken: dict[str, list[tuple[int, int]]] = {}
+        found: list[Placed] = []
+        passed_over: list[Item] = []
+        while self._fresh and len(found) < self._size and len(passed_over) < _LARGEST:
+            item = self._fresh.popleft()
+            first = self._place(item, taken.setdefault(item.topic, []))
+            if first is None:
+                passed_over.append(item)
+            else:
+                found.append(Placed(item, first))
+        self._fresh.extendleft(reversed(passed_over))
+        return tuple(sorted(found, key=self._position))
+
+    def _place(self, item: Item, taken: list[tuple[int, int]]) -> int | None:
+        """Return the first of free messages for a thing, and mark them; None if there are none."""
+        last = len(self._positions[item.topic]) - item.span
+        tries = [item.first] if item.first is not None else [self._random.randint(0, last) for _ in range(8)]
+        for first in tries:
+            span = (first, first + item.span)
+            at = bisect_left(taken, span)
+            if (at == 0 or taken[at - 1][1] <= first) and (at == len(taken) or taken[at][0] >= span[1]):
+                taken.insert(at, span)
+                return first
+        return None
+
+    def _position(self, placed: Placed) -> int:
+        return self._positions[placed.item.topic][placed.first]
+
+    def _put_back(self, items: Iterable[Item]) -> None:
+        for item in items:
+            self._missed[id(item)] += 1
+            if self._missed[id(item)] < _ATTEMPTS:
+                self._fresh.append(item)
+
+    def _set_apart(self, about: str) -> None:
+        """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
+        self._alone += [item for item in self._fresh if item.about == about]
+        self._fresh = deque(item for item in self._fresh if item.about != about)

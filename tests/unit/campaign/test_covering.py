@@ -1,0 +1,137 @@
+"""Everything is tried, in few trials, and what fails is found out though much is tried at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from riot_bus.campaign.covering import Covering, Item, Placed
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
+
+CRASH = Violation("crash", "part", "crash in part")
+Log = dict[str, list[int]]
+
+
+def log(topics: int, messages: int) -> Log:
+    """Topics by turns."""
+    return {f"t{topic}": [number * topics + topic for number in range(messages)] for topic in range(topics)}
+
+
+def items(topics: int, fields: int, values: int) -> list[Item]:
+    return [
+        Item(f"t{field % topics}", (Injection(f"t{field % topics}", f"f{field}", value),), f"f{field}")
+        for field in range(fields)
+        for value in range(values)
+    ]
+
+
+def crash_on(bad: Callable[[Injection], bool], log: Log, *, late: int = 0) -> Callable[[Sequence[Placed]], Outcome]:
+    """Return a unit that crashes on the first bad message; `late` more are sent before that is noticed."""
+
+    def run(group: Sequence[Placed]) -> Outcome:
+        places = [log[each.item.topic][each.first] for each in group if any(map(bad, each.injections))]
+        if not places:
+            return Outcome(Verdict.PASS, statistics={"played": 10**6, "outputs": 100})
+        return Outcome(Verdict.FAIL, (CRASH,), statistics={"played": min(places) + 1 + late, "outputs": min(places)})
+
+    return run
+
+
+def cover(covering: Covering, run: Callable[[Sequence[Placed]], Outcome], most: int = 10_000) -> list[Sequence[Placed]]:
+    asked = []
+    while group := covering.next():
+        asked.append(group)
+        covering.take(group, run(group), nominal_outputs=100)
+        assert len(asked) <= most
+    return asked
+
+
+@pytest.mark.parametrize(("fields", "most"), [(40, 120), (200, 500)])
+@pytest.mark.parametrize("seed", range(5))
+def test_all_pairs_are_tried_in_few_trials(fields: int, most: int, seed: int) -> None:
+    places, every = log(4, 500), items(4, fields, 50)
+    covering = Covering(every, places, seed=seed)
+    asked = cover(covering, crash_on(lambda one: one.field == "f7" and one.value == 3, places))
+    assert len(asked) <= most
+    assert covering.covered == covering.total == len(every)
+    tried = Counter(id(placed.item) for group in asked for placed in group)
+    assert set(tried) == set(map(id, every))
+
+
+def test_what_fails_is_found_alone() -> None:
+    places = log(2, 100)
+
+    def bad(one: Injection) -> bool:
+        return (one.field, one.value) in {("f3", 5), ("f8", 1), ("f8", 2)}
+
+    covering = Covering(items(2, 10, 20), places, seed=1)
+    asked = cover(covering, crash_on(bad, places, late=40))
+    alone = [group[0].injections[0] for group in asked if len(group) == 1 and bad(group[0].injections[0])]
+    assert {(one.field, one.value) for one in alone} == {("f3", 5), ("f8", 1), ("f8", 2)}
+    assert covering.covered == 200
+
+
+def test_after_a_failure_further_values_of_its_field_come_last() -> None:
+    places = log(2, 200)
+    covering = Covering(items(2, 10, 20), places, seed=2)
+    asked = cover(covering, crash_on(lambda one: one.field == "f4", places))
+    first = next(at for at, group in enumerate(asked) if len(group) == 1 and group[0].item.about == "f4")
+    others = [at for at, group in enumerate(asked) if any(placed.item.about != "f4" for placed in group)]
+    late = [at for at, group in enumerate(asked) if at > first and {each.item.about for each in group} == {"f4"}]
+    assert len(late) >= 10
+    assert max(others) < min(late[-10:])
+    assert covering.covered == 200
+
+
+def test_what_is_silenced_by_others_is_tried_without_them() -> None:
+    """After a bad mode the unit ignores all, so that nothing which comes later has been tried."""
+    places = log(1, 100)
+
+    def run(group: Sequence[Placed]) -> Outcome:
+        modes = [each.first for each in group if each.item.about == "f0"]
+        silent_from = min(modes, default=100)
+        crashes = [each.first for each in group if each.item.about == "f1" and each.first < silent_from]
+        if crashes:
+            return Outcome(Verdict.FAIL, (CRASH,), statistics={"played": 100, "outputs": min(crashes)})
+        return Outcome(Verdict.PASS, statistics={"played": 100, "outputs": silent_from})
+
+    asked = cover(Covering(items(1, 20, 2), places, seed=4), run)
+    found = [group for group in asked if run(group).verdict is Verdict.FAIL]
+    assert any(len(group) == 1 and group[0].item.about == "f1" for group in found)
+
+
+def test_the_same_answers_give_the_same_choices() -> None:
+    places = log(3, 50)
+    run = crash_on(lambda one: one.value == 9, places)
+    first, again = (cover(Covering(items(3, 12, 10), places, seed=5), run) for _ in range(2))
+    assert first == again
+
+
+@given(
+    st.integers(1, 3),
+    st.integers(1, 30),
+    st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=4),
+    st.integers(0, 40),
+    st.integers(0, 5),
+)
+def test_nothing_is_forgotten_and_no_message_is_changed_twice(
+    topics: int, messages: int, bad: list[tuple[int, int]], late: int, seed: int
+) -> None:
+    places = log(topics, messages)
+    every = [*items(topics, 10, 4), Item("t0", (Injection("t0", fault="drop"),), "drop", span=3, first=0)]
+    wrong = {(f"f{field}", value) for field, value in bad}
+    covering = Covering(every, places, seed=seed)
+    run = crash_on(lambda one: (one.field, one.value) in wrong, places, late=late)
+    for group in cover(covering, run):
+        taken = [(each.item.topic, each.first + at) for each in group for at in range(each.item.span)]
+        assert len(set(taken)) == len(taken)
+        assert all(number < messages for _, number in taken)
+    assert covering.total == len(every) - (messages < 3)
+    assert covering.covered <= covering.total
+    if not wrong:
+        assert covering.covered == covering.total
