@@ -6,7 +6,9 @@ this store *is* resuming it, and re-executing a finished step costs nothing.
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import threading
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -17,7 +19,7 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.vocabulary.trial import Runner, TestCase
@@ -54,13 +56,18 @@ class TrialStore:
             return None
 
     def put(self, key: str, outcome: Outcome) -> None:
-        """Keep an outcome; on disk before this returns."""
+        """Keep an outcome, in the file before this returns; a disk that is full takes no half of it."""
         raw = asdict(outcome)
-        line = json.dumps({"key": key, "outcome": raw}, separators=(",", ":"))
-        with self._lock:
+        line = json.dumps({"key": key, "outcome": raw}, separators=(",", ":")).encode() + b"\n"
+        with self._lock, self.path.open("ab", buffering=0) as stream:
+            size = stream.seek(0, os.SEEK_END)
+            try:
+                if stream.write(line) != len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+            except OSError:
+                stream.truncate(size)
+                raise
             self._outcomes[key] = raw
-            with self.path.open("a", encoding="utf-8") as stream:
-                stream.write(line + "\n")
 
     def _read(self) -> None:
         """Read all whole lines; a line that a kill cut off in the middle is ended and not used."""
@@ -79,7 +86,7 @@ class TrialStore:
 
 @runtime_checkable
 class _RunsEach(Protocol):
-    def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]: ...
+    def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]: ...
 
 
 class StoredRunner:
@@ -125,12 +132,9 @@ class StoredRunner:
             pending = {key: case for key, case in fresh.items() if key not in known}
             if not pending:
                 break
-            keys_pending = list(pending)
-            for number, outcome in _each(self._runner, list(pending.values())):
-                key = keys_pending[number]
+            for key, outcome in zip(pending, self._execute(pending), strict=True):
                 self.executed += 1
                 if outcome.verdict is not Verdict.ERROR:
-                    self._store.put(key, outcome)
                     known[key] = outcome
                 elif attempt == _ATTEMPTS - 1:
                     raise EnvironmentFaultError(f"a trial could not be carried out: {outcome.detail}")
@@ -141,9 +145,17 @@ class StoredRunner:
                 self._told(outcome)
         return outcomes
 
+    def _execute(self, cases: Mapping[str, TestCase]) -> Sequence[Outcome]:
+        """Execute trials; each is kept as it ends, where it ends if a runner tells so: an interruption loses none."""
+        keys = list(cases)
 
-def _each(runner: Runner, cases: Sequence[TestCase]) -> Iterable[tuple[int, Outcome]]:
-    """Yield outcomes as they end where a runner can tell them so, so that an end in between loses none."""
-    if isinstance(runner, _RunsEach):
-        return runner.each(cases)
-    return enumerate(runner.run(cases))
+        def ended(number: int, outcome: Outcome) -> None:
+            if outcome.verdict is not Verdict.ERROR:
+                self._store.put(keys[number], outcome)
+
+        if isinstance(self._runner, _RunsEach):
+            return self._runner.each(list(cases.values()), ended)
+        outcomes = self._runner.run(list(cases.values()))
+        for number, outcome in enumerate(outcomes):
+            ended(number, outcome)
+        return outcomes

@@ -96,13 +96,15 @@ class FailingLog:
         metadata: Mapping[str, str],
         changes: Mapping[int, Sequence[Change]] | None = None,
     ) -> None:
-        """Write the log with its originals and provenance."""
-        with LogWriter(path, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
+        """Write the log with its originals and provenance, in one step, so that a reader never sees half of it."""
+        partial = path.with_suffix(".partial")
+        with LogWriter(partial, registry=context.registry, profile=context.profile, metadata=metadata) as writer:
             for message in self.messages:
                 original = self.originals.get(message.sequence)
                 if original is not None:
                     writer.write(original, role="original", changes=(changes or {}).get(message.sequence, ()))
                 writer.write(message)
+        partial.replace(path)
 
     @classmethod
     def load(cls, path: Path, *, registry: TypeRegistry) -> FailingLog:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from typing import TYPE_CHECKING
 
@@ -178,10 +179,14 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
 
 
 def _put_aside(folder: Path, fingerprint: str) -> None:
-    """Move what was learnt of a finding in another version of the system into a folder of its own."""
-    target = folder / "earlier" / fingerprint
+    """Move what was learnt of a finding in another version of the system into a folder of its own.
+
+    `finding.json` goes last: as long as it is there, what was cut off is done again.
+    """
+    names = itertools.chain([fingerprint], (f"{fingerprint}-{number}" for number in itertools.count(2)))
+    target = next(path for name in names if not FindingRecord.exists(path := folder / "earlier" / name))
     target.mkdir(parents=True, exist_ok=True)
-    for path in folder.iterdir():
+    for path in sorted(folder.iterdir(), key=lambda path: path.name == FindingRecord.FILE):
         if path.name != "earlier":
             path.replace(target / path.name)
 

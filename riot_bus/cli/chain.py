@@ -62,18 +62,26 @@ def _workspace(system: Path, out: Path, jobs: int, seed: int, form: StreamFormat
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator, write_line
+    from riot_bus.control.signals import ended_by_signals
 
-    with (
-        ConsoleNarrator(Console(stderr=True)) as narrator,
-        Workspace(
-            system,
-            out,
-            jobs=jobs,
-            seed=seed,
-            listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
-        ) as workspace,
-    ):
-        yield workspace
+    console = Console(stderr=True)
+    with ended_by_signals(_interrupt), ConsoleNarrator(console) as narrator:
+        try:
+            with Workspace(
+                system,
+                out,
+                jobs=jobs,
+                seed=seed,
+                listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
+            ) as workspace:
+                yield workspace
+        except KeyboardInterrupt:
+            narrator.interrupted(out)
+            raise
+
+
+def _interrupt() -> None:
+    raise KeyboardInterrupt
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import logging
 import sys
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.cli.fastpath import quick_start, warn
 from riot_bus.findings.steps import STEPS
-from riot_bus.vocabulary.errors import RiotError
+from riot_bus.vocabulary.errors import EnvironmentFaultError, RiotError
 from riot_bus.vocabulary.redaction import escape_control_chars, redacted
 
 if TYPE_CHECKING:
@@ -87,6 +88,11 @@ def run() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise
+        warn(f"riot: {escape_control_chars(str(error))}; make room and run the same command again to go on")
+        sys.exit(EnvironmentFaultError.exit_code)
     finally:
         # Whatever a thread does that is left, such as one of somebody's interceptor: Python waits for it, we do not.
         faulthandler.dump_traceback_later(_END_S, exit=True, file=_STDERR)

@@ -11,6 +11,8 @@ from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
@@ -50,6 +52,18 @@ class ConsoleNarrator:
                 self._say(event.step, f"{event.text} [{event.seconds:.1f} s]")
             case StepStopped():
                 self._say(event.step, event.text)
+
+    def interrupted(self, out: Path) -> None:
+        """Say what is kept in the output folder of work that was ended from outside, and how to go on."""
+        from riot_bus.campaign.store import TrialStore
+        from riot_bus.findings.records import FindingRecord
+
+        self._stop()
+        trials = len(TrialStore(out / "trials" / "trials.jsonl"))
+        findings = len(list((out / "findings").glob(f"*/{FindingRecord.FILE}")))
+        text = f"riot: interrupted; kept in {out}: {trials} finished trials, {findings} findings. "
+        text += "Trials under way are not counted. Run the same command again to go on."
+        self._console.print(escape_control_chars(text), markup=False, highlight=False, soft_wrap=True)
 
     def _start(self, step: str) -> None:
         if self._console.is_terminal:

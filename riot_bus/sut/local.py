@@ -7,10 +7,12 @@ import shutil
 import tempfile
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.sut.launcher import Launcher
+from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
 __all__ = ["LocalRunner", "Pool", "Trial"]
+
+_ROOM = 64 << 10
+"""Bytes that a disk has left on which a component may have failed because it could not write."""
 
 
 class Trial(Protocol):
@@ -74,21 +79,34 @@ class Pool:
         try:
             with self._launcher() as launcher:
                 outcome = trial.run(case, launcher, directory)
+            if outcome.verdict is Verdict.FAIL and shutil.disk_usage(directory).free < _ROOM:
+                outcome = replace(outcome, verdict=Verdict.ERROR, detail=f"the disk is full: {self.keep}")
         finally:
             if outcome is None or outcome.log is None:
                 shutil.rmtree(directory, ignore_errors=True)
         return outcome
 
-    def each(self, trial: Trial, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
-        """Run trials, as many at once as there are jobs; yield the number of a case and its outcome, as they end."""
-        running = {self._executor.submit(self.execute, trial, case): number for number, case in enumerate(cases)}
-        for done in as_completed(running):
-            yield running[done], done.result()
+    def map(
+        self, trial: Trial, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None] = lambda *_: None
+    ) -> Sequence[Outcome]:
+        """Run many trials, as many at once as there are jobs; outcomes in the order of the cases.
 
-    def map(self, trial: Trial, cases: Sequence[TestCase]) -> Sequence[Outcome]:
-        """Run many trials, as many at once as there are jobs; outcomes in the order of the cases."""
-        found = dict(self.each(trial, cases))
-        return [found[number] for number in range(len(cases))]
+        Args:
+            trial: Executes each.
+            cases: All of them.
+            ended: Called with the number of a case and its outcome as it ends, on its own thread, which no signal
+                interrupts.
+        """
+
+        def run(number: int, case: TestCase) -> Outcome:
+            outcome = self.execute(trial, case)
+            ended(number, outcome)
+            return outcome
+
+        running = [self._executor.submit(run, number, case) for number, case in enumerate(cases)]
+        for done in as_completed(running):
+            done.result()  # what one raises is not held up by the others
+        return [each.result() for each in running]
 
 
 class LocalRunner:
@@ -112,6 +130,6 @@ class LocalRunner:
         """Execute all cases and return their outcomes in the same order."""
         return self._pool.map(self._trial(), cases) if cases else []
 
-    def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
-        """Execute all cases; yield the number of each and its outcome, as they end."""
-        return self._pool.each(self._trial(), cases) if cases else iter(())
+    def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]:
+        """Execute all cases likewise; `ended` is called with the number of each and its outcome as it ends."""
+        return self._pool.map(self._trial(), cases, ended) if cases else []

@@ -1,68 +1,148 @@
-"""kill -9 and Ctrl-C at any moment leave no process behind, and the same command goes on where it stopped."""
+"""kill -9, Ctrl-C, SIGTERM and a full disk at any moment lose no finished trial; the same command goes on."""
 
 from __future__ import annotations
 
 import json
 import os
 import random
-import shutil
+import re
+import resource
 import signal
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from e2e_support import belonging_to, command, environment
 
+from riot_bus.chain.logs import FailingLog
+from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.sut.context import open_system
 from riot_bus.zenoh.session import wait_until
+from tests.systems.misbehaviour.catalogue import write
+from tests.tiers import scaled
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
-PRESS = Path(__file__).resolve().parents[1] / "systems" / "press"
+UNIT = "segfaults"
+SIGNATURES = {
+    "crash in segfaults: SIGSEGV in poke_large < misbehave < handle",
+    "crash in segfaults: SIGSEGV in poke_not_finite < misbehave < handle",
+}
+TRIALS = 12
 
 
 @pytest.fixture
-def press(tmp_path: Path) -> Path:
-    """A copy of the press, so that its processes can be told from those of other tests."""
-    shutil.copytree(PRESS, tmp_path / "press", ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path / "press" / "riot.toml"
+def system(tmp_path: Path) -> Path:
+    """A folder of its own, so that its processes can be told from those of other tests."""
+    (tmp_path / "system").mkdir()
+    return write(tmp_path / "system")
 
 
-def trials(out: Path) -> int:
-    store = out / "trials" / "trials.jsonl"
-    return store.read_bytes().count(b"\n") if store.exists() else 0
+def arguments(system: Path, out: Path) -> tuple[object, ...]:
+    return ("test", "--system", system, "--unit", UNIT, "--out", out, "--trials", TRIALS, "--jobs", 2)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
-def test_interrupted_campaign(press: Path, tmp_path: Path, number: signal.Signals, code: int) -> None:
-    out = tmp_path / "out"
-    arguments = ("test", "--system", press, "--out", out, "--trials", 14, "--format", "json")
-    running = subprocess.Popen(
-        command(*arguments), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+def stored(out: Path) -> Counter[str]:
+    """Return how often each trial is in the store; what a kill left half is no trial."""
+    path = out / "trials" / "trials.jsonl"
+    found: Counter[str] = Counter()
+    for line in path.read_bytes().splitlines() if path.exists() else ():
+        try:
+            found[json.loads(line)["key"]] += 1
+        except ValueError:
+            continue
+    return found
+
+
+def findings(out: Path) -> set[str]:
+    """Return the signatures of all findings; each can be read whole."""
+    folders = [path.parent for path in (out / "findings").glob(f"*/{FindingRecord.FILE}")]
+    records = [FindingRecord.load(folder) for folder in folders]
+    for folder, record in zip(folders, records, strict=True):
+        registry = open_system(Path(record.system_file)).registry
+        log = FailingLog.load(folder / "failure.mcap", registry=registry)
+        assert (len(log.messages), len(log.originals)) == (record.messages, record.modified)
+        assert (folder / "reproduce.sh").is_file() or not CampaignRecord.exists(out)
+    return {record.signature for record in records}
+
+
+def interrupt(system: Path, out: Path, tmp_path: Path, *, number: signal.Signals, moments: int) -> None:
+    """Interrupt a campaign at random moments, each time run on; then let it finish."""
+    rest = random.Random(str(tmp_path))
+    before: Counter[str] = Counter()
+    known: set[str] = set()
+    for _ in range(moments):
+        running = subprocess.Popen(
+            command(*arguments(system, out)), env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+        more = sum(before.values()) + rest.randint(0, 2)
+        wait_until(lambda: sum(stored(out).values()) > more or running.poll() is not None, 120)  # noqa: B023
+        seen = stored(out)
+        assert running.poll() is None, "the campaign ended before it could be interrupted"
+        running.send_signal(number)
+        _, errors = running.communicate(timeout=60)
+        assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)
+        kept, signatures = stored(out), findings(out)
+        assert before <= seen <= kept, "a finished trial is lost"
+        assert max(kept.values(), default=1) == 1, "a trial was executed twice"
+        assert known <= signatures <= SIGNATURES, "a finding is gone"
+        if number is signal.SIGKILL:
+            assert running.returncode == -number
+        else:
+            assert running.returncode == 130, errors
+            told = re.search(rb"interrupted; kept in (.+): (\d+) finished trials, (\d+) findings", errors)
+            assert told, errors
+            assert (int(told[2]), int(told[3])) == (len(kept), len(signatures))
+        before, known = kept, signatures
+    again = subprocess.run(
+        command(*arguments(system, out)), env=environment(), capture_output=True, text=True, timeout=300
     )
-    moment = random.Random(str(tmp_path)).randint(1, 6)
-    assert wait_until(lambda: trials(out) >= moment, 120)
-    before = trials(out)
-    running.send_signal(number)
-    _, errors = running.communicate(timeout=60)
-    assert running.returncode == code, errors
-    assert "Traceback" not in errors
-    assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)
-
-    again = subprocess.run(command(*arguments), env=environment(), capture_output=True, text=True, timeout=300)
-    assert again.returncode in (0, 1), again.stderr
-    assert json.loads(again.stdout)["unit"] == "drive"
-    assert trials(out) >= 16  # 14 injected ones and the two nominal ones
-    keys = [json.loads(line)["key"] for line in (out / "trials" / "trials.jsonl").read_text().splitlines()]
-    assert len(keys) == len(set(keys)), "a trial was executed twice"
-    assert before >= moment
+    assert again.returncode == 1, again.stderr
+    assert before <= stored(out)
+    assert max(stored(out).values()) == 1
+    assert findings(out) == SIGNATURES
+    assert CampaignRecord.load(out).tested == TRIALS + 4
     assert not belonging_to(tmp_path)
 
 
-def test_killed_router_process_group_leaves_nothing(press: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "moments"),
+    [(signal.SIGKILL, scaled(5, gate=2)), (signal.SIGINT, scaled(5, gate=1)), (signal.SIGTERM, scaled(5, gate=1))],
+)
+def test_interrupted_campaign(system: Path, tmp_path: Path, number: signal.Signals, moments: int) -> None:
+    for round_ in range(scaled(4 if number is signal.SIGKILL else 2, gate=1)):
+        interrupt(system, tmp_path / f"out{round_}", tmp_path, number=number, moments=moments)
+
+
+def test_full_disk_loses_nothing_and_is_no_failure(system: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = ("test", "--system", press, "--out", out, "--trials", 14)
-    running = subprocess.Popen(command(*arguments), env=environment(), start_new_session=True)
-    assert wait_until(lambda: trials(out) >= 1, 120)
+    store = out / "trials" / "trials.jsonl"
+    running = subprocess.Popen(
+        command(*arguments(system, out)), env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
+    assert wait_until(lambda: stored(out), 120)
+    before, limit = stored(out), store.stat().st_size + 100  # half of a line
+    resource.prlimit(running.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 4, errors
+    assert b"Traceback" not in errors
+    assert b"make room and run the same command again" in errors
+    assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)
+    kept = stored(out)
+    assert before <= kept
+    assert store.read_bytes().endswith(b"\n"), "half a line is left"
+    again = subprocess.run(command(*arguments(system, out)), env=environment(), capture_output=True, timeout=300)
+    assert again.returncode == 1, again.stderr
+    assert kept <= stored(out)
+    assert max(stored(out).values()) == 1
+    assert findings(out) == SIGNATURES
+
+
+def test_killed_process_group_leaves_nothing(system: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    running = subprocess.Popen(command(*arguments(system, out)), env=environment(), start_new_session=True)
+    assert wait_until(lambda: stored(out), 120)
     os.killpg(running.pid, signal.SIGKILL)
     running.wait(timeout=10)
     assert wait_until(lambda: not belonging_to(tmp_path), 60), belonging_to(tmp_path)
