@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import repeat_in_order
+from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -45,6 +46,7 @@ class CampaignResult:
         started: How the last trial started the unit.
         covered: Things to try that were tried.
         coverable: All things to try.
+        effects: What the injections did.
     """
 
     trials: int
@@ -56,6 +58,7 @@ class CampaignResult:
     started: str = ""
     covered: int = 0
     coverable: int = 0
+    effects: Effects = field(default_factory=Effects)
 
 
 @dataclass(slots=True)
@@ -69,6 +72,7 @@ class _Campaign:
     nominal: list[Outcome] = field(default_factory=list)
     unseen: dict[str, list[str]] = field(default_factory=dict)
     started: str = ""
+    effects: Effects = field(default_factory=Effects)
 
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
@@ -89,6 +93,8 @@ class _Campaign:
             for line in outcome.statistics.get("unseen", ()):
                 name, _, reason = str(line).partition(": ")
                 self.unseen.setdefault(name, []).append(reason)
+            if case.injections:
+                self.effects.add(case, outcome, self.nominal)
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
@@ -194,4 +200,5 @@ def run_campaign(
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
     finished = not hopeless and done >= trials
     tried = (covering.covered, covering.total) if covering else (0, 0)
-    return CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started, *tried)
+    result = CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started, *tried)
+    return replace(result, effects=work.effects)

@@ -11,10 +11,7 @@ if TYPE_CHECKING:
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
-__all__ = ["SEVERITIES", "Failure", "finding_id", "group", "severity"]
-
-SEVERITIES = ("catastrophic", "restart", "abort", "silent", "hindering")
-"""The CRASH scale of robustness testing (Koopman and DeVale, 1999), the worst first."""
+__all__ = ["Failure", "finding_id", "group", "severity"]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort"}
 _MOST_DETAILS = 5

@@ -11,19 +11,28 @@ from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
-from riot_bus.campaign.triage import SEVERITIES, Failure, finding_id, severity
+from riot_bus.campaign.triage import Failure, finding_id, severity
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.events import CampaignFinished, FindingWritten
-from riot_bus.findings.records import CampaignRecord, FindingRecord, MinimalRecord, ProportionRecord, UnconfirmedRecord
+from riot_bus.findings.records import (
+    CampaignRecord,
+    EffectsRecord,
+    FindingRecord,
+    MinimalRecord,
+    ProportionRecord,
+    UnconfirmedRecord,
+)
 from riot_bus.inject.apply import inject_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.reproduce import write_reproduce
+from riot_bus.statistics.rates import proportion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from riot_bus.campaign.effects import Effects
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.message import Message
@@ -34,7 +43,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None) -> list[Path]:
-    """Run a campaign and write one folder per finding, most frequent first.
+    """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:
         workspace: Where to work.
@@ -76,10 +85,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             progress=step.progress,
             found=lambda failure: _save(step, unit, failure, log),
         )
-        failures = sorted(
-            result.failures.values(), key=lambda one: (SEVERITIES.index(severity(one.violation)), -one.occurrences)
-        )
-        folders = [_save(step, unit, failure, log) for failure in failures]
+        saved = [_save(step, unit, failure, log) for failure in result.failures.values()]
+        folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
+        types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
         record = CampaignRecord(
             unit=unit,
             fingerprint=workspace.fingerprint,
@@ -92,12 +100,14 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             started=result.started,
             covered=result.covered,
             coverable=result.coverable,
+            effects=_effects(result.effects, types),
+            rate=_rate(proportion(result.failing, result.trials)),
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,
         )
         record.save(workspace.out)
-        step.end(_summary(unit, log, result), folder=workspace.out, record=record)
+        step.end("\n".join([_summary(unit, log, result), *record.effects.lines()]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
@@ -197,6 +207,14 @@ def _rate(rate: Proportion | None) -> ProportionRecord | None:
     return ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
 
 
+def _effects(effects: Effects, types: Mapping[tuple[str, str], str]) -> EffectsRecord:
+    rates = {"topics": effects.topics(), "classes": effects.classes(types)}
+    found = {name: {key: _rate(rate) for key, rate in each.items()} for name, each in rates.items()}
+    return EffectsRecord.model_validate(
+        {name: getattr(effects, name) for name in EffectsRecord.model_fields.keys() - found.keys()} | found
+    )
+
+
 def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], folder: Path) -> FindingRecord:
     workspace, injections = step.workspace, failure.case.injections
     context = workspace.context
@@ -225,6 +243,7 @@ def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], f
         nominal=_rate(failure.nominal),
         ordered=failure.case.ordered,
         injections=tuple(injection.row() for injection in injections),
+        delivered=tuple(failure.outcome.statistics.get("delivered", ())),
         messages=len(prefix),
         modified=len(originals),
         seed=workspace.seed,

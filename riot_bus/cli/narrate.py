@@ -49,7 +49,8 @@ class ConsoleNarrator:
             case StepProgress() if self._bar is not None and self._task is not None:
                 self._bar.update(self._task, completed=event.done, total=event.total, note=event.note)
             case StepFinished():
-                self._say(event.step, f"{event.text} [{event.seconds:.1f} s]")
+                first, *more = event.text.split("\n")
+                self._say(event.step, "\n".join([f"{first} [{event.seconds:.1f} s]", *more]))
             case StepStopped():
                 self._say(event.step, event.text)
 

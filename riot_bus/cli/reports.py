@@ -54,15 +54,19 @@ def report(
 
 def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:
     """List the findings of an output folder, each in a few lines."""
-    from riot_bus.findings.records import FindingRecord
+    from riot_bus.findings.records import CampaignRecord, FindingRecord
     from riot_bus.report.text import summary
+    from riot_bus.vocabulary.redaction import escape_control_chars
 
-    folders = sorted(path.parent for path in (finding / "findings").glob(f"*/{FindingRecord.FILE}"))
+    paths = sorted((finding / "findings").glob(f"*/{FindingRecord.FILE}"))
+    folders = sorted((path.parent for path in paths), key=lambda folder: FindingRecord.load(folder).rank)
     if form is OutputFormat.JSON:
         records = [{"folder": str(one), **FindingRecord.load(one).model_dump(mode="json")} for one in folders]
         typer.echo(json.dumps(records, indent=1))
     else:
         typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
+        for line in CampaignRecord.load(finding).effects.lines() if CampaignRecord.exists(finding) else ():
+            typer.echo(escape_control_chars(line))
 
 
 def compare(

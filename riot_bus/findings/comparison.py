@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
 from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["ComparedFinding", "Comparison", "compare"]
 
+_Failure = tuple[str, ProportionRecord | None]
 Change = Literal["new", "still failing", "comes more often", "comes less often", "not seen"]
 
 
@@ -57,10 +59,14 @@ class Comparison:
     def lines(self) -> Iterator[str]:
         """Yield what has changed, for people: a failure that was not seen may need other trials to come."""
         for each in self.findings:
-            rates = " -> ".join(f"{one.count} of {one.total}" if one else "-" for one in (each.old, each.new))
-            yield f"{each.change:<17} {each.signature} ({rates} fresh trials)"
+            rates = " -> ".join(_said(one) if one else "-" for one in (each.old, each.new))
+            yield f"{each.change:<17} {each.signature} (fresh trials: {rates})"
         for name, one in (("old", self.old), ("new", self.new)):
             yield f"{name}: {one.hits} of {one.total} trials failed, 95 %: {one.low:.1%} to {one.high:.1%}"
+
+
+def _said(rate: ProportionRecord) -> str:
+    return f"{rate.count} of {rate.total}, 95 %: {rate.low:.0%} to {rate.high:.0%}"
 
 
 def compare(old: Path, new: Path) -> Comparison:
@@ -71,10 +77,16 @@ def compare(old: Path, new: Path) -> Comparison:
         new: The newer one.
 
     Raises:
-        ConfigError: One holds no finished campaign.
+        ConfigError: One holds no finished campaign, or they are of two units.
     """
     before, after = CampaignRecord.load(old), CampaignRecord.load(new)
-    earlier, later = _findings(old, before), _findings(new, after)
+    if before.unit != after.unit:
+        raise ConfigError(f"campaigns of two units: {before.unit!r} and {after.unit!r}", where=f"{old}, {new}")
+    earlier, later = _failures(old, before), _failures(new, after)
+    confirmed = earlier.keys() | later.keys()
+    for failures, campaign in ((earlier, before), (later, after)):
+        again = [each for each in campaign.unconfirmed if each.signature in confirmed]
+        failures.update({each.signature: ("", _never(each.repeats)) for each in again})
     order: dict[Change, int] = {
         "new": 0,
         "comes more often": 1,
@@ -84,31 +96,36 @@ def compare(old: Path, new: Path) -> Comparison:
     }
     found = []
     for signature in earlier.keys() | later.keys():
-        one, other = earlier.get(signature), later.get(signature)
-        known = other or one
-        assert known is not None
-        was, now = one.rate if one else None, other.rate if other else None
-        found.append(ComparedFinding(signature, known.severity, _change(one, other), was, now))
+        severity, was = earlier.get(signature, ("", None))
+        other, now = later.get(signature, ("", None))
+        change = _change(was, now, seen=(signature in earlier, signature in later))
+        found.append(ComparedFinding(signature, other or severity, change, was, now))
     found.sort(key=lambda each: (order[each.change], each.signature))
     return Comparison(after.unit, _share(before), _share(after), tuple(found))
 
 
-def _findings(folder: Path, campaign: CampaignRecord) -> dict[str, FindingRecord]:
+def _failures(folder: Path, campaign: CampaignRecord) -> dict[str, _Failure]:
     records = [FindingRecord.load(folder / "findings" / name) for name in campaign.findings]
-    return {record.signature: record for record in records}
+    return {record.signature: (record.severity, record.rate) for record in records}
+
+
+def _never(trials: int) -> ProportionRecord:
+    """Return the rate of a failure that was seen, but in none of so many fresh trials."""
+    rate = proportion(0, trials)
+    return ProportionRecord(value=0.0, low=rate.low, high=rate.high, total=trials)
 
 
 def _share(campaign: CampaignRecord) -> Proportion:
     return proportion(campaign.failing, campaign.tested)
 
 
-def _change(old: FindingRecord | None, new: FindingRecord | None) -> Change:
-    if old is None:
+def _change(old: ProportionRecord | None, new: ProportionRecord | None, *, seen: tuple[bool, bool]) -> Change:
+    if not seen[0]:
         return "new"
-    if new is None:
+    if not seen[1]:
         return "not seen"
-    if old.rate and new.rate and new.rate.low > old.rate.high:
+    if old and new and new.low > old.high:
         return "comes more often"
-    if old.rate and new.rate and new.rate.high < old.rate.low:
+    if old and new and new.high < old.low:
         return "comes less often"
     return "still failing"

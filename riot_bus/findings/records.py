@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.trial import SEVERITIES
 
 __all__ = [
     "ActivationRecord",
@@ -27,6 +28,7 @@ __all__ = [
     "CampaignRecord",
     "CertificateRecord",
     "EdgeRecord",
+    "EffectsRecord",
     "FieldRecord",
     "FieldsRecord",
     "FindingRecord",
@@ -115,6 +117,44 @@ class ProportionRecord(_Model):
     total: int = 0
 
 
+class EffectsRecord(_Model):
+    """What the injections of a campaign did, and how often trials failed in which they reached a message.
+
+    Attributes:
+        undelivered: Injections that changed no message; the following ones changed some.
+        without_effect: Of passing trials whose outputs were those of the nominal trials, by count and payload.
+        with_effect: Of passing trials with other outputs.
+        untold: Of passing trials whose outputs cannot be compared.
+        failing: Of failing trials.
+        topics: Share of failing trials by topic that was changed.
+        classes: Likewise by class of field (its type).
+    """
+
+    injections: int = 0
+    undelivered: int = 0
+    without_effect: int = 0
+    with_effect: int = 0
+    untold: int = 0
+    failing: int = 0
+    topics: dict[str, ProportionRecord] = {}
+    classes: dict[str, ProportionRecord] = {}
+
+    def lines(self) -> list[str]:
+        """Return it for people."""
+        if not self.injections:
+            return []
+        found = [
+            f"{self.injections} injections: {self.undelivered} changed no message, {self.without_effect} changed "
+            f"messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} in failing "
+            f"ones, of {self.untold} no effect can be told; whether they were read is not told"
+        ]
+        for title, rates in (("topic", self.topics), ("field class", self.classes)):
+            for name, one in sorted(rates.items(), key=lambda item: (-item[1].value, item[0])):
+                share = f"{one.count} of {one.total} trials failed, 95 %: {one.low:.1%} to {one.high:.1%}"
+                found.append(f"{title} {name} changed: {share}")
+        return found
+
+
 class UnconfirmedRecord(_Model):
     """A failure that was seen, and that none of so many fresh trials has shown again: chance, or too rare to tell."""
 
@@ -135,6 +175,8 @@ class CampaignRecord(Artefact):
         started: How trials started the unit: "forked" or "executed", and why not forked.
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
         coverable: All of them.
+        effects: What the injections did.
+        rate: Share of the tested trials of the component that failed.
     """
 
     FILE = "campaign.json"
@@ -150,6 +192,8 @@ class CampaignRecord(Artefact):
     started: str = ""
     covered: int = 0
     coverable: int = 0
+    effects: EffectsRecord = EffectsRecord()
+    rate: ProportionRecord | None = None
 
 
 class FindingRecord(Artefact):
@@ -161,6 +205,7 @@ class FindingRecord(Artefact):
         rate: How often fresh trials of its case failed so.
         nominal: How often trials of the nominal log failed so.
         ordered: Whether its trials keep the order of the log across topics.
+        delivered: How many of the messages that were played each of `injections` changed; empty if not known.
     """
 
     FILE = "finding.json"
@@ -180,8 +225,15 @@ class FindingRecord(Artefact):
     ordered: bool = False
     occurrences: int = 1
     injections: tuple[dict[str, Any], ...] = ()
+    delivered: tuple[int, ...] = ()
     messages: int = 0
     modified: int = 0
+
+    @property
+    def rank(self) -> tuple[int, float, int]:
+        """Its place among findings, the first before the others: worse on the CRASH scale, more often, with less."""
+        place = SEVERITIES.index(self.severity) if self.severity in SEVERITIES else len(SEVERITIES)
+        return place, -self.rate.value if self.rate else 0.0, self.modified
 
 
 class MinimalRecord(Artefact):

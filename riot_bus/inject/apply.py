@@ -22,7 +22,12 @@ __all__ = ["inject_log"]
 
 
 def inject_log(
-    messages: Sequence[Message], injections: Sequence[Injection], *, registry: TypeRegistry, seed: int = 0
+    messages: Sequence[Message],
+    injections: Sequence[Injection],
+    *,
+    registry: TypeRegistry,
+    seed: int = 0,
+    reached: list[list[int]] | None = None,
 ) -> tuple[tuple[Message, ...], list[tuple[int, Message, tuple[Change, ...]]]]:
     """Carry out injections on a log, in its order.
 
@@ -31,12 +36,18 @@ def inject_log(
         injections: What to do to it.
         registry: Names topics and knows their types.
         seed: Seed of the choices.
+        reached: Gets for each injection the indices of the messages that it changed; setting a field to what it is
+            already changes nothing.
 
     Returns:
         The messages as a receiver would get them (a delayed one carries its new time), and for every touched message
         its index in the log, the original and what was done to it.
     """
-    pipeline = Pipeline([Injector(injections, seed=seed)], registry=registry)
+    injector = Injector(injections, seed=seed)
+    pipeline = Pipeline([injector], registry=registry)
+    hits = injector.hits.copy()
+    if reached is not None:
+        reached.extend([] for _ in injections)
     queue = EmissionQueue()
     out: list[Message] = []
     touched: list[tuple[int, Message, tuple[Change, ...]]] = []
@@ -46,6 +57,13 @@ def inject_log(
         out.extend(_delivered(queue.pop_due(message.time)))
         if result.changes:
             touched.append((index, message, result.changes))
+            if reached is not None:
+                real = {each.field for each in result.changes if repr(each.before) != repr(each.after)}
+                same = {each.field for each in result.changes if each.action == "set"} - real
+                for number in injector.hits - hits:
+                    if injections[number].field not in same:
+                        reached[number].append(index)
+                hits = injector.hits.copy()
     out.extend(_delivered(queue.pop_due()))
     pipeline.close()
     for name, errors in pipeline.errors.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -23,12 +24,15 @@ if TYPE_CHECKING:
     from riot_bus.sut.baseline import NominalTrial
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import Launcher
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["UnitTrial"]
 
 _DEBUGGER_S = 60.0
 """Most of it goes into reading symbols."""
+_MOST_KEYS = 64
+"""Keys whose outputs are compared with nominal ones: a line of the store stays below some KiB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,10 @@ class UnitTrial:
         name = unit.component or self.unit
         component = file.components[name]
         segment = file.segment_of(component)
-        messages, touched = inject_log(case.messages, case.injections, registry=self.context.registry, seed=case.seed)
+        registry, reached = self.context.registry, list[list[int]]()
+        messages, touched = inject_log(
+            case.messages, case.injections, registry=registry, seed=case.seed, reached=reached
+        )
         try:
             with TrialSetup(
                 self.context,
@@ -104,8 +111,20 @@ class UnitTrial:
                 "played": sent,
                 "messages": len(messages),
                 "modified": sum(index < sent for index, _, _ in touched),
+                "delivered": [sum(index < sent for index in each) for each in reached],
+                "shown": _shown(stage.outputs[:answered]),
                 "outputs": answered,
                 "started": process.started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
             },
         )
+
+
+def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:
+    """Return how many outputs came and a hash of their payloads in any order, by key; None if there are many keys."""
+    payloads: dict[str, list[bytes]] = {}
+    for message in outputs:
+        payloads.setdefault(message.key, []).append(hashlib.sha256(message.payload).digest())
+    if len(payloads) > _MOST_KEYS:
+        return None
+    return {key: (len(each), hashlib.sha256(b"".join(sorted(each))).hexdigest()[:16]) for key, each in payloads.items()}

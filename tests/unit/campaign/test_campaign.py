@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -250,9 +250,9 @@ def test_errors_are_tried_again_and_never_kept(tmp_path: Path) -> None:
 
 def test_a_stop_in_a_batch_loses_no_finished_trial(tmp_path: Path) -> None:
     class Stopped(Pure):
-        def each(self, cases: Sequence[TestCase]) -> Iterator[tuple[int, Outcome]]:
+        def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]:
             for number in (2, 0):
-                yield number, self.run([cases[number]])[0]
+                ended(number, self.run([cases[number]])[0])
             raise KeyboardInterrupt
 
     cases = [TestCase(LOG, seed=seed) for seed in range(4)]

@@ -203,3 +203,22 @@ def test_fields_that_riot_toml_leaves_alone_are_not_injected(tmp_path: Path) -> 
     injected = {each.field for case in one.machine.executed for each in case.injections}
     assert "mode" in injected
     assert "speed" not in injected
+
+
+def test_what_was_learnt_of_other_versions_is_put_aside_whole_also_when_one_comes_back(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    known = FindingRecord.load(folder)
+    (folder / "evidence").mkdir()
+    (folder / "evidence" / "trial.json").write_text("{}")
+    for _ in range(2):
+        known.model_copy(update={"fingerprint": "former"}).save(folder)
+        (folder / "minimal.json").write_text("{}")
+        campaign(one)
+        assert not (folder / "minimal.json").exists()
+    assert sorted(path.name for path in (folder / "earlier").iterdir()) == ["former", "former-2"]
+    (folder / "earlier" / "former" / "finding.json").replace(folder / "finding.json")  # as if it had been cut off
+    (folder / "minimal.json").write_text("{}")
+    campaign(one)
+    assert (folder / "earlier" / "former" / "minimal.json").exists()
+    assert FindingRecord.load(folder).fingerprint == one.workspace.fingerprint

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.findings.comparison import compare
-from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
+from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord, UnconfirmedRecord
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -42,7 +42,7 @@ def test_what_has_become_of_each_failure(tmp_path: Path) -> None:
         ("not seen", "gone"),
     ]
     lines = list(found.lines())
-    assert lines[0] == "new               crash in u: fresh (- -> 4 of 4 fresh trials)"
+    assert lines[0] == "new               crash in u: fresh (fresh trials: - -> 4 of 4, 95 %: 40% to 100%)"
     assert lines[-1].startswith("new: 5 of 50 trials failed, 95 %: 3.3% to 21.8%")
     assert found.to_json()["findings"][4]["new"] is None
 
@@ -50,3 +50,24 @@ def test_what_has_become_of_each_failure(tmp_path: Path) -> None:
 def test_a_folder_without_a_campaign(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"campaign\.json"):
         compare(tmp_path, tmp_path)
+
+
+def test_what_one_campaign_has_not_confirmed_counts_with_the_rate_of_its_repeats(tmp_path: Path) -> None:
+    old = campaign(tmp_path / "old", always=(4, 4), rare=(3, 20))
+    new = campaign(tmp_path / "new", back=(20, 20))
+    for folder, names in ((old, ("back",)), (new, ("always", "rare", "nobody"))):
+        again = tuple(UnconfirmedRecord(signature=f"crash in u: {name}", repeats=20) for name in names)
+        CampaignRecord.load(folder).model_copy(update={"unconfirmed": again}).save(folder)
+    found = {each.signature.rpartition(" ")[2]: each for each in compare(old, new).findings}
+    changes = {name: each.change for name, each in found.items()}
+    assert changes == {"always": "comes less often", "rare": "still failing", "back": "comes more often"}
+    assert {each.severity for each in found.values()} == {"abort"}
+    lines = list(compare(old, new).lines())
+    assert "(fresh trials: 4 of 4, 95 %: 40% to 100% -> 0 of 20, 95 %: 0% to 17%)" in lines[-3]
+
+
+def test_campaigns_of_two_units_cannot_be_compared(tmp_path: Path) -> None:
+    old, new = campaign(tmp_path / "old"), campaign(tmp_path / "new")
+    CampaignRecord.load(new).model_copy(update={"unit": "other"}).save(new)
+    with pytest.raises(ConfigError, match="two units: 'u' and 'other'"):
+        compare(old, new)

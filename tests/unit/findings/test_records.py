@@ -9,7 +9,9 @@ from riot_bus.findings.records import (
     ActivationRecord,
     CampaignRecord,
     EdgeRecord,
+    FindingRecord,
     PermeabilityRecord,
+    ProportionRecord,
 )
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -67,3 +69,20 @@ def test_fields_that_reach_any_relevant_one_are_told_once_strongest_first() -> N
 
     edges = (edge("a", "x", 0.2), edge("b", "x", 0.5), edge("a", "y", 0.7), edge("c", "x", 0.9, permeable=False))
     assert PermeabilityRecord(edges=edges, runs=4).permeable == ("a", "b")
+
+
+def test_findings_are_ranked_by_the_crash_scale_then_by_ease() -> None:
+    def record(severity: str, rate: float, modified: int) -> FindingRecord:
+        proportion = ProportionRecord(value=rate, low=0.0, high=1.0)
+        given = dict.fromkeys(("id", "system", "system_file", "unit", "component", "monitor", "signature"), "x")
+        return FindingRecord(**given, severity=severity, rate=proportion, modified=modified)  # type: ignore[arg-type]
+
+    ranked = [
+        record("restart", 0.1, 9),
+        record("abort", 1.0, 1),
+        record("abort", 1.0, 2),
+        record("abort", 0.5, 1),
+        record("silent", 1.0, 1),
+    ]
+    mixed = [ranked[place] for place in (3, 0, 4, 2, 1)]
+    assert sorted(mixed, key=lambda one: one.rank) == ranked

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 
 from riot_bus.inject import apply
@@ -23,3 +25,17 @@ def test_a_bug_of_ours_is_not_hidden(monkeypatch):
     monkeypatch.setattr(apply.Injector, "message", lambda self, event: 1 / 0)
     with pytest.raises(RiotError, match="ZeroDivisionError"):
         apply.inject_log([Message(5, "a", b"{}")], [Injection("a", fault="drop")], registry=TypeRegistry())
+
+
+def test_which_messages_each_injection_changed() -> None:
+    log = [Message(number, "a", json.dumps({"x": number, "y": 7}).encode()) for number in range(4)]
+    injections = [
+        Injection("a", "x", 2),
+        Injection("a", "y", 7),  # what it is already
+        Injection("a", "missing", 1),
+        Injection("b", "x", 1),
+        Injection("a", fault="drop", first=3),
+    ]
+    reached: list[list[int]] = []
+    apply.inject_log(log, injections, registry=TypeRegistry(), reached=reached)
+    assert reached == [[0, 1, 3], [], [], [], [3]]

@@ -1,0 +1,95 @@
+"""What injections did: whether they reached messages and changed outputs, and how often trials with them failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.vocabulary.trial import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.vocabulary.trial import Outcome, TestCase
+
+__all__ = ["Effects"]
+
+
+@dataclass(slots=True)
+class Effects:
+    """Counts over the injected trials of a campaign.
+
+    Trials of which it is not known what was delivered, such as those of other runners, are left out.
+
+    Attributes:
+        injections: Injections of all trials.
+        undelivered: Those that changed no message that was played.
+        without_effect: Others of passing trials whose outputs were those of the nominal trials.
+        with_effect: Others of passing trials with outputs unlike those of all nominal trials.
+        untold: Others of passing trials: outputs differ among nominal trials too, or there are none.
+        failing: Others of failing trials.
+    """
+
+    injections: int = 0
+    undelivered: int = 0
+    without_effect: int = 0
+    with_effect: int = 0
+    untold: int = 0
+    failing: int = 0
+    _trials: list[tuple[set[tuple[str, str | None]], bool]] = field(default_factory=list)
+
+    def add(self, case: TestCase, outcome: Outcome, nominal: Iterable[Outcome]) -> None:
+        """Count the injections of one trial; `nominal` are the outcomes of the nominal log."""
+        delivered = outcome.statistics.get("delivered")
+        if delivered is None or outcome.verdict is Verdict.ERROR:
+            return
+        failed = outcome.verdict is Verdict.FAIL
+        count = sum(each > 0 for each in delivered)
+        self.injections += len(delivered)
+        self.undelivered += len(delivered) - count
+        if count:
+            changed = None if failed else _differs(outcome, list(nominal))
+            name = "failing" if failed else {True: "with_effect", False: "without_effect", None: "untold"}[changed]
+            setattr(self, name, getattr(self, name) + count)
+        reached = {(one.topic, one.field) for one, hits in zip(case.injections, delivered, strict=True) if hits}
+        self._trials.append((reached, failed))
+
+    def topics(self) -> dict[str, Proportion]:
+        """Return how often trials failed in which a message of a topic was changed."""
+        return _rates(({topic for topic, _ in reached}, failed) for reached, failed in self._trials)
+
+    def classes(self, types: Mapping[tuple[str, str], str]) -> dict[str, Proportion]:
+        """Return how often trials failed in which a field of a class was changed.
+
+        Args:
+            types: Class of each field, by topic and path; what is not in it is a mutation or a timing fault.
+        """
+        return _rates(
+            ({types.get((topic, path or ""), "other") for topic, path in reached}, failed)
+            for reached, failed in self._trials
+        )
+
+
+def _rates(trials: Iterable[tuple[set[str], bool]]) -> dict[str, Proportion]:
+    failed: dict[str, list[bool]] = {}
+    for names, each in trials:
+        for name in names:
+            failed.setdefault(name, []).append(each)
+    return {name: proportion(sum(each), len(each)) for name, each in sorted(failed.items())}
+
+
+def _differs(outcome: Outcome, nominal: Sequence[Outcome]) -> bool | None:
+    """Return whether outputs (counts and payloads by topic) are unlike those of all nominal trials; None if untold."""
+    shown = outcome.statistics.get("shown")
+    usual = [each for one in nominal if one.verdict is Verdict.PASS and (each := one.statistics.get("shown"))]
+    if shown is None or len(usual) < len(nominal) or not usual:
+        return None
+    steady = True
+    for topic in {*shown, *(topic for one in usual for topic in one)}:
+        now, *known = (one.get(topic, (0, "")) for one in (shown, *usual))
+        counts, digests = [count for count, _ in known], {digest for _, digest in known}
+        if not min(counts) <= now[0] <= max(counts) or (len(digests) == 1 and now[1] not in digests):
+            return True
+        steady = steady and len(digests) == 1
+    return False if steady else None
