@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import repeat_in_order
@@ -15,7 +15,7 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Covering
+    from riot_bus.campaign.covering import Covering, Item
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
@@ -44,8 +44,8 @@ class CampaignResult:
         exhausted: Whether the budget of trials was used up (False: time ran out, or the campaign was told to stop).
         notes: What monitors said of themselves: they raised, or saw nothing.
         started: How the last trial started the unit.
-        covered: Things to try that were tried.
-        coverable: All things to try.
+        tried: Things that were tried, and whether they failed alone.
+        coverable: How many there are to try.
         effects: What the injections did.
     """
 
@@ -56,7 +56,7 @@ class CampaignResult:
     unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
     started: str = ""
-    covered: int = 0
+    tried: Sequence[tuple[Item, bool]] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
 
@@ -199,6 +199,15 @@ def run_campaign(
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
     finished = not hopeless and done >= trials
-    tried = (covering.covered, covering.total) if covering else (0, 0)
-    result = CampaignResult(nominal + done, work.failing, confirmed, finished, rest, notes, work.started, *tried)
-    return replace(result, effects=work.effects)
+    return CampaignResult(
+        nominal + done,
+        work.failing,
+        confirmed,
+        finished,
+        rest,
+        notes,
+        started=work.started,
+        tried=covering.tried if covering else (),
+        coverable=covering.total if covering else 0,
+        effects=work.effects,
+    )

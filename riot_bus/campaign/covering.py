@@ -14,15 +14,16 @@ from collections import Counter, deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome
 
-__all__ = ["Covering", "Item", "Placed"]
+__all__ = ["Covering", "Item", "Placed", "failure_rates"]
 
 _LARGEST = 256
 """Things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
@@ -73,7 +74,7 @@ class Covering:
         seed: Seed of the choices.
 
     Attributes:
-        covered: Things that were delivered in a trial that tells something of them.
+        tried: Things that were delivered in a trial that tells something of them, and whether they failed alone.
         total: All things.
     """
 
@@ -88,7 +89,7 @@ class Covering:
         self._missed: Counter[int] = Counter()
         self._size = 1
         self.total = len(fitting)
-        self.covered = 0
+        self.tried: list[tuple[Item, bool]] = []
 
     def next(self) -> tuple[Placed, ...]:
         """Return what to try together; nothing when all has been tried or given out."""
@@ -117,10 +118,15 @@ class Covering:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
         else:
-            self.covered += len(reached)
+            self.tried += [(placed.item, failed) for placed in reached]
             if failed and reached:
                 self._set_apart(reached[0].item.about)
         self._size = max(1, self._size // 2) if failed or hidden else min(_LARGEST, max(self._size, len(group)) * 2)
+
+    @property
+    def covered(self) -> int:
+        """How many things have been tried."""
+        return len(self.tried)
 
     def _gather(self) -> tuple[Placed, ...]:
         """Return as many things as a trial is to have, each on messages that no other one takes."""
@@ -162,3 +168,11 @@ class Covering:
         """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
+
+
+def failure_rates(tried: Iterable[tuple[Item, bool]], name: Callable[[Item], str]) -> dict[str, Proportion]:
+    """Return how many of the things that were tried failed alone, by what `name` calls them."""
+    failed: dict[str, list[bool]] = {}
+    for item, each in tried:
+        failed.setdefault(name(item), []).append(each)
+    return {key: proportion(sum(each), len(each)) for key, each in sorted(failed.items())}

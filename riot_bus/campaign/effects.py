@@ -1,15 +1,14 @@
-"""What injections did: whether they reached messages and changed outputs, and how often trials with them failed."""
+"""What injections did: whether they reached messages, and changed outputs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
@@ -37,7 +36,6 @@ class Effects:
     with_effect: int = 0
     untold: int = 0
     failing: int = 0
-    _trials: list[tuple[set[tuple[str, str | None]], bool]] = field(default_factory=list)
 
     def add(self, case: TestCase, outcome: Outcome, nominal: Iterable[Outcome]) -> None:
         """Count the injections of one trial; `nominal` are the outcomes of the nominal log."""
@@ -52,31 +50,6 @@ class Effects:
             changed = None if failed else _differs(outcome, list(nominal))
             name = "failing" if failed else {True: "with_effect", False: "without_effect", None: "untold"}[changed]
             setattr(self, name, getattr(self, name) + count)
-        reached = {(one.topic, one.field) for one, hits in zip(case.injections, delivered, strict=True) if hits}
-        self._trials.append((reached, failed))
-
-    def topics(self) -> dict[str, Proportion]:
-        """Return how often trials failed in which a message of a topic was changed."""
-        return _rates(({topic for topic, _ in reached}, failed) for reached, failed in self._trials)
-
-    def classes(self, types: Mapping[tuple[str, str], str]) -> dict[str, Proportion]:
-        """Return how often trials failed in which a field of a class was changed.
-
-        Args:
-            types: Class of each field, by topic and path; what is not in it is a mutation or a timing fault.
-        """
-        return _rates(
-            ({types.get((topic, path or ""), "other") for topic, path in reached}, failed)
-            for reached, failed in self._trials
-        )
-
-
-def _rates(trials: Iterable[tuple[set[str], bool]]) -> dict[str, Proportion]:
-    failed: dict[str, list[bool]] = {}
-    for names, each in trials:
-        for name in names:
-            failed.setdefault(name, []).append(each)
-    return {name: proportion(sum(each), len(each)) for name, each in sorted(failed.items())}
 
 
 def _differs(outcome: Outcome, nominal: Sequence[Outcome]) -> bool | None:

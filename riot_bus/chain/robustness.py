@@ -7,7 +7,7 @@ import logging
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
-from riot_bus.campaign.covering import Covering
+from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.campaign.effects import Effects
+    from riot_bus.campaign.covering import Item
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.message import Message
@@ -98,9 +98,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             notes=dict(result.notes),
             ordered=ordered,
             started=result.started,
-            covered=result.covered,
+            covered=len(result.tried),
             coverable=result.coverable,
-            effects=_effects(result.effects, types),
+            effects=_effects(result, types),
             rate=_rate(proportion(result.failing, result.trials)),
             seed=workspace.seed,
             trials=step.trials,
@@ -142,7 +142,7 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
         f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
     )
     if result.coverable:
-        text += f"; {result.covered} of {result.coverable} (field, value) pairs and message faults tried"
+        text += f"; {len(result.tried)} of {result.coverable} (field, value) pairs and message faults tried"
     if result.unconfirmed:
         repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
         text += f"; {len(result.unconfirmed)} more did not come again in {repeats} fresh trials"
@@ -207,11 +207,22 @@ def _rate(rate: Proportion | None) -> ProportionRecord | None:
     return ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
 
 
-def _effects(effects: Effects, types: Mapping[tuple[str, str], str]) -> EffectsRecord:
-    rates = {"topics": effects.topics(), "classes": effects.classes(types)}
+def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> EffectsRecord:
+    """Return what injections did; `types` are the types of fields, by topic and path."""
+
+    def class_of(item: Item) -> str:
+        first = item.injections[0]
+        if len(item.injections) > 1 or first.field is None:
+            return first.fault if first.field is None else "several fields"
+        return types.get((item.topic, first.field), "other")
+
+    rates = {
+        "topics": failure_rates(result.tried, lambda item: item.topic),
+        "classes": failure_rates(result.tried, class_of),
+    }
     found = {name: {key: _rate(rate) for key, rate in each.items()} for name, each in rates.items()}
     return EffectsRecord.model_validate(
-        {name: getattr(effects, name) for name in EffectsRecord.model_fields.keys() - found.keys()} | found
+        {name: getattr(result.effects, name) for name in EffectsRecord.model_fields.keys() - found.keys()} | found
     )
 
 

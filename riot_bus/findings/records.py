@@ -118,7 +118,7 @@ class ProportionRecord(_Model):
 
 
 class EffectsRecord(_Model):
-    """What the injections of a campaign did, and how often trials failed in which they reached a message.
+    """What the injections of a campaign did, and how many of the things that were tried failed alone.
 
     Attributes:
         undelivered: Injections that changed no message; the following ones changed some.
@@ -126,8 +126,8 @@ class EffectsRecord(_Model):
         with_effect: Of passing trials with other outputs.
         untold: Of passing trials whose outputs cannot be compared.
         failing: Of failing trials.
-        topics: Share of failing trials by topic that was changed.
-        classes: Likewise by class of field (its type).
+        topics: Share of the values, mutations and message faults that failed alone, by topic.
+        classes: Likewise by type of the field, or kind of fault.
     """
 
     injections: int = 0
@@ -150,8 +150,8 @@ class EffectsRecord(_Model):
         ]
         for title, rates in (("topic", self.topics), ("field class", self.classes)):
             for name, one in sorted(rates.items(), key=lambda item: (-item[1].value, item[0])):
-                share = f"{one.count} of {one.total} trials failed, 95 %: {one.low:.1%} to {one.high:.1%}"
-                found.append(f"{title} {name} changed: {share}")
+                share = f"{one.count} of {one.total} failed, 95 %: {one.low:.1%} to {one.high:.1%}"
+                found.append(f"tried on {title} {name}: {share}")
         return found
 
 

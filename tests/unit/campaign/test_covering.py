@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.campaign.covering import Covering, Item, Placed
+from riot_bus.campaign.covering import Covering, Item, Placed, failure_rates
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -74,6 +74,16 @@ def test_what_fails_is_found_alone() -> None:
     alone = [group[0].injections[0] for group in asked if len(group) == 1 and bad(group[0].injections[0])]
     assert {(one.field, one.value) for one in alone} == {("f3", 5), ("f8", 1), ("f8", 2)}
     assert covering.covered == 200
+
+
+def test_rates_are_those_of_what_failed_alone() -> None:
+    places = log(2, 100)
+    covering = Covering(items(2, 10, 20), places, seed=1)
+    cover(covering, crash_on(lambda one: one.field == "f8" and one.value in (1, 2), places))
+    rates = failure_rates(covering.tried, lambda item: item.about)
+    assert {name: (rate.hits, rate.total) for name, rate in rates.items()} == {
+        f"f{field}": (2 * (field == 8), 20) for field in range(10)
+    }
 
 
 def test_after_a_failure_further_values_of_its_field_come_last() -> None:
