@@ -73,6 +73,11 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             result.failures.values(), key=lambda one: (SEVERITIES.index(severity(one.violation)), -one.occurrences)
         )
         folders = [_save(step, unit, failure, log) for failure in failures]
+        mined = workspace.runners.mined(unit)
+        if mined is not None:
+            rules = mined.row()
+        else:  # all answers were known
+            rules = CampaignRecord.load(workspace.out).mined if CampaignRecord.exists(workspace.out) else {}
         record = CampaignRecord(
             unit=unit,
             fingerprint=workspace.fingerprint,
@@ -83,6 +88,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             notes=dict(result.notes),
             ordered=ordered,
             started=result.started,
+            mined=rules,
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,

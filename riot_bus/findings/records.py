@@ -133,6 +133,7 @@ class CampaignRecord(Artefact):
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
+        mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
     """
 
     FILE = "campaign.json"
@@ -146,6 +147,7 @@ class CampaignRecord(Artefact):
     notes: dict[str, int] = {}
     ordered: bool = False
     started: str = ""
+    mined: dict[str, Any] = {}
 
 
 class FindingRecord(Artefact):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from riot_bus.monitors.mined import Mined
     from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
     from riot_bus.sut.local import Trial
@@ -44,6 +45,10 @@ class RunnerFactory(Protocol):
 
     def keeps_order(self, unit: str, log: Callable[[], Sequence[Message]]) -> bool:
         """Return whether trials of a unit are to keep the order of the log across topics: arguments as of `unit`."""
+        ...
+
+    def mined(self, unit: str) -> Mined | None:
+        """Return the rules mined from the nominal trials of a unit; None if it had none yet."""
         ...
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
@@ -109,6 +114,10 @@ class LocalRunners:
             if unit not in self._baselines:
                 self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log(), imports=self._imports)
             return self._baselines[unit]
+
+    def mined(self, unit: str) -> Mined | None:
+        """Return mined rules; see `RunnerFactory.mined`."""
+        return self._baselines[unit].mined if unit in self._baselines else None
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""

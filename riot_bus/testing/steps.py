@@ -57,6 +57,9 @@ class FailingRunner:
         """Keep no order: nothing is played."""
         return False
 
+    def mined(self, *_: Any) -> None:
+        """Return None: there are no nominal trials."""
+
     def keep_evidence(self, *_: Any, **__: Any) -> bool:
         """Keep nothing."""
         return False

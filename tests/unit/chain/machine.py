@@ -164,6 +164,9 @@ class Machine:
     def keeps_order(self, unit: str, log: object) -> bool:
         return False
 
+    def mined(self, unit: str) -> None:
+        return None
+
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         return False
 
