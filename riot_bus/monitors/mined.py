@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["NO_RULES", "Mined", "Rule", "check_rules", "mine"]
+__all__ = ["NO_RULES", "Mined", "MinedRule", "check_rules", "mine"]
 
 _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15
@@ -53,7 +53,7 @@ _Answers = dict[str, list[_Answer]]
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class MinedRule:
     """What all answers to the probe had in common.
 
     Attributes:
@@ -125,7 +125,7 @@ class Mined:
         dropped: Rules that fired in these, and are not judged.
     """
 
-    rules: tuple[Rule, ...] = ()
+    rules: tuple[MinedRule, ...] = ()
     trials: int = 0
     alarms: int = 0
     held_out: int = 0
@@ -158,7 +158,7 @@ class Mined:
         low, high = exact_interval(self.alarms, self.held_out)
         return asdict(self) | {"low": low, "high": high}
 
-    def _broken(self, view: TrialView) -> Iterator[tuple[Rule, str]]:
+    def _broken(self, view: TrialView) -> Iterator[tuple[MinedRule, str]]:
         answers = _answers(view.outputs[view.probed :], view.registry)
         miscounted: set[str] = set()
         for rule in sorted(self.rules, key=lambda rule: rule.kind != "count"):
@@ -180,7 +180,7 @@ class Mined:
 NO_RULES = Mined()
 
 
-def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[Rule, ...]:
+def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
     """Return what the answers to the probe have in common.
 
     Args:
@@ -194,7 +194,7 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[Rule, ...]:
     )
 
 
-def check_rules(rules: Sequence[Rule], views: Sequence[TrialView], *, trials: int) -> Mined:
+def check_rules(rules: Sequence[MinedRule], views: Sequence[TrialView], *, trials: int) -> Mined:
     """Return the rules that no nominal trial breaks that they are not learnt from; the others are told as dropped.
 
     Args:
@@ -209,28 +209,30 @@ def check_rules(rules: Sequence[Rule], views: Sequence[TrialView], *, trials: in
     return Mined(kept, trials, sum(map(bool, fired)), len(views), tuple(sorted(wrong)))
 
 
-def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Rule]:
+def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[MinedRule]:
     trials = list(chain.from_iterable(groups))
     counts = {len(trial) for trial in trials}
     every = list(chain.from_iterable(trials))
     paths = sorted(set().union(*(answer.numbers for answer in every)))
     for name in sorted({_INDEX.sub("[*]", path) for path in paths}):
         if not _not_finite(every, name):
-            yield Rule("finite", topic, name)
+            yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
         lengths = [_norm(answer.numbers, parent) for answer in every]
         if all(length is not None and abs(length - 1) <= _NORM_NOMINAL for length in lengths):
-            yield Rule("norm", topic, parent)
+            yield MinedRule("norm", topic, parent)
     count = counts.pop()
     if not counts:
         spare = count // _SPARE
-        yield Rule("count", topic, low=(count - spare,), high=(count + spare,))
+        yield MinedRule("count", topic, low=(count - spare,), high=(count + spare,))
     for path in paths:
         if all(math.isfinite(answer.numbers.get(path, math.nan)) for answer in every):
             yield from _of_field(topic, path, groups, aligned=not counts)
 
 
-def _of_field(topic: str, path: str, groups: Sequence[Sequence[list[_Answer]]], *, aligned: bool) -> Iterator[Rule]:
+def _of_field(
+    topic: str, path: str, groups: Sequence[Sequence[list[_Answer]]], *, aligned: bool
+) -> Iterator[MinedRule]:
     """Yield the rules on the values of one field that is in all messages."""
     times = [answer.time for answer in chain.from_iterable(chain.from_iterable(groups))]
     columns = [[[answer.numbers[path] for answer in trial] for trial in group] for group in groups]
@@ -239,10 +241,10 @@ def _of_field(topic: str, path: str, groups: Sequence[Sequence[list[_Answer]]], 
     for unit in _UNIT_NS:
         lags = [value * unit - time for value, time in zip(values, times, strict=True)]
         if max(lags) - min(lags) < min(_CLOCK_NS, (max(times) - min(times)) / 2):
-            yield Rule("clock", topic, path, (min(lags) - _STALE_NS,), (max(lags) + _STALE_NS,), unit)
+            yield MinedRule("clock", topic, path, (min(lags) - _STALE_NS,), (max(lags) + _STALE_NS,), unit)
             return
     if all(len(run) >= _SPARE and set(_steps(run)) == {1.0} for run in runs):
-        yield Rule("counter", topic, path)
+        yield MinedRule("counter", topic, path)
     if not aligned or any(len(set(run)) < 2 for run in runs):
         return
     places = list(zip(*runs, strict=True))
@@ -251,7 +253,9 @@ def _of_field(topic: str, path: str, groups: Sequence[Sequence[list[_Answer]]], 
     if spread > same and (_apart(columns, within + same) or all(min(_steps(run)) > 0 for run in runs)):
         return  # it depends on what was before, or runs with the time
     room = _ROOM * spread + same
-    yield Rule("value", topic, path, tuple(min(it) - room for it in places), tuple(max(it) + room for it in places))
+    yield MinedRule(
+        "value", topic, path, tuple(min(it) - room for it in places), tuple(max(it) + room for it in places)
+    )
 
 
 def _apart(columns: Sequence[Sequence[Sequence[float]]], gap: float) -> bool:
