@@ -69,6 +69,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
     )
 
     with workspace.step("test") as step:
+        baseline = workspace.runners.baseline(unit, lambda: log)
         result = run_campaign(
             log,
             schedule,
@@ -80,7 +81,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
                 positions_of(log, registry),
                 seed=workspace.seed,
             ),
-            ordered=(ordered := workspace.runners.keeps_order(unit, lambda: log)),
+            ordered=baseline.ordered,
             seconds=seconds,
             progress=step.progress,
             found=lambda failure: _save(step, unit, failure, log),
@@ -96,12 +97,13 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             findings=tuple(folder.name for folder in folders),
             unconfirmed=tuple(_unconfirmed(each) for each in result.unconfirmed.values()),
             notes=dict(result.notes),
-            ordered=ordered,
+            ordered=baseline.ordered,
             started=result.started,
             covered=len(result.tried),
             coverable=result.coverable,
             effects=_effects(result, types),
             rate=_rate(proportion(result.failing, result.trials)),
+            mined=baseline.mined.row(),
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,

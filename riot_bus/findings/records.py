@@ -177,6 +177,7 @@ class CampaignRecord(Artefact):
         coverable: All of them.
         effects: What the injections did.
         rate: Share of the tested trials of the component that failed.
+        mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
     """
 
     FILE = "campaign.json"
@@ -194,6 +195,7 @@ class CampaignRecord(Artefact):
     coverable: int = 0
     effects: EffectsRecord = EffectsRecord()
     rate: ProportionRecord | None = None
+    mined: dict[str, Any] = {}
 
 
 class FindingRecord(Artefact):

@@ -109,6 +109,7 @@ class TrialView:
         waited: That deadline, seconds.
         outputs: Messages of the watched outputs, in order of reception.
         inputs: Messages that were published to the components, each with the time at which it was.
+        probed: Index of the first output that came after the last probe had begun; None if there was none.
         end: When watching ended, nanoseconds since the epoch.
     """
 
@@ -121,6 +122,7 @@ class TrialView:
     end: int = 0
     stalled: Sequence[str] = field(default_factory=list)
     inputs: Sequence[Message] = ()
+    probed: int | None = None
 
     @property
     def start(self) -> int:

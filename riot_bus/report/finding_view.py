@@ -25,7 +25,13 @@ __all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load"]
 
 Severity = Literal["unit only", "permeable", "activated"]
 
-_VERBS = {"crash": "crashes", "hang": "hangs", "exit": "ends", "silent": "stays silent"}
+_VERBS = {
+    "crash": "crashes",
+    "hang": "hangs",
+    "exit": "ends",
+    "silent": "stays silent",
+    "mined": "is not as in nominal trials",
+}
 _NAMED = 3
 EVIDENCE = "evidence"
 """Folder of a finding with what a failing trial has left."""

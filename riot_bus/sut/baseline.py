@@ -6,12 +6,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from riot_bus.monitors.mined import NO_RULES, Mined
 from riot_bus.sut.activity import STILL, Idle
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from riot_bus.monitors.model import ResourceSample
+    from riot_bus.monitors.model import ResourceSample, TrialView
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.vocabulary.message import Message
 
@@ -56,6 +57,7 @@ class NominalTrial:
         status: Exit status, None if the unit still ran.
         growth: What it has more of at the end than at the begin: bytes of memory, files, threads.
         mute: Monitors that stay silent on a copy of the trial that is to violate them, and why.
+        view: What monitors saw of it.
     """
 
     log_answers: Mapping[str, int]
@@ -65,6 +67,7 @@ class NominalTrial:
     status: int | None
     growth: Growth = NO_GROWTH
     mute: tuple[str, ...] = ()
+    view: TrialView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,7 @@ class Baseline:
         growth: The most that it grew.
         mute: Monitors that stayed silent on each trial's copy that was to violate them, and why.
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
+        mined: What answers to the probe have in common.
     """
 
     idle: Idle = STILL
@@ -100,6 +104,7 @@ class Baseline:
     growth: Growth = NO_GROWTH
     mute: tuple[str, ...] = ()
     ordered: bool = False
+    mined: Mined = NO_RULES
 
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
         """Return the functions in which threads stand that stand elsewhere at rest.

@@ -42,8 +42,8 @@ class RunnerFactory(Protocol):
         """
         ...
 
-    def keeps_order(self, unit: str, log: Callable[[], Sequence[Message]]) -> bool:
-        """Return whether trials of a unit are to keep the order of the log across topics: arguments as of `unit`."""
+    def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
+        """Return what a unit does in nominal trials, which are run for it once; arguments as of `unit`."""
         ...
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
@@ -96,15 +96,12 @@ class LocalRunners:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
 
         def trial() -> Trial:
-            return UnitTrial(self._context, unit, self._baseline(unit, log), imports=self._imports)
+            return UnitTrial(self._context, unit, self.baseline(unit, log), imports=self._imports)
 
         return LocalRunner(trial, self._pool)
 
-    def keeps_order(self, unit: str, log: Callable[[], Sequence[Message]]) -> bool:
-        """Return whether trials are to keep the order across topics; see `RunnerFactory.keeps_order`."""
-        return self._baseline(unit, log).ordered
-
-    def _baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
+    def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
+        """Return what a unit does in nominal trials; see `RunnerFactory.baseline`."""
         with self._measuring:
             if unit not in self._baselines:
                 self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log(), imports=self._imports)

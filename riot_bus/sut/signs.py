@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
-from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of, probe_of
+from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
@@ -47,11 +47,13 @@ class Feeder:
 
     Attributes:
         sent: Messages that were published the last time.
+        probed: Outputs that there were before the last probe; None if there was none.
     """
 
     def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline, *, ordered: bool = False) -> None:
         file = stage.context.file
         self.sent = 0
+        self.probed: int | None = None
         self._stage, self._name, self._baseline = stage, name, baseline
         self._segment = file.segment_of(file.components[name])
         self._settle, self._rate = unit.settle, unit.rate
@@ -100,14 +102,16 @@ class Feeder:
         wait_sent(stage.senders, timeout=self._settle.timeout)
         return before
 
-    def nominal(self, messages: Sequence[Message]) -> NominalTrial:
-        """Return what the unit does after its nominal log, which it has got, and to a probe of it."""
+    def nominal(self, probe: Sequence[Message]) -> NominalTrial:
+        """Return what the unit does after its nominal log, which it has got, and to a probe."""
+        self._stage.bus.drain(self._settle.timeout)
         answers, begin = self._answers(0), len(self._stage.outputs)
         probed: Mapping[str, int] = {}
         if self.alive:
-            self.feed(probe_of(messages))
+            self.feed(probe)
             self._linger()
-            probed = self._answers(begin)
+            self._stage.bus.drain(self._settle.timeout)
+            probed, self.probed = self._answers(begin), begin
         stacks = self._stage.stacks([self._name]) if self.alive else []
         ended = self._stage.main_end(self._name) is not None
         return NominalTrial(answers, probed, stacks, ended, self._process.status, self._growth())
@@ -143,8 +147,39 @@ class Feeder:
         if silent:
             self._linger()
             return self._changed(silent), True
+        if settled and self.alive and baseline.mined.rules:
+            self._compare(begin if messages is baseline.probe else None)
         ended, grown = self._ended(), self._grown()
         return (Signs(ended=ended, grown=grown) if ended or grown else NO_SIGNS), True
+
+    def _compare(self, begin: int | None) -> None:
+        """Set `probed`. Where answers differ from nominal ones, the unit gets the nominal log and the probe once more.
+
+        Args:
+            begin: Where the answers to the probe begin; None if the whole log came after it.
+        """
+        stage, baseline = self._stage, self._baseline
+        if begin is not None and not baseline.mined.differs(stage.outputs[begin:], stage.context.registry):
+            self.probed = begin
+            return
+        settled = True
+        for messages in (baseline.log, baseline.probe):
+            begin = len(stage.outputs)
+            settled = settled and self.feed(messages)
+            self._wait_quiet()  # late answers to the log are none to the probe
+        self.probed = begin if settled and self.alive else None
+
+    def _wait_quiet(self) -> None:
+        """Wait until outputs no longer come, or for as long as those of timers may take."""
+        self._stage.bus.drain(self._settle.timeout)
+        held_up, start = self._stage.held_up([self._name]), time.monotonic()
+        count, last = len(self._stage.outputs), 0.0
+        while self.alive and (now := time.monotonic() - start - held_up()) < _LATE_TIMERS:
+            if len(self._stage.outputs) != count:
+                count, last = len(self._stage.outputs), now
+            elif now - last > _LATE_STILL:
+                break
+            time.sleep(_POLL)
 
     def works(self, trial: NominalTrial) -> bool:
         """Return whether a unit that did not come to rest in a nominal trial is no worse for it.

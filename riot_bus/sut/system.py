@@ -124,6 +124,7 @@ class Unit(_Table):
     log: str | None = None
     rate: float = Field(default=0.0, ge=0)
     order: Literal["auto", "log", "fast"] = "auto"
+    mined: bool = True
     settle: Settle = Settle()
     dictionaries: tuple[str, ...] = ()
     leave: tuple[str, ...] = ()

@@ -88,18 +88,19 @@ class UnitTrial:
                 sent, answered = feeder.sent, len(stage.outputs)
                 if self.before:
                     stage.launcher.wait([process], timeout=_DEBUGGER_S)
-                seen = None if self.nominal is None else feeder.nominal(case.messages)
+                seen = None if self.nominal is None else feeder.nominal(self.baseline.probe)
                 settled = settled or (seen is not None and feeder.works(seen))
                 signs, settled = feeder.signs(settled=settled)
                 stage.sample_resources([name])
                 view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
+                view = replace(view, probed=feeder.probed)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
         monitors = self.context.monitors_of(name)
         judged = judge(view, monitors)
         if self.nominal is not None and seen is not None:  # trials of several threads add to one list
-            self.nominal.append(replace(seen, mute=mute_monitors(view, monitors)))
-        violations = judged.violations
+            self.nominal.append(replace(seen, mute=mute_monitors(view, monitors), view=view))
+        violations = (*judged.violations, *self.baseline.mined.judge(view))
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(

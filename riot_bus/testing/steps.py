@@ -16,6 +16,7 @@ from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import Artefact, FindingRecord, MinimalRecord
 from riot_bus.findings.steps import STEPS, find_step
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -53,9 +54,9 @@ class FailingRunner:
         """Return a runner for runs of the whole system."""
         return self
 
-    def keeps_order(self, *_: Any) -> bool:
-        """Keep no order: nothing is played."""
-        return False
+    def baseline(self, *_: Any) -> Baseline:
+        """Return that nothing is known: nothing is played."""
+        return UNKNOWN
 
     def keep_evidence(self, *_: Any, **__: Any) -> bool:
         """Keep nothing."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.workspace import Workspace
+from riot_bus.monitors.mined import NO_RULES
 from riot_bus.sut.baseline import Baseline
 from riot_bus.sut.local import Pool
 from riot_bus.sut.nominal import measure_baseline
@@ -39,3 +40,15 @@ def test_of_a_unit_without_outputs_its_threads_are_known(tmp_path: Path) -> None
     found = baseline(tmp_path, "silent_by_design")
     assert (found.probe_answers, found.log_answers) == ({}, {})
     assert found.at_rest == {"main": 1}
+
+
+def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wanted(tmp_path: Path) -> None:
+    found = baseline(tmp_path, "echoes").mined
+    assert (found.trials, found.alarms, found.held_out, found.dropped) == (6, 0, 8, ())
+    claimed = {str(rule) for rule in found.rules if rule.kind != "finite"}
+    assert claimed == {"count of state", "counter of state:n", "clock of state:t", "value of state:y"}
+    path = tmp_path / "riot.toml"
+    path.write_text(path.read_text().replace("[unit.echoes]\n", "[unit.echoes]\nmined = false\n"))
+    with Workspace(path, tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+        log = workspace.unit_log("echoes")
+        assert measure_baseline(workspace.context, "echoes", pool, log, imports={}).mined == NO_RULES

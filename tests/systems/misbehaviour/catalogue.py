@@ -33,13 +33,31 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
     "leaks_files": "growth of {}: files",
     "ignores": "silent of {}: nothing on state",
     "silent": "silent of {}: nothing on state",
+    "not_a_number": "mined finite of state:y",
+    "not_a_number_once": "mined finite of state:y",
+    "twice": "mined count of state",
+    "halves": "mined count of state",
+    "wrong_scale": "mined value of state:y",
+    "frozen": "mined value of state:y",
+    "stale": "mined clock of state:t",
+    "stuck_counter": "mined counter of state:n",
 }
 """The signatures of the findings of each, with `{}` for its name; a text is the only one."""
 
 ORDER = "order_of_two"
 """Fails on a bad command while the mode is 1, and has a thread for each topic."""
 
-ROBUST = ("slow", "chatty", "refuses", "silent_by_design", "restarts_thread", "muted_by_mode", "timers")
+ROBUST = (
+    "slow",
+    "chatty",
+    "refuses",
+    "silent_by_design",
+    "restarts_thread",
+    "muted_by_mode",
+    "timers",
+    "echoes",
+    "sums",
+)
 
 _MESSAGES = 30
 _STEP_NS = 10_000_000

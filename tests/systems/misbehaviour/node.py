@@ -20,7 +20,8 @@ THREADED = ("lost_worker", "restarts_thread", "stdout_traceback")
 inbox = queue.Queue()
 first, second = threading.Lock(), threading.Lock()
 seen_bad = muted = False
-count = 0
+count = refused = 0
+total = 0.0
 mode = 0
 kept = []
 
@@ -125,7 +126,25 @@ def handle(command):
     if KIND == "chatty":
         print(f"no error, no exception: message {count}", file=sys.stderr, flush=True)
     if KIND != "silent_by_design":
-        out.put(json.dumps({"y": 0.0 if bad else command["x"], "n": count}))
+        answer(command, bad)
+
+
+def answer(command, bad):
+    global refused, total
+    y = 0.0 if bad else command["x"]
+    refused += bad
+    total = max(-1e3, min(1e3, total + (1e6 if bad else y)))
+    y = {"echoes": command.get("x"), "sums": total}.get(KIND, y)
+    state = {"y": y, "n": count, "t": time.time(), "refused": refused}
+    times = 1
+    if seen_bad:
+        wrong = {"not_a_number": math.nan, "wrong_scale": 0.9 * y if KIND == "wrong_scale" else y, "frozen": 3.5}
+        state["y"] = math.nan if KIND == "not_a_number_once" and bad else wrong.get(KIND, y)
+        state["t"] -= 60 if KIND == "stale" else 0
+        state["n"] = 7 if KIND == "stuck_counter" else count
+        times = {"twice": 2, "halves": count % 2}.get(KIND, 1)
+    for _ in range(times):
+        out.put(json.dumps(state))
 
 
 def main():

@@ -23,6 +23,7 @@ from riot_bus.findings.records import (
 )
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.system import RunPace
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
@@ -161,8 +162,8 @@ class Machine:
         assert unit == "drive"
         return PureRunner(self.play)
 
-    def keeps_order(self, unit: str, log: object) -> bool:
-        return False
+    def baseline(self, unit: str, log: object) -> Baseline:
+        return UNKNOWN
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         return False

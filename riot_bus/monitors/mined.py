@@ -1,0 +1,327 @@
+"""Rules mined from nominal trials: how a unit answers its probe, whatever exceptional input came before.
+
+What a unit makes of an exceptional input may rightly be exceptional. Of that nothing is claimed, but that outputs are
+finite where all inputs are. After it each trial ends with the same nominal messages, the probe, and the answers to them
+are held against those of nominal trials. Of some fields no nominal value could be claimed: those that depend on what
+came before the probe (sums, filters, estimates), which is told by nominal trials with different histories (the whole
+log, its first half), and those that never change nominally (a count of rejected inputs, an error code).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import asdict, dataclass
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from riot_bus.statistics.rates import exact_interval
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.trial import Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.monitors.model import TrialView
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["NO_RULES", "Mined", "MinedRule", "check_rules", "mine"]
+
+_INDEX = re.compile(r"\[\d+\]")
+_MOST_INPUT = 1e15
+"""Squares and products of larger inputs may overflow where numbers have single precision."""
+_MOST_ELEMENTS = 1 << 16
+_ROOM, _SAME = 3.0, 1e-6
+"""Bounds are so many times what nominal trials differ by away from them, and at least this share of the size. With six
+trials, normal noise is then more than nine standard deviations from its mean."""
+_SPARE = 4
+"""One output of so many may be lost or come twice on a bus."""
+_UNIT_NS = (1, 10**3, 10**6, 10**9)
+_CLOCK_NS = 10**9
+_STALE_NS = 10 * 10**9
+"""A loaded machine holds an output up for a second or two, not for ten."""
+_NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
+
+
+class _Answer(NamedTuple):
+    time: int
+    numbers: Mapping[str, float]
+
+
+_Answers = dict[str, list[_Answer]]
+
+
+@dataclass(frozen=True, slots=True)
+class MinedRule:
+    """What all answers to the probe had in common.
+
+    Attributes:
+        kind: `finite` (no number is NaN or infinite), `count` (of the topic's messages), `value` (of the field, message
+            by message), `counter` (the field increases), `clock` (the field is the time, but for `low` to `high`
+            nanoseconds; `unit` nanoseconds are 1 in it), `norm` (the quaternion has length 1).
+        topic: Topic name.
+        field: Path; for `finite` with `[*]` for all elements of an array; empty for `count`.
+        low: Lower bounds.
+        high: Upper bounds.
+        unit: See `clock`.
+    """
+
+    kind: str
+    topic: str
+    field: str = ""
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    unit: int = 1
+
+    def __str__(self) -> str:
+        """Return kind and field, as in signatures; elements of an array are one field."""
+        return f"{self.kind} of {self.place}"
+
+    @property
+    def place(self) -> str:
+        """Topic and field."""
+        return self.topic + (f":{_INDEX.sub('[*]', self.field)}" if self.field else "")
+
+    def broken(self, answers: Sequence[_Answer]) -> str:
+        """Return what is wrong with the topic's answers to the probe, empty if nothing is."""
+        if self.kind == "count":
+            low, high = self.low[0], self.high[0]
+            return "" if low <= len(answers) <= high else f"{len(answers)} messages, allowed: {low:g} to {high:g}"
+        if self.kind == "finite":
+            return _not_finite(answers, self.field)
+        found = [(each.time, each.numbers.get(self.field)) for each in answers]
+        if self.kind == "norm":
+            lengths = [length for each in answers if (length := _norm(each.numbers, self.field)) is not None]
+            return next((f"{it:g} instead of 1" for it in lengths if abs(it - 1) > _NORM_ALLOWED), "")
+        values = [value for _, value in found if value is not None]
+        if self.kind == "counter":
+            stuck = sum(step <= 0 for step in _steps(values))
+            return f"does not increase, {stuck} times" if stuck > 1 else ""  # once, where it begins anew
+        if self.kind == "clock":
+            lags = [value * self.unit - time for time, value in found if value is not None]
+            if any(lag < self.low[0] or lag > self.high[0] for lag in lags):
+                return f"{max(lags, key=abs) / 1e9:.1f} s from the time of the message"
+            return ""
+        if len(values) < len(found):
+            return "is missing"
+        if len(found) != len(self.low):
+            return ""
+        for number, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
+            if value < low or value > high:  # of NaN `finite` tells
+                return f"{self.field} = {value:g} in answer {number + 1}, allowed: {low:g} to {high:g}"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Mined:
+    """A monitor made of mined rules.
+
+    Attributes:
+        rules: What is judged.
+        trials: Nominal trials that they are learnt from.
+        alarms: Of other nominal trials, those in which some rule fired.
+        held_out: How many other trials there were.
+        dropped: Rules that fired in these, and are not judged.
+    """
+
+    rules: tuple[MinedRule, ...] = ()
+    trials: int = 0
+    alarms: int = 0
+    held_out: int = 0
+    dropped: tuple[str, ...] = ()
+
+    def judge(self, view: TrialView) -> list[Violation]:
+        """Return a violation for each rule that is broken; none of a unit that did not get through the probe."""
+        found: dict[str, Violation] = {}
+        for rule, what in () if view.probed is None else self._broken(view):
+            detail = f"{what} ({self.origin})"
+            found.setdefault(str(rule), Violation("mined", rule.place, f"mined {rule}", detail))
+        return list(found.values())
+
+    def differs(self, outputs: Sequence[Message], registry: TypeRegistry) -> bool:
+        """Return whether answers to a probe break a rule."""
+        answers = _answers(outputs, registry)
+        return any(rule.broken(answers.get(rule.topic, [])) for rule in self.rules)
+
+    @property
+    def origin(self) -> str:
+        """What the rules are from, and how often they fire for no reason."""
+        low, high = exact_interval(self.alarms, self.held_out)
+        return (
+            f"rule mined from {self.trials} nominal trials; in {self.alarms} of {self.held_out} others a rule fired, "
+            f"95 %: {100 * low:.0f} to {100 * high:.0f} %"
+        )
+
+    def row(self) -> dict[str, Any]:
+        """Return it as `campaign.json` holds it."""
+        low, high = exact_interval(self.alarms, self.held_out)
+        return asdict(self) | {"low": low, "high": high}
+
+    def _broken(self, view: TrialView) -> Iterator[tuple[MinedRule, str]]:
+        answers = _answers(view.outputs[view.probed :], view.registry)
+        miscounted: set[str] = set()
+        for rule in sorted(self.rules, key=lambda rule: rule.kind != "count"):
+            what = rule.broken(answers.get(rule.topic, []))
+            if what and (rule.topic not in miscounted or rule.kind == "finite"):  # the rest may come of the count
+                yield rule, f"{what}, in answer to nominal input"
+            if what and rule.kind == "count":
+                miscounted.add(rule.topic)
+        before = _answers(view.outputs[: view.probed], view.registry)
+        wrong = [
+            (rule, what)
+            for rule in self.rules
+            if rule.kind == "finite" and (what := _not_finite(before.get(rule.topic, []), rule.field))
+        ]
+        if wrong and not any(map(_is_exceptional, _input_values(view))):
+            yield from wrong
+
+
+NO_RULES = Mined()
+
+
+def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
+    """Return what the answers to the probe have in common.
+
+    Args:
+        histories: Nominal trials whose probe had one history before it, and those with another.
+    """
+    groups = [[_answers(view.outputs[view.probed :], view.registry) for view in views] for views in histories]
+    trials = list(chain.from_iterable(groups))
+    shared = [topic for topic in trials[0] if all(topic in trial for trial in trials)]
+    return tuple(
+        chain.from_iterable(_rules(topic, [[trial[topic] for trial in group] for group in groups]) for topic in shared)
+    )
+
+
+def check_rules(rules: Sequence[MinedRule], views: Sequence[TrialView], *, trials: int) -> Mined:
+    """Return the rules that no nominal trial breaks that they are not learnt from; the others are told as dropped.
+
+    Args:
+        rules: Mined rules.
+        views: These trials.
+        trials: How many the rules are learnt from.
+    """
+    every = Mined(tuple(rules))
+    fired = [{violation.signature.removeprefix("mined ") for violation in every.judge(view)} for view in views]
+    wrong = set().union(*fired)
+    kept = tuple(rule for rule in rules if str(rule) not in wrong)
+    return Mined(kept, trials, sum(map(bool, fired)), len(views), tuple(sorted(wrong)))
+
+
+def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[MinedRule]:
+    trials = list(chain.from_iterable(groups))
+    counts = {len(trial) for trial in trials}
+    every = list(chain.from_iterable(trials))
+    paths = sorted(set().union(*(answer.numbers for answer in every)))
+    for name in sorted({_INDEX.sub("[*]", path) for path in paths}):
+        if not _not_finite(every, name):
+            yield MinedRule("finite", topic, name)
+    for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
+        lengths = [_norm(answer.numbers, parent) for answer in every]
+        if all(length is not None and abs(length - 1) <= _NORM_NOMINAL for length in lengths):
+            yield MinedRule("norm", topic, parent)
+    count = counts.pop()
+    if not counts:
+        spare = count // _SPARE
+        yield MinedRule("count", topic, low=(count - spare,), high=(count + spare,))
+    for path in paths:
+        if all(math.isfinite(answer.numbers.get(path, math.nan)) for answer in every):
+            yield from _of_field(topic, path, groups, aligned=not counts)
+
+
+def _of_field(
+    topic: str, path: str, groups: Sequence[Sequence[list[_Answer]]], *, aligned: bool
+) -> Iterator[MinedRule]:
+    """Yield the rules on the values of one field that is in all messages."""
+    times = [answer.time for answer in chain.from_iterable(chain.from_iterable(groups))]
+    columns = [[[answer.numbers[path] for answer in trial] for trial in group] for group in groups]
+    runs = list(chain.from_iterable(columns))
+    values = list(chain.from_iterable(runs))
+    for unit in _UNIT_NS:
+        lags = [value * unit - time for value, time in zip(values, times, strict=True)]
+        if max(lags) - min(lags) < min(_CLOCK_NS, (max(times) - min(times)) / 2):
+            yield MinedRule("clock", topic, path, (min(lags) - _STALE_NS,), (max(lags) + _STALE_NS,), unit)
+            return
+    if all(len(run) >= _SPARE and set(_steps(run)) == {1.0} for run in runs):
+        yield MinedRule("counter", topic, path)
+    if not aligned or any(len(set(run)) < 2 for run in runs):
+        return
+    places = list(zip(*runs, strict=True))
+    within = max(_range(place) for column in columns for place in zip(*column, strict=True))
+    spread, same = max(map(_range, places)), _SAME * max(map(abs, values))
+    if spread > same and (_apart(columns, within + same) or all(min(_steps(run)) > 0 for run in runs)):
+        return  # it depends on what was before, or runs with the time
+    room = _ROOM * spread + same
+    yield MinedRule(
+        "value", topic, path, tuple(min(it) - room for it in places), tuple(max(it) + room for it in places)
+    )
+
+
+def _apart(columns: Sequence[Sequence[Sequence[float]]], gap: float) -> bool:
+    """Return whether groups of trials differ at some message by more than trials of one group do."""
+    for places in zip(*(zip(*column, strict=True) for column in columns), strict=True):
+        lows, highs = [min(place) for place in places], [max(place) for place in places]
+        if max(lows) - min(highs) > gap:
+            return True
+    return False
+
+
+def _answers(outputs: Sequence[Message], registry: TypeRegistry) -> _Answers:
+    found: _Answers = {}
+    for message in outputs:
+        if message.kind != "put":
+            continue
+        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        try:
+            leaves = () if kind is None else kind.leaves(message.payload)
+        except PayloadError:
+            leaves = ()
+        numbers = {
+            leaf.path: float(leaf.value)
+            for leaf in leaves
+            if isinstance(leaf.value, int | float) and not isinstance(leaf.value, bool)
+        }
+        found.setdefault(registry.topic(message.key), []).append(_Answer(message.time, numbers))
+    return found
+
+
+def _not_finite(answers: Sequence[_Answer], name: str) -> str:
+    for answer in answers:
+        for path, value in answer.numbers.items():
+            if not math.isfinite(value) and _INDEX.sub("[*]", path) == name:
+                return f"{path} = {value!r}"
+    return ""
+
+
+def _norm(numbers: Mapping[str, float], parent: str) -> float | None:
+    """Return the length of a quaternion, None if there is none."""
+    members = [numbers.get(f"{parent}.{member}") for member in "xyzw"]
+    return None if None in members else math.hypot(*(member for member in members if member is not None))
+
+
+def _steps(values: Sequence[float]) -> list[float]:
+    return [after - before for before, after in pairwise(values)]
+
+
+def _range(values: Sequence[float]) -> float:
+    return max(values) - min(values)
+
+
+def _input_values(view: TrialView) -> Iterator[Any]:
+    """Yield all values of all inputs; NaN for one that cannot be taken apart."""
+    for message in view.inputs:
+        kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        try:
+            leaves = () if kind is None else kind.leaves(message.payload, elements=_MOST_ELEMENTS)
+        except PayloadError:
+            leaves = ()
+        yield from (leaf.value for leaf in leaves) if leaves else (math.nan,)
+
+
+def _is_exceptional(value: Any) -> bool:
+    """Return whether an output may rightly be infinite because of this input: a number, or the text of one."""
+    try:
+        return not abs(float(value)) <= _MOST_INPUT
+    except (OverflowError, TypeError, ValueError):
+        return isinstance(value, int)
