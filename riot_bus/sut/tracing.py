@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
-import platform
 import signal
 import struct
 from contextlib import suppress
@@ -50,7 +49,7 @@ class Tracer:
     """Watches processes for signals that end them."""
 
     def __init__(self) -> None:
-        self._machine = _MACHINES.get(platform.machine())
+        self._machine = _MACHINES.get(os.uname().machine)
         self._stacks: dict[int, list[tuple[str, str]]] = {}
         self._sanitized: dict[tuple[str, int], bool] = {}
 
@@ -61,7 +60,7 @@ class Tracer:
             Why that cannot be, empty if all is well.
         """
         if self._machine is None:
-            return f"not for {platform.machine()} processors"
+            return f"not for {os.uname().machine} processors"
         left, refused = list(pids), ""
         while left:
             with suppress(OSError, ValueError):  # it has ended
