@@ -43,6 +43,7 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
         "crash in {}: SIGSEGV in clear_large < misbehave < handle",
         "crash in {}: SIGSEGV in clear_not_finite < misbehave < handle",
     ),
+    "twenty_faults": tuple(f"crash in {{}}: SIGSEGV in place_{n} < misbehave < handle" for n in range(6)),
     "overruns": "crash in {}: AddressSanitizer heap-buffer-overflow in read_past",
     "not_finite": "measured:y not finite",
     "stale_stamp": "sequence of measured:n",
@@ -51,7 +52,7 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
 }
 """The signatures of the findings of each, with `{}` for its name; a text is the only one."""
 
-NATIVE = ("faults_in_c", "faults_in_libc", "overruns")
+NATIVE = ("faults_in_c", "faults_in_libc", "twenty_faults", "overruns")
 SANITIZED = "overruns"
 MEASURED = ("not_finite", "stale_stamp", "answers_twice", "keeps_messages")
 MONITORS = """
@@ -101,12 +102,12 @@ def missing(kind: str) -> str:
     return "AddressSanitizer (libasan)" if kind == SANITIZED and not sanitizer() else ""
 
 
-def build(folder: Path, kind: str) -> None:
-    """Build what native kinds call, with a sanitizer for the one that is about that."""
+def build(folder: Path, kind: str, *, above: str = "") -> None:
+    """Build what native kinds call, with a sanitizer for the one that is about that, and code above it."""
     if kind in NATIVE:
         sanitize = ["-fsanitize=address"] if kind == SANITIZED else []
-        source, library = FOLDER / "faults.c", folder / "faults.so"
-        subprocess.run(["cc", "-O1", "-g", "-shared", "-fPIC", *sanitize, source, "-o", library], check=True)
+        command = ["cc", "-O1", "-g", "-shared", "-fPIC", *sanitize, "-x", "c", "-", "-o", str(folder / "faults.so")]
+        subprocess.run(command, input=above + (FOLDER / "faults.c").read_text(), text=True, check=True)
 
 
 def write(folder: Path) -> Path:

@@ -25,3 +25,20 @@ long read_past(size_t size) {
     free(memory);
     return last;
 }
+
+/* Twenty faults in six places. */
+#define PLACE(name)                                                                     \
+    long name(long fault) {                                                             \
+        switch (fault) {                                                                \
+        case 0: return *(volatile long *)8;                                             \
+        case 1: return *(volatile long *)16 = fault;                                    \
+        case 2: memset((char *)24, 0, (size_t)fault * 8); return *(volatile char *)24;  \
+        default: return (long)strlen((char *)fault) + 1;                                \
+        }                                                                               \
+    }
+PLACE(place_0)
+PLACE(place_1)
+PLACE(place_2)
+PLACE(place_3)
+PLACE(place_4)
+PLACE(place_5)
