@@ -33,18 +33,18 @@ class CallFrame(NamedTuple):
 
     Attributes:
         begin: Where the function, or this part of it, begins.
-        signal: Whether it is where signal handlers return to; then the rest is not told.
         register: Register that with `offset` gives the caller's stack pointer.
         saved: Where registers are saved, relative to that; None for those that the caller has no more.
         return_register: The one that the return address is in, or saved as.
+        signal: Whether it is where signal handlers return to; then registers are not told.
     """
 
     begin: int
-    signal: bool
     register: int
     offset: int
     saved: dict[int, int | None]
     return_register: int
+    signal: bool = False
 
 
 @dataclass(slots=True)
@@ -267,7 +267,7 @@ class ElfFile:
         if not begin <= address < begin + entry.pointer(encoding & 0x0F, here):
             return None
         if "S" in augmentation:
-            return CallFrame(begin, True, 0, 0, {}, return_register)
+            return CallFrame(begin, 0, 0, {}, return_register, signal=True)
         if augmentation[:1] == "z":
             entry.at += entry.unsigned()
         rows = _Rows(code, data, address - begin)
@@ -275,4 +275,4 @@ class ElfFile:
         rows.run(entry)
         if rows.cfa is None:
             return None
-        return CallFrame(begin, False, *rows.cfa, rows.saved, return_register)
+        return CallFrame(begin, *rows.cfa, rows.saved, return_register)

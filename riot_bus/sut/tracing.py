@@ -63,19 +63,26 @@ class Tracer:
             return f"not for {os.uname().machine} processors"
         left, refused = list(pids), ""
         while left:
-            with suppress(OSError, ValueError):  # it has ended
-                pid = left.pop()
-                seize = not self._reports_itself(pid)
-                known: set[str] = set()
-                while new := set(os.listdir(f"/proc/{pid}/task")) - known:  # they may be starting others
-                    known |= new
-                    for thread in new:
-                        with open(f"/proc/{pid}/task/{thread}/children", "rb") as children:
-                            left += map(int, children.read().split())
-                        error = _request(_SEIZE, int(thread), 0, _TRACE_CLONE | _EXIT_KILL) if seize else 0
-                        if error == errno.EPERM and b"\nTracerPid:\t0\n" in _status(int(thread)):
-                            refused = os.strerror(error)
+            try:
+                left += self._watch(left.pop())
+            except PermissionError as error:
+                refused = os.strerror(error.errno)
+            except (OSError, ValueError):  # it has ended, or is nothing to read symbols from
+                continue
         return refused
+
+    def _watch(self, pid: int) -> list[int]:
+        """Watch a process; return those that it has started."""
+        seize, children, known = not self._reports_itself(pid), list[int](), set[str]()
+        while new := set(os.listdir(f"/proc/{pid}/task")) - known:  # there may be more while this works
+            known |= new
+            for thread in new:
+                error = _request(_SEIZE, int(thread), 0, _TRACE_CLONE | _EXIT_KILL) if seize else 0
+                if error == errno.EPERM and b"\nTracerPid:\t0\n" in _status(int(thread)):
+                    raise PermissionError(error, os.strerror(error))
+                with suppress(OSError), open(f"/proc/{pid}/task/{thread}/children", "rb") as stream:
+                    children += map(int, stream.read().split())
+        return children
 
     def let_go_on(self, thread: int, status: int) -> None:
         """Let a stopped thread go on, as `os.waitpid` told of it; if a signal is to end it, keep its stack before."""

@@ -106,7 +106,20 @@ def build(folder: Path, kind: str, *, above: str = "") -> None:
     """Build what native kinds call, with a sanitizer for the one that is about that, and code above it."""
     if kind in NATIVE:
         sanitize = ["-fsanitize=address"] if kind == SANITIZED else []
-        command = ["cc", "-O1", "-g", "-shared", "-fPIC", *sanitize, "-x", "c", "-", "-o", str(folder / "faults.so")]
+        command = [
+            "cc",
+            "-O1",
+            "-g",
+            "-w",
+            "-shared",
+            "-fPIC",
+            *sanitize,
+            "-x",
+            "c",
+            "-",
+            "-o",
+            str(folder / "faults.so"),
+        ]
         subprocess.run(command, input=above + (FOLDER / "faults.c").read_text(), text=True, check=True)
 
 
