@@ -164,7 +164,7 @@ class ElfFile:
     """
 
     def __init__(self, path: str) -> None:
-        self._file = open(path, "rb", buffering=0)  # noqa: SIM115 - closed with the object
+        self._path = path
         header = self._read(0, 64)
         if header[:6] != b"\x7fELF\x02\x01":
             raise ValueError(f"{path} is no 64-bit little-endian ELF file")
@@ -176,7 +176,8 @@ class ElfFile:
         ]
 
     def _read(self, offset: int, size: int) -> bytes:
-        return os.pread(self._file.fileno(), min(size, _LARGEST_TABLE), offset)
+        with open(self._path, "rb", buffering=0) as stream:
+            return os.pread(stream.fileno(), min(size, _LARGEST_TABLE), offset)
 
     def address(self, offset: int) -> int:
         """Return the address, as in the file, of a position in it."""

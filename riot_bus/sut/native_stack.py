@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 from riot_bus.sut.elf_file import CallFrame, ElfFile
 
-__all__ = ["AARCH64", "X86_64", "Machine", "unwind"]
+__all__ = ["AARCH64", "UNREADABLE", "X86_64", "Machine", "unwind"]
 
+UNREADABLE = (OSError, ValueError, LookupError, ArithmeticError, struct.error)
+"""What comes of memory and files that are not as they should be."""
 _DEEPEST = 64
 _MOST_FILES = 256
 
@@ -74,14 +76,11 @@ def unwind(pid: int, registers: bytes, machine: Machine) -> list[tuple[str, str]
     """
     words = struct.unpack(f"<{len(registers) // 8}Q", registers)
     known = {number: word for number, word in zip(machine.order, words, strict=False) if number >= 0}
-    with open(f"/proc/{pid}/maps", encoding="utf-8", errors="surrogateescape") as lines:
+    with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as lines:
         mappings = [mapping for line in lines if (mapping := _executable(line))]
     frames: list[tuple[str, str]] = []
     exact = True  # else it is where a call returns to, and the call is before that
-    with (
-        open(f"/proc/{pid}/mem", "rb", buffering=0) as memory,
-        suppress(OSError, ValueError, LookupError, struct.error),
-    ):
+    with open(f"/proc/{pid}/mem", "rb", buffering=0) as memory, suppress(*UNREADABLE):
         while len(frames) < _DEEPEST and (known[machine.pc] or exact):
             place, top = known[machine.pc] - (not exact), known[machine.sp]
             mapping = next((each for each in mappings if each.start <= place < each.end), None)
@@ -113,7 +112,7 @@ def _look_up(mapping: _Mapping, place: int) -> tuple[str, CallFrame | None]:
     if not mapping.path.startswith("/"):
         return "", None
     offset = place - mapping.start + mapping.offset
-    with suppress(OSError, ValueError, LookupError, struct.error):
+    with suppress(*UNREADABLE):
         file = _elf_file(mapping.path)
         if file is not None:
             address = file.address(offset)

@@ -10,11 +10,10 @@ import ctypes
 import errno
 import os
 import signal
-import struct
 from contextlib import suppress
 
 from riot_bus.sut.elf_file import SHT_DYNSYM, ElfFile
-from riot_bus.sut.native_stack import AARCH64, X86_64, unwind
+from riot_bus.sut.native_stack import AARCH64, UNREADABLE, X86_64, unwind
 
 __all__ = ["WALL", "Tracer"]
 
@@ -66,8 +65,8 @@ class Tracer:
             try:
                 left += self._watch(left.pop())
             except PermissionError as error:
-                refused = os.strerror(error.errno)
-            except (OSError, ValueError):  # it has ended, or is nothing to read symbols from
+                refused = str(error.strerror)
+            except UNREADABLE:  # it has ended, or is nothing to read symbols from
                 continue
         return refused
 
@@ -91,7 +90,7 @@ class Tracer:
             _request(_LISTEN, thread)
             return
         if not event and number in _FATAL:
-            with suppress(OSError, ValueError, LookupError, struct.error):
+            with suppress(*UNREADABLE):
                 self._look(thread, number)
         _request(_CONT, thread, 0, 0 if event else number)
 
