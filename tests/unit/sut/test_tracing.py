@@ -115,11 +115,15 @@ def own(process: ComponentProcess) -> list[str]:
 
 @pytest.mark.parametrize("thread", [(), ("thread",)], ids=["main", "thread"])
 @pytest.mark.parametrize("kind", ["reads", "clears", "fills", "gives_up", "calls_nowhere", "handled"])
-@pytest.mark.parametrize("program", ["faults", "rebuilt"])
-def test_functions_of_the_program_are_told(run: Run, kind: str, thread: tuple[str, ...], program: str) -> None:
-    process = run(kind, *thread, program=program)
+def test_functions_of_the_program_are_told(run: Run, kind: str, thread: tuple[str, ...]) -> None:
+    process = run(kind, *thread)
     assert process.status == -(signal.SIGABRT if kind == "gives_up" else signal.SIGSEGV)
     assert own(process) == (["clears", kind] if kind == "handled" else [kind])
+
+
+def test_a_program_that_is_built_anew_has_the_same_functions(run: Run) -> None:
+    before, after = run("clears"), run("clears", program="rebuilt")
+    assert [name for _, name in before.stack] == [name for _, name in after.stack]
 
 
 def test_a_fault_in_a_library_is_told_with_its_file(run: Run) -> None:
