@@ -125,7 +125,7 @@ class Threads:
         return total
 
     def busy(self, *, new: bool = True) -> bool:
-        """Return whether a thread runs, or could, or is held by a tracer; without `new`, only those known are looked at."""
+        """Return whether a thread runs, or could, or is held by a tracer; without `new`, of those known already."""
         if new:
             self._find()
         for _, file in self._files.values():
