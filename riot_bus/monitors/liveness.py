@@ -110,7 +110,8 @@ def _crashes(component: ComponentView) -> tuple[Crash, ...]:
     """Return the crashes of a component; all else that is wrong with it then comes of them."""
     if component.status is None and not component.tracebacks:
         return ()
-    return crashes_in(component.status, component.errors, component.root, component.printed)
+    printed, stack = component.printed, component.stack
+    return crashes_in(component.status, component.errors, component.root, printed=printed, stack=stack)
 
 
 def _violation(monitor: str, component: ComponentView, place: str, detail: str = "") -> Violation:

@@ -86,6 +86,7 @@ class ComponentView:
         root: Folder of its code; frames outside it are somebody else's.
         tracebacks: Whether a traceback in stderr of a live process counts as a crash.
         printed: What it wrote to stdout.
+        stack: File and function of each native frame on which a signal has ended it, the innermost first.
         resources: What it had of the machine, over time.
         signs: What its state differs in from that after nominal trials.
     """
@@ -96,6 +97,7 @@ class ComponentView:
     root: Path
     tracebacks: bool = True
     printed: str = ""
+    stack: Sequence[tuple[str, str]] = ()
     resources: Sequence[ResourceSample] = ()
     signs: Signs = NO_SIGNS
 

@@ -3,7 +3,8 @@
 A crash is identified by its place, not by its words, so that one defect that raises different exceptions for different
 inputs stays one finding. And the place is not a line number or a file, which change with every edit: of a Python
 traceback it is the innermost function of the component's own code and the text of the line in it. A native crash has
-its signal, and the functions of Python around it, where `faulthandler` tells them.
+its signal and the innermost native functions of the component's own files, then those of Python around them, where
+`faulthandler` tells them.
 """
 
 from __future__ import annotations
@@ -11,8 +12,12 @@ from __future__ import annotations
 import re
 import signal
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import groupby, islice, pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = ["Crash", "crashes_in", "tracebacks"]
 
@@ -28,6 +33,13 @@ _RUST = re.compile(r"panicked at ([^:\n]+):\d+")
 _SUMMARY = re.compile(r"^SUMMARY: (?P<tool>\w+Sanitizer): (?P<kind>[\w-]+)(?:.* in (?P<function>\S+))?", re.MULTILINE)
 _UNDEFINED = re.compile(r"^(?P<file>\S+?):\d+:\d+: runtime error: (?P<text>.+)$", re.MULTILINE)
 _NUMBER = re.compile(r"(?<![A-Za-z])[-+]?(?:0x[0-9a-fA-F]+|\d[\d.e+-]*)")
+_SYSTEM = re.compile(
+    r"/(ld-linux[\w-]*|libc|libm|libstdc\+\+|libgcc_s|libpthread|libdl|librt)(-[\d.]+)?\.so[\d.]*$"
+    r"|/(lib)?python\d[\w.]*$|^\[|^$"
+)
+_LIBRARIES = re.compile(r"^/(usr/(?!local/)|lib\d*/|opt/ros/)|/lib(64)?/python\d|/(site|dist)-packages/")
+_STANDARD = re.compile(r"^_Z(N?K?St|NK?9__gnu_cxx)")
+"""Functions of C++'s standard library, which stand in the files of those who use them."""
 _AFTERWORDS = 4
 _LONGEST_SOURCE = 100
 _LONGEST_DETAIL = 500
@@ -56,7 +68,9 @@ def tracebacks(text: str) -> list[str]:
     return found
 
 
-def crashes_in(status: int | None, errors: str, root: Path, printed: str = "") -> tuple[Crash, ...]:
+def crashes_in(
+    status: int | None, errors: str, root: Path, printed: str = "", *, stack: Sequence[tuple[str, str]] = ()
+) -> tuple[Crash, ...]:
     """Return where a component crashed, each place once; what ended the process comes first.
 
     Args:
@@ -64,6 +78,8 @@ def crashes_in(status: int | None, errors: str, root: Path, printed: str = "") -
         errors: Its stderr.
         root: Folder of its code.
         printed: Its stdout, where some programs write their tracebacks.
+        stack: File and function of each native frame on which a signal has ended it, the innermost first; a function
+            without a name is told by `+` and its offset in the file.
 
     Returns:
         Nothing when neither the status nor what it wrote speaks of a crash.
@@ -78,7 +94,7 @@ def crashes_in(status: int | None, errors: str, root: Path, printed: str = "") -
     reports = _sanitizer_reports(errors)
     found = [*reports, *python]
     if status is not None and status < 0 and not ending and not reports:
-        found = [_native(status, errors, root), *python]
+        found = [_native(status, errors, root, stack), *python]
     elif status is not None and status > 0 and not found:
         found = [Crash(f"exit status {status}", _last_line(errors))]
     return tuple({crash.place: crash for crash in reversed(found)}.values())[::-1]
@@ -116,17 +132,26 @@ def _is_own(file: str, root: Path) -> bool:
     return Path(file).is_relative_to(root) and "site-packages" not in Path(file).parts
 
 
-def _native(status: int, errors: str, root: Path) -> Crash:
-    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
-    for pattern in (_TERMINATE, _RUST):
-        if match := pattern.search(errors):
-            return Crash(f"{name} {match[1]}", _last_line(errors))
+def _native(status: int, errors: str, root: Path, stack: Sequence[tuple[str, str]]) -> Crash:
+    place = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    thrown = next((match for pattern in (_TERMINATE, _RUST) if (match := pattern.search(errors))), None)
     fatal = _FATAL.search(errors)
-    if fatal is None:
-        return Crash(name, _last_line(errors))
-    thread = errors[fatal.end() :].partition(_CURRENT)[2].partition("\n\n")[0]
-    functions = [each["function"] for each in _FRAME.finditer(thread) if _is_own(each["file"], root)][:_CALLERS]
-    return Crash(f"{name} in {' < '.join(functions)}" if functions else name, fatal[0])
+    thread = errors[fatal.end() :].partition(_CURRENT)[2].partition("\n\n")[0] if fatal and not thrown else ""
+    python = [each["function"] for each in _FRAME.finditer(thread) if _is_own(each["file"], root)]
+    functions = [*_native_functions(stack, own=bool(python)), *python][:_CALLERS]
+    place += f" {thrown[1]}" if thrown else ""
+    place += f" in {' < '.join(functions)}" if functions else ""
+    return Crash(place, fatal[0] if fatal and not thrown else _last_line(errors))
+
+
+def _native_functions(stack: Sequence[tuple[str, str]], *, own: bool) -> list[str]:
+    """Return the functions of the component's own files; without any, unless only `own` are wanted, those of others."""
+    system = [frame for frame in stack if not _SYSTEM.search(frame[0])]
+    mine = [frame for frame in system if not _LIBRARIES.search(frame[0])]
+    frames = mine or ([] if own else system or stack)
+    frames = [frame for frame in frames if not _STANDARD.search(frame[1])] or frames
+    names = [f"{Path(file).name}{function}" if function[:1] in ("+", "") else function for file, function in frames]
+    return [name for name, _ in groupby(names)]
 
 
 def _last_line(text: str) -> str:

@@ -125,12 +125,12 @@ class Threads:
         return total
 
     def busy(self, *, new: bool = True) -> bool:
-        """Return whether a thread runs, or could; without `new`, of those that were there at the last look at all."""
+        """Return whether a thread runs, or could, or is held by a tracer; without `new`, of those known already."""
         if new:
             self._find()
         for _, file in self._files.values():
             with suppress(OSError):
-                if os.pread(file, 512, 0).rpartition(b") ")[2][:1] in (b"R", b"D"):
+                if os.pread(file, 512, 0).rpartition(b") ")[2][:1] in (b"R", b"D", b"t"):
                     return True
         return False
 

@@ -44,6 +44,7 @@ def write_evidence(
     folder.mkdir(parents=True, exist_ok=True)
     for component in view.components:
         texts = {"stdout": component.printed, "stderr": component.errors, "stacks": component.signs.stacks}
+        texts["native"] = "".join(f"{file}: {function}\n" for file, function in component.stack)
         for name, text in texts.items():
             if text.strip():
                 (folder / f"{component.name}.{name}.txt").write_text(text[-_MOST_TEXT:], encoding="utf-8")

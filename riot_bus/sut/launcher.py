@@ -12,7 +12,7 @@ import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
@@ -33,6 +33,7 @@ class ComponentProcess:
     Attributes:
         started: "forked" or "executed", with the reason where it was to be forked.
         status: Exit status, negative for a signal, None while it runs.
+        stack: File and function of each native frame on which a signal has ended it, the innermost first.
     """
 
     name: str
@@ -41,6 +42,7 @@ class ComponentProcess:
     stderr: Path
     started: str = "executed"
     status: int | None = None
+    stack: Sequence[tuple[str, str]] = ()
 
     def errors(self) -> str:
         """Return what it has written to stderr (at most the last 256 KiB)."""
@@ -68,7 +70,7 @@ class Launcher:
         self._lock = threading.RLock()
         self._processes: dict[int, ComponentProcess] = {}
         self._replies: list[dict[str, object]] = []
-        self._exited: list[tuple[int, int]] = []
+        self._exited: list[dict[str, Any]] = []
         self._supervisor = subprocess.Popen(
             [sys.executable, "-S", "-E", str(_SUPERVISOR)],
             stdin=theirs.fileno(),
@@ -142,6 +144,12 @@ class Launcher:
                 self._pump(min(remaining, 0.05))
         return True
 
+    def watch(self, pids: Sequence[int]) -> str:
+        """Have the native stack kept on which a signal ends processes; return why that cannot be, else nothing."""
+        with self._lock:
+            self._send({"do": "watch", "pids": list(pids)})
+            return str(self._reply()["cannot"])
+
     def interrupt(self, process: ComponentProcess, number: signal.Signals = signal.SIGTERM) -> None:
         """Send a signal to a component's process group."""
         with self._lock:
@@ -181,13 +189,14 @@ class Launcher:
         for line in lines:
             event = json.loads(line)
             if event["event"] == "exited":
-                self._exited.append((event["pid"], event["status"]))
+                self._exited.append(event)
             else:
                 self._replies.append(event)
         self._settle_exits()
 
     def _settle_exits(self) -> None:
-        for pid, status in list(self._exited):
-            if pid in self._processes:
-                self._processes[pid].status = status
-                self._exited.remove((pid, status))
+        for event in list(self._exited):
+            if event["pid"] in self._processes:
+                process = self._processes[event["pid"]]
+                process.status, process.stack = event["status"], tuple((file, name) for file, name in event["stack"])
+                self._exited.remove(event)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 import signal
 import socket
 import sys
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TrialSetup"]
 
+_LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
 _MEASURE = 0.15
@@ -171,6 +174,7 @@ class TrialSetup:
             topic = self.context.registry.topic(missing[0])
             raise self._did_not_start(name, f"has not subscribed to {topic} within {timeout:g} s")
         self._wait_declared([name])
+        self._watch([name])
 
     def wait_ready(self, names: Iterable[str]) -> None:
         """Wait until components have connected and come to rest, so whatever they declare at start is declared.
@@ -201,8 +205,14 @@ class TrialSetup:
                 alive=lambda: all(self.launcher.alive(self.processes[name]) for name in names),
             )
         self._wait_declared(names)
+        self._watch(names)
         self._come_to_rest(names, deadline)
         self._check_alive(names)
+
+    def _watch(self, names: Iterable[str]) -> None:
+        """Have it told where a signal ends components from now on."""
+        if cannot := self.launcher.watch([self.processes[name].pid for name in names]):
+            _tell_unwatched(cannot)
 
     def _wait_declared(self, names: Iterable[str]) -> None:
         """Wait for what `ready` in riot.toml asks for."""
@@ -408,6 +418,7 @@ class TrialSetup:
                     root,
                     traced,
                     printed=process.printed(),
+                    stack=process.stack,
                     resources=tuple(self.samples(name)),
                     signs=(signs or {}).get(name, NO_SIGNS),
                 )
@@ -425,6 +436,11 @@ class TrialSetup:
             stalled,
             tuple(self.inputs),
         )
+
+
+@functools.cache
+def _tell_unwatched(why: str) -> None:
+    _LOG.warning("crashes by a signal are told apart by the signal alone: components cannot be traced (%s)", why)
 
 
 def _fill(text: str, words: Mapping[str, str]) -> str:

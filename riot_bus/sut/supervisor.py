@@ -18,6 +18,10 @@ import socket
 import subprocess
 import sys
 
+sys.path.append(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
+
+from riot_bus.sut.tracing import WALL, Tracer
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -118,6 +122,7 @@ class Supervisor:
         self._link = link
         self._running: set[int] = set()
         self._servers: dict[str, ForkServer] = {}
+        self._tracer = Tracer()
 
     def tell(self, **event: object) -> None:
         """Send one event to riot."""
@@ -164,16 +169,17 @@ class Supervisor:
         return server.start(**told, module=wanted["module"], words=wanted["words"]), server.cannot
 
     def reap(self) -> None:
-        """Collect what has ended and report components' exit statuses (negative: signal)."""
-        servers = {server.pid for server in self._servers.values()}
-        for pid in children_of(os.getpid()):
-            if pid in servers:
-                continue
-            with contextlib.suppress(ChildProcessError):
-                ended, status = os.waitpid(pid, os.WNOHANG)
-                if ended in self._running:
-                    self._running.remove(ended)
-                    self.tell(event="exited", pid=ended, status=os.waitstatus_to_exitcode(status))
+        """Report what has happened to processes: components' ends, with exit status (negative: signal) and stack."""
+        with contextlib.suppress(ChildProcessError):
+            while (found := os.waitpid(-1, os.WNOHANG | WALL))[0]:
+                pid, status = found
+                if os.WIFSTOPPED(status):
+                    self._tracer.let_go_on(pid, status)
+                    continue
+                stack = self._tracer.stack(pid)
+                if pid in self._running:
+                    self._running.remove(pid)
+                    self.tell(event="exited", pid=pid, status=os.waitstatus_to_exitcode(status), stack=stack)
 
     def kill_all(self) -> None:
         """Kill every component and all their descendants, and wait until they are gone."""
@@ -185,9 +191,10 @@ class Supervisor:
             for pid in children:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
-            for pid in children:
-                with contextlib.suppress(ChildProcessError):
-                    os.waitpid(pid, 0)
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(-1, WALL)  # of a traced process, each thread
+                while os.waitpid(-1, WALL | os.WNOHANG)[0]:
+                    pass
         self._running.clear()
 
     def close(self) -> None:
@@ -204,6 +211,8 @@ class Supervisor:
             case "signal":
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(request["pid"], request["signal"])
+            case "watch":
+                self.tell(event="watched", cannot=self._tracer.watch(request["pids"]))
             case "kill_all":
                 self.kill_all()
                 self.tell(event="killed")

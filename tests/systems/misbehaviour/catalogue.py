@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
-__all__ = ["FAULTY", "ORDER", "ROBUST", "write"]
+__all__ = ["FAULTY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -41,8 +43,46 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
     "frozen": "mined value of state:y",
     "stale": "mined clock of state:t",
     "stuck_counter": "mined counter of state:n",
+    "faults_in_c": (
+        "crash in {}: SIGSEGV in read_row < misbehave < handle",
+        "crash in {}: SIGSEGV in write_row < misbehave < handle",
+    ),
+    "faults_in_libc": (
+        "crash in {}: SIGSEGV in clear_large < misbehave < handle",
+        "crash in {}: SIGSEGV in clear_not_finite < misbehave < handle",
+    ),
+    "twenty_faults": tuple(f"crash in {{}}: SIGSEGV in place_{n} < misbehave < handle" for n in range(6)),
+    "overruns": "crash in {}: AddressSanitizer heap-buffer-overflow in read_past",
+    "not_finite": "measured:y not finite",
+    "stale_stamp": "sequence of measured:n",
+    "answers_twice": "count of measured for cmd",
+    "keeps_messages": "range of measured:kept",
 }
 """The signatures of the findings of each, with `{}` for its name; a text is the only one."""
+
+NATIVE = ("faults_in_c", "faults_in_libc", "twenty_faults", "overruns")
+SANITIZED = "overruns"
+MEASURED = ("not_finite", "stale_stamp", "answers_twice", "keeps_messages")
+MONITORS = """
+[[monitors]]
+kind = "finite"
+field = "measured:y"
+[[monitors]]
+kind = "sequence"
+field = "measured:n"
+modulo = 1_000_000
+[[monitors]]
+kind = "count"
+output = "measured"
+input = "cmd"
+low = 0.0
+high = 1.0
+[[monitors]]
+kind = "range"
+field = "measured:kept"
+max = 0
+"""
+"""What tells the measured kinds, which do nothing that is wrong for all units."""
 
 ORDER = "order_of_two"
 """Fails on a bad command while the mode is 1, and has a thread for each topic."""
@@ -63,6 +103,44 @@ _MESSAGES = 30
 _STEP_NS = 10_000_000
 
 
+@functools.cache
+def sanitizer() -> str:
+    """Return the runtime of AddressSanitizer, which comes before all others; empty if there is none."""
+    if shutil.which("cc") is None:
+        return ""
+    command = ["cc", "-print-file-name=libasan.so"]
+    path = Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip())
+    return str(path) if path.is_absolute() and path.exists() else ""
+
+
+def missing(kind: str) -> str:
+    """Return what this machine lacks to build a kind; empty if nothing."""
+    if kind in NATIVE and shutil.which("cc") is None:
+        return "a C compiler (cc)"
+    return "AddressSanitizer (libasan)" if kind == SANITIZED and not sanitizer() else ""
+
+
+def build(folder: Path, kind: str, *, above: str = "") -> None:
+    """Build what native kinds call, with a sanitizer for the one that is about that, and code above it."""
+    if kind in NATIVE:
+        sanitize = ["-fsanitize=address"] if kind == SANITIZED else []
+        command = [
+            "cc",
+            "-O1",
+            "-g",
+            "-w",
+            "-shared",
+            "-fPIC",
+            *sanitize,
+            "-x",
+            "c",
+            "-",
+            "-o",
+            str(folder / "faults.so"),
+        ]
+        subprocess.run(command, input=above + (FOLDER / "faults.c").read_text(), text=True, check=True)
+
+
 def write(folder: Path) -> Path:
     """Write riot.toml, the nominal log and the program into a folder; return the path of the former."""
     shutil.copy(FOLDER / "node.py", folder)
@@ -77,12 +155,15 @@ def write(folder: Path) -> Path:
             if number == _MESSAGES - 5:
                 log.write(Message(time + 1000, "mode", b'{"m": 0}', encoding="application/json"))
     parts = ['[system]\nname = "misbehaviour"\nnominal = "nominal.mcap"\n']
+    sanitized = f'env = {{ LD_PRELOAD = "{sanitizer()}", ASAN_OPTIONS = "abort_on_error=1:detect_leaks=0" }}\n'
     parts += [
         f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
-        f'inputs = ["cmd", "mode"]\noutputs = ["state"]\nready = {{ timeout = 60 }}\n'
+        f'inputs = ["cmd", "mode"]\noutputs = ["{"measured" if kind in MEASURED else "state"}"]\n'
+        f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}"
         f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
+        f"{'mined = false' if kind in MEASURED else ''}\n"
         for kind in (*FAULTY, *ROBUST, ORDER)
     ]
     path = folder / "riot.toml"
-    path.write_text("\n".join(parts))
+    path.write_text("\n".join(parts) + MONITORS)
     return path

@@ -1,6 +1,7 @@
 """A node with one way to misbehave: `node.py KIND ENDPOINT`. It answers `cmd` with `state` until a bad one comes.
 
-A bad command has an `x` that is no number, not finite, or out of all proportion. Robust kinds stand at the end.
+A bad command has an `x` that is no number, not finite, or out of all proportion. Robust kinds stand at the end. Native
+kinds call `faults.so`, built from `faults.c`; measured ones publish on `measured`, which monitors of riot.toml look at.
 """
 
 import ctypes
@@ -11,11 +12,19 @@ import queue
 import sys
 import threading
 import time
+import zlib
 
 import zenoh
 
 KIND, ENDPOINT = sys.argv[1:3]
 THREADED = ("lost_worker", "restarts_thread", "stdout_traceback")
+MEASURED = ("answers_twice", "keeps_messages", "not_finite", "stale_stamp")
+FAULTS = {  # for a large x, and for others
+    "faults_in_c": ("read_row", "write_row"),
+    "faults_in_libc": ("clear_large", "clear_not_finite"),
+    "overruns": ("read_past", "read_past"),
+}
+PLACES = 6
 
 inbox = queue.Queue()
 first, second = threading.Lock(), threading.Lock()
@@ -95,8 +104,13 @@ def misbehave(command):
             raise SystemExit from None
     elif KIND == "leaks_much" and not kept:
         kept.append(b"\1" * (500 << 20))
-    elif KIND == "segfaults":
+    elif KIND == "twenty_faults":
+        fault, place = divmod(zlib.crc32(repr(command.get("x")).encode()) % 20, PLACES)
+        getattr(ctypes.CDLL("./faults.so"), f"place_{place}")(fault)
+    elif KIND == "segfaults" or KIND in FAULTS:
         large = isinstance(command["x"], (int, float)) and math.isfinite(command["x"])
+        if KIND in FAULTS:
+            getattr(ctypes.CDLL("./faults.so"), FAULTS[KIND][not large])(8)
         poke_large() if large else poke_not_finite()
     elif KIND == "ignores":
         print("ERROR: bad input", file=sys.stderr)
@@ -112,13 +126,15 @@ def handle(command):
     seen_bad |= bad
     if KIND == "order_of_two" and mode == 1 and bad:
         raise ValueError("bad while the mode is 1")
-    count += 1
+    count += KIND not in MEASURED
     if bad and misbehave(command):
         return
     if KIND in ("ignores", "silent") and seen_bad:
         return
     if KIND == "leaks_slowly" and seen_bad:
         kept.append(b"\1" * (2 << 20))
+    if KIND == "keeps_messages" and seen_bad:
+        kept.append(command)
     if KIND == "leaks_files" and seen_bad:
         kept.extend(os.open(os.devnull, os.O_RDONLY) for _ in range(3))
     if KIND == "slow":
@@ -126,7 +142,15 @@ def handle(command):
     if KIND == "chatty":
         print(f"no error, no exception: message {count}", file=sys.stderr, flush=True)
     if KIND != "silent_by_design":
-        answer(command, bad)
+        measure(command, bad) if KIND in MEASURED else answer(command, bad)
+
+
+def measure(command, bad):
+    global count
+    y = command["x"] if not bad else math.nan if KIND == "not_finite" else 0.0
+    for _ in range(1 + (KIND == "answers_twice" and seen_bad)):
+        count += not (KIND == "stale_stamp" and seen_bad)
+        out.put(json.dumps({"y": y, "n": count, "kept": len(kept)}))
 
 
 def answer(command, bad):
@@ -188,7 +212,9 @@ config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
 session = zenoh.open(config)
-out = session.declare_publisher("state", congestion_control=zenoh.CongestionControl.BLOCK)
+out = session.declare_publisher(
+    "measured" if KIND in MEASURED else "state", congestion_control=zenoh.CongestionControl.BLOCK
+)
 if KIND == "timers":
     threading.Thread(target=tick, daemon=True).start()
 modes = session.declare_subscriber("mode", on_mode)

@@ -125,6 +125,46 @@ SUMMARY: AddressSanitizer: heap-buffer-overflow /srv/rover/core.c:12:3 in poke
 """
 
 
+LIBC = "/usr/lib/x86_64-linux-gnu/libc.so.6"
+NODE = "/srv/rover/node"
+
+
+@pytest.mark.parametrize(
+    ("stack", "wanted"),
+    [
+        ([(NODE, "poke"), (NODE, "main"), (LIBC, "__libc_start_main")], "poke < main"),
+        ([(LIBC, "memset"), (NODE, "poke"), (NODE, "main")], "poke < main"),
+        ([(NODE, "deep"), (NODE, "deep"), (NODE, "deep"), (NODE, "main")], "deep < main"),
+        ([(NODE, "a"), (NODE, "b"), (NODE, "c"), (NODE, "d")], "a < b < c"),
+        ([(NODE, "_ZSt4sortIPiEvT_S1_"), (NODE, "_ZNSt6vectorIiE4pushEv"), (NODE, "poke")], "poke"),
+        ([(NODE, "+0x1130"), (NODE, "main")], "node+0x1130 < main"),
+        ([("", ""), (NODE, "poke")], "poke"),
+        ([(LIBC, "abort"), ("/opt/ros/jazzy/lib/librclcpp.so", "spin"), ("/usr/bin/python3.11", "main")], "spin"),
+        ([(LIBC, "abort"), ("/usr/lib/libcamera.so.0", "grab"), ("[vdso]", "")], "grab"),
+        ([(LIBC, "abort"), (LIBC, "+0x271d0")], "abort < libc.so.6+0x271d0"),
+    ],
+)
+def test_a_native_crash_has_the_functions_of_the_components_own_files(
+    stack: list[tuple[str, str]], wanted: str
+) -> None:
+    (crash,) = crashes_in(-11, "", ROOT, stack=stack)
+    assert crash.place == f"SIGSEGV in {wanted}"
+
+
+def test_native_functions_come_before_those_of_python_around_them() -> None:
+    library, python = "/srv/rover/scale.so", "/usr/lib/libpython3.11.so.1.0"
+    (crash,) = crashes_in(-11, FATAL, ROOT, stack=[(LIBC, "memset"), (library, "scale"), (python, "PyObject_Call")])
+    assert crash.place == "SIGSEGV in scale < poke < on_map"
+    (crash,) = crashes_in(-11, FATAL, ROOT, stack=[(LIBC, "memset"), ("/usr/lib/libffi.so.8", "ffi_call")])
+    assert crash.place == "SIGSEGV in poke < on_map"
+
+
+def test_an_exception_that_ends_a_program_has_its_place() -> None:
+    thrown = "terminate called after throwing an instance of 'std::bad_alloc'\n  what():  std::bad_alloc"
+    (crash,) = crashes_in(-6, thrown, ROOT, stack=[(LIBC, "abort"), (NODE, "grow"), (NODE, "main")])
+    assert crash.place == "SIGABRT std::bad_alloc in grow < main"
+
+
 def test_what_a_sanitizer_reports_has_its_function_and_no_line() -> None:
     crash = crash_in(-6, ASAN)
     assert crash is not None

@@ -28,6 +28,7 @@ def view(*outputs: Message) -> TrialView:
         "its last words\n",
         Path("/srv"),
         resources=[ResourceSample(1, 2, 3, 4, 5)],
+        stack=[("/srv/part", "poke"), ("/srv/part", "main")],
         signs=Signs(stacks="Thread 1"),
     )
     return TrialView([component], True, 2.0, TypeRegistry(), outputs)
@@ -38,11 +39,13 @@ def test_what_a_trial_leaves_is_in_files(tmp_path: Path) -> None:
     sizes = write_evidence(tmp_path / "e", view(Message(7, "out", b"{}")), [violation], context=context())
     assert sizes.keys() == {
         "outputs.mcap",
+        "part.native.txt",
         "part.resources.csv",
         "part.stacks.txt",
         "part.stderr.txt",
         "trial.json",
     }
+    assert (tmp_path / "e/part.native.txt").read_text() == "/srv/part: poke\n/srv/part: main\n"
     assert (tmp_path / "e/part.stderr.txt").read_text() == "its last words\n"
     assert (tmp_path / "e/part.resources.csv").read_text().splitlines()[1] == "1,2,3,4,5"
     assert [message.key for message in read_log(tmp_path / "e/outputs.mcap")] == ["out"]
