@@ -15,7 +15,7 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Covering, Candidate
+    from riot_bus.campaign.covering import Covering, Variation
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
@@ -56,7 +56,7 @@ class CampaignResult:
     unconfirmed: Mapping[str, Failure] = field(default_factory=dict)
     notes: Mapping[str, int] = field(default_factory=dict)
     started: str = ""
-    tried: Sequence[tuple[Candidate, bool]] = ()
+    tried: Sequence[tuple[Variation, bool]] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
 

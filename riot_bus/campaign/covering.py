@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome
 
-__all__ = ["Covering", "Candidate", "Placed", "failure_rates"]
+__all__ = ["Covering", "Placed", "Variation", "failure_rates"]
 
 _LARGEST = 256
 """Things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
@@ -33,7 +33,7 @@ _SHARE_SILENT = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Variation:
     """One thing to try, on messages that are still to be chosen.
 
     Attributes:
@@ -55,7 +55,7 @@ class Candidate:
 class Placed:
     """A thing on certain messages of its topic, from number `first` on."""
 
-    item: Candidate
+    item: Variation
     first: int
 
     @property
@@ -78,18 +78,18 @@ class Covering:
         total: All things.
     """
 
-    def __init__(self, items: Iterable[Candidate], positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
+    def __init__(self, items: Iterable[Variation], positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
         self._random = random.Random(f"covering:{seed}")  # noqa: S311
         self._positions = positions
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
         self._fresh = deque(fitting)
-        self._alone: deque[Candidate] = deque()
+        self._alone: deque[Variation] = deque()
         self._halves: deque[tuple[Placed, ...]] = deque()
         self._missed: Counter[int] = Counter()
         self._size = 1
         self.total = len(fitting)
-        self.tried: list[tuple[Candidate, bool]] = []
+        self.tried: list[tuple[Variation, bool]] = []
 
     def next(self) -> tuple[Placed, ...]:
         """Return what to try together; nothing when all has been tried or given out."""
@@ -132,7 +132,7 @@ class Covering:
         """Return as many things as a trial is to have, each on messages that no other one takes."""
         taken: dict[str, list[tuple[int, int]]] = {}
         found: list[Placed] = []
-        passed_over: list[Candidate] = []
+        passed_over: list[Variation] = []
         while self._fresh and len(found) < self._size and len(passed_over) < _LARGEST:
             item = self._fresh.popleft()
             first = self._place(item, taken.setdefault(item.topic, []))
@@ -143,7 +143,7 @@ class Covering:
         self._fresh.extendleft(reversed(passed_over))
         return tuple(sorted(found, key=self._position))
 
-    def _place(self, item: Candidate, taken: list[tuple[int, int]]) -> int | None:
+    def _place(self, item: Variation, taken: list[tuple[int, int]]) -> int | None:
         """Return the first of free messages for a thing, and mark them; None if there are none."""
         last = len(self._positions[item.topic]) - item.span
         tries = [item.first] if item.first is not None else [self._random.randint(0, last) for _ in range(8)]
@@ -158,7 +158,7 @@ class Covering:
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.first]
 
-    def _put_back(self, items: Iterable[Candidate]) -> None:
+    def _put_back(self, items: Iterable[Variation]) -> None:
         for item in items:
             self._missed[id(item)] += 1
             if self._missed[id(item)] < _ATTEMPTS:
@@ -170,7 +170,7 @@ class Covering:
         self._fresh = deque(item for item in self._fresh if item.about != about)
 
 
-def failure_rates(tried: Iterable[tuple[Candidate, bool]], name: Callable[[Candidate], str]) -> dict[str, Proportion]:
+def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:
     """Return how many of the things that were tried failed alone, by what `name` calls them."""
     failed: dict[str, list[bool]] = {}
     for item, each in tried:

@@ -11,7 +11,7 @@ import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.covering import Candidate
+from riot_bus.campaign.covering import Variation
 from riot_bus.campaign.targets import Target, targets_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -82,7 +82,7 @@ class Schedule:
         policies = draw.choice(_POLICIES)
         return tuple(injection for _ in range(policies) for injection in self._policy(draw))
 
-    def items(self) -> list[Candidate]:
+    def items(self) -> list[Variation]:
         """Return each value of each field, and each mutation, as things to try once.
 
         Of an array's elements a value is tried in one.
@@ -95,11 +95,11 @@ class Schedule:
                     at = number % len(targets)
                     if number < len(known[at]):
                         injection = Injection(topic, targets[at].path, known[at][number].value, seed=self._seed)
-                        found.append(Candidate(topic, (injection,), f"{topic}:{family}"))
+                        found.append(Variation(topic, (injection,), f"{topic}:{family}"))
         for topic, groups in self._groups.items():
             for family, group in groups.items():
                 found += [
-                    Candidate(topic, tuple(each.injections(0, 0, seed=self._seed)), f"{topic} {family}")
+                    Variation(topic, tuple(each.injections(0, 0, seed=self._seed)), f"{topic} {family}")
                     for each in group
                 ]
         return found
@@ -140,7 +140,7 @@ def _stretch(draw: random.Random, messages: int, most: int | None = None) -> tup
 
 def message_faults(
     messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = ()
-) -> list[Candidate]:
+) -> list[Variation]:
     """Return what may happen to whole messages of a log, as things to try once on each topic.
 
     Single ones and a few in a row are dropped, those at the begin are missing; one comes twice, or in a burst; one
@@ -160,15 +160,15 @@ def message_faults(
         gap = max(1e-3, (times[-1] - times[0]) / 1e9 / max(1, len(times) - 1))
         some = max(1, round(_SOME * len(times)))
         found += [
-            Candidate(topic, (Injection(topic, fault="drop"),), f"{topic} drop", span, first)
+            Variation(topic, (Injection(topic, fault="drop"),), f"{topic} drop", span, first)
             for span, first in ((1, None), (3, None), (some, 0), (1, 0))
         ]
         found += [
-            Candidate(topic, (Injection(topic, fault="duplicate", copies=copies),), f"{topic} duplicate")
+            Variation(topic, (Injection(topic, fault="duplicate", copies=copies),), f"{topic} duplicate")
             for copies in (1, _BURST)
         ]
         found += [
-            Candidate(topic, (Injection(topic, fault="delay", delay=gaps * gap),), f"{topic} delay")
+            Variation(topic, (Injection(topic, fault="delay", delay=gaps * gap),), f"{topic} delay")
             for gaps in (1.5, _LATE)
         ]
     return found

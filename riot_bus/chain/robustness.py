@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.campaign.covering import Candidate
+    from riot_bus.campaign.covering import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.message import Message
@@ -212,7 +212,7 @@ def _rate(rate: Proportion | None) -> ProportionRecord | None:
 def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> EffectsRecord:
     """Return what injections did; `types` are the types of fields, by topic and path."""
 
-    def class_of(item: Candidate) -> str:
+    def class_of(item: Variation) -> str:
         first = item.injections[0]
         if len(item.injections) > 1 or first.field is None:
             return first.fault if first.field is None else "several fields"

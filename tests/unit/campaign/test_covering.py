@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from riot_bus.campaign.covering import Covering, Candidate, Placed, failure_rates
+from riot_bus.campaign.covering import Covering, Placed, Variation, failure_rates
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -22,9 +22,9 @@ def log(topics: int, messages: int) -> Log:
     return {f"t{topic}": [number * topics + topic for number in range(messages)] for topic in range(topics)}
 
 
-def items(topics: int, fields: int, values: int) -> list[Candidate]:
+def items(topics: int, fields: int, values: int) -> list[Variation]:
     return [
-        Candidate(f"t{field % topics}", (Injection(f"t{field % topics}", f"f{field}", value),), f"f{field}")
+        Variation(f"t{field % topics}", (Injection(f"t{field % topics}", f"f{field}", value),), f"f{field}")
         for field in range(fields)
         for value in range(values)
     ]
@@ -133,7 +133,7 @@ def test_nothing_is_forgotten_and_no_message_is_changed_twice(
     topics: int, messages: int, bad: list[tuple[int, int]], late: int, seed: int
 ) -> None:
     places = log(topics, messages)
-    every = [*items(topics, 10, 4), Candidate("t0", (Injection("t0", fault="drop"),), "drop", span=3, first=0)]
+    every = [*items(topics, 10, 4), Variation("t0", (Injection("t0", fault="drop"),), "drop", span=3, first=0)]
     wrong = {(f"f{field}", value) for field, value in bad}
     covering = Covering(every, places, seed=seed)
     run = crash_on(lambda one: (one.field, one.value) in wrong, places, late=late)
