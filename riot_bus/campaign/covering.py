@@ -2,7 +2,7 @@
 
 Things that are tried together are put on messages of their own. While trials pass, twice as many go into the next one;
 where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
-them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one.
+them fails alone and that the others do not. What a trial did not get to, since it failed before, or what changed nothing where it was put, waits for another one.
 So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's size.
 """
 
@@ -109,7 +109,7 @@ class Covering:
             nominal_outputs: Outputs of a nominal trial.
         """
         played = int(outcome.statistics.get("played", 0)) or 1 << 62
-        reached = [placed for placed in group if self._position(placed) < played]
+        reached = [placed for placed in _delivered(group, outcome) if self._position(placed) < played]
         failed = outcome.verdict is Verdict.FAIL
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
@@ -168,6 +168,15 @@ class Covering:
         """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
         self._alone += [item for item in self._fresh if item.about == about]
         self._fresh = deque(item for item in self._fresh if item.about != about)
+
+
+def _delivered(group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
+    """Return what has changed a message, as far as the outcome tells: a field may be missing, or have that value."""
+    counts = outcome.statistics.get("delivered")
+    if counts is None:
+        return list(group)
+    left = iter(counts)
+    return [placed for placed in group if sum(next(left) for _ in placed.item.injections)]
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:

@@ -115,6 +115,22 @@ def test_what_is_silenced_by_others_is_tried_without_them() -> None:
     assert any(len(group) == 1 and group[0].item.about == "f1" for group in found)
 
 
+def test_what_changes_nothing_is_put_elsewhere_and_at_last_not_called_tried() -> None:
+    """A field may have the value already in some messages, or be in none."""
+    places = log(1, 40)
+
+    def run(group: Sequence[Placed]) -> Outcome:
+        hits = [0 if each.item.about == "f0" or (each.item.about == "f1" and each.first % 2) else 1 for each in group]
+        return Outcome(Verdict.PASS, statistics={"played": 40, "outputs": 100, "delivered": hits})
+
+    covering = Covering(items(1, 3, 8), places, seed=6)
+    asked = cover(covering, run)
+    tried = Counter(item.about for item, _ in covering.tried)
+    assert (tried["f0"], tried["f2"]) == (0, 8)
+    assert tried["f1"] >= 4
+    assert max(Counter(id(placed.item) for group in asked for placed in group).values()) == 3
+
+
 def test_the_same_answers_give_the_same_choices() -> None:
     places = log(3, 50)
     run = crash_on(lambda one: one.value == 9, places)
