@@ -2,8 +2,9 @@
 
 Things that are tried together are put on messages of their own. While trials pass, twice as many go into the next one;
 where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
-them fails alone and that the others do not. What a trial did not get to, since it failed before, or what changed nothing where it was put, waits for another one.
-So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of the group's size.
+them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one,
+and so does what changed nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about
+twice the logarithm of the group's size.
 """
 
 from __future__ import annotations

@@ -88,6 +88,10 @@ class FailingLog:
         numbers = {message.sequence for message in kept}
         return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
 
+    def restored(self) -> FailingLog:
+        """Return the log with the originals in place of what was modified."""
+        return FailingLog(tuple(self.originals.get(one.sequence, one) for one in self.messages), {})
+
     def save(
         self,
         path: Path,

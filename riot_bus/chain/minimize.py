@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from riot_bus.chain.logs import FailingLog
 from riot_bus.findings.records import FindingRecord, MinimalRecord
+from riot_bus.generalize.minimize import Minimal
 from riot_bus.generalize.minimize import minimize as search
-from riot_bus.vocabulary.trial import TestCase
+from riot_bus.vocabulary.trial import Ask, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,19 +41,42 @@ def minimize(step: StepRun, folder: Path) -> MinimalRecord:
         for index, message in enumerate(log.messages)
     ]
     runner = step.unit_runner(finding.unit)
+    modified = {index for index, message in enumerate(log.messages) if message.sequence in log.originals}
+    caused = bool(modified) and finding.nominal is not None and finding.nominal.count == 0
 
-    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        cases = [TestCase(log.keep(kept).messages, seed=seed, ordered=finding.ordered) for kept in questions]
+    def failing(logs: Sequence[FailingLog]) -> list[bool]:
+        cases = [TestCase(one.messages, seed=seed, ordered=finding.ordered) for one in logs]
         return [outcome.failed_as(finding.signature) for outcome in runner.run(cases)]
 
-    minimal = search(
-        n,
-        ask,
-        weights=weights,
-        groups=[context.registry.topic(message.key) for message in log.messages],
-        parallelism=runner.parallelism,
-        progress=step.progress,
-    )
+    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        """Whether parts of the log fail; if the whole log only does so modified, one without any such message does not.
+
+        What fails because messages are missing has another cause, whatever its signature.
+        """
+        possible = [kept for kept in questions if not caused or modified.intersection(kept)]
+        answers = dict(zip(possible, failing([log.keep(kept) for kept in possible]), strict=True))
+        return [answers.get(kept, False) for kept in questions]
+
+    def ask_strictly(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        """Whether parts of the log fail that do not fail with the originals of what was modified."""
+        answers = ask(questions)
+        failed = [kept for kept, answer in zip(questions, answers, strict=True) if answer]
+        unmodified = dict(zip(failed, failing([log.keep(kept).restored() for kept in failed]), strict=True))
+        return [answer and not unmodified[kept] for kept, answer in zip(questions, answers, strict=True)]
+
+    def shrink(ask: Ask[tuple[int, ...]]) -> Minimal:
+        return search(
+            n,
+            ask,
+            weights=weights,
+            groups=[context.registry.topic(message.key) for message in log.messages],
+            parallelism=runner.parallelism,
+            progress=step.progress,
+        )
+
+    minimal = shrink(ask)
+    if caused and failing([log.keep(minimal.kept).restored()])[0]:
+        minimal = shrink(ask_strictly)
     kept = log.keep(minimal.kept)
     metadata = {"finding": finding.id, "signature": finding.signature, "seed": str(seed)}
     kept.save(folder / "minimal.mcap", context=context, metadata=metadata)

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.minimize import minimize
-from riot_bus.findings.records import MinimalRecord
+from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import COUNT, Bench, always, bench, command, write_finding
 
 
@@ -49,6 +51,27 @@ def test_a_unit_that_fails_without_input_needs_no_message(tmp_path: Path) -> Non
     record = minimize(one.run(), one.folder)
     assert record.kept == ()
     assert "none (it fails without any input)" in record.summary
+
+
+def test_what_fails_because_messages_are_missing_is_another_cause(tmp_path: Path) -> None:
+    """The unit also fails, at the same place, when the first message is missing, whatever else there is."""
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        numbers = [message.sequence for message in messages]
+        return (
+            1
+            if 0 not in numbers or (41 in numbers and messages[numbers.index(41)] != command("step", 3.0, 41))
+            else None
+        )
+
+    one = bench(tmp_path, fails=fails)
+    failing(one, 41)
+    assert minimize(one.run(), one.folder).kept != (0, 41)  # nothing is known of the nominal log
+    (one.folder / "minimal.json").unlink(missing_ok=True)
+    known = FindingRecord.load(one.folder)
+    passes = ProportionRecord(value=0.0, low=0.0, high=0.6, count=0, total=4)
+    known.model_copy(update={"nominal": passes}).save(one.folder)
+    assert minimize(one.run(), one.folder).kept == (0, 41)
 
 
 def test_other_failures_do_not_count(tmp_path: Path) -> None:
