@@ -149,16 +149,3 @@ def test_where_it_would_make_a_difference_it_is_executed(
         process = start(launcher, folder, ["simple.py"], modules=[modules], name=f"simple{number}")
         assert re.fullmatch(f"executed, since {why}", process.started)
         assert ended(launcher, process) == ("done\n", "", 0)
-
-
-def test_only_python_programs_are_forked(tmp_path: Path) -> None:
-    def forked(*argv: str, varying: frozenset[str] = frozenset()) -> bool:
-        return fork_of(argv, env={}, varying=varying, cwd=tmp_path, modules=["json"]) is not None
-
-    assert forked("/usr/bin/python3.12", "-X", "dev", "-O", "node.py", "--x")
-    assert forked("python", "-m", "node")
-    assert not forked("python", "-c", "pass")
-    assert not forked("python", "node")  # a folder, or a file of unknown kind
-    assert not forked("bash", "node.py")
-    assert not forked("python", "node.py", varying=frozenset({"PYTHONPATH"}))
-    assert fork_of(["python", "node.py"], env={}, varying=frozenset(), cwd=tmp_path, modules=[]) is None
