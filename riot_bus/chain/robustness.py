@@ -102,6 +102,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             covered=len(result.tried),
             coverable=result.coverable,
             effects=_effects(result, types),
+            untold=baseline.untold,
             rate=_rate(proportion(result.failing, result.trials)),
             mined=baseline.mined.row(),
             seed=workspace.seed,
@@ -109,7 +110,8 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seconds=step.seconds,
         )
         record.save(workspace.out)
-        step.end("\n".join([_summary(unit, log, result), *record.effects.lines()]), folder=workspace.out, record=record)
+        lines = [*record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
+        step.end("\n".join([_summary(unit, log, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)

@@ -176,6 +176,7 @@ class CampaignRecord(Artefact):
         covered: Values of fields, mutations and message faults that were delivered in a trial that tells of them.
         coverable: All of them.
         effects: What the injections did.
+        untold: What could not be told of the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
     """
@@ -194,6 +195,7 @@ class CampaignRecord(Artefact):
     covered: int = 0
     coverable: int = 0
     effects: EffectsRecord = EffectsRecord()
+    untold: tuple[str, ...] = ()
     rate: ProportionRecord | None = None
     mined: dict[str, Any] = {}
 

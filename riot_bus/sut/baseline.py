@@ -106,6 +106,18 @@ class Baseline:
     ordered: bool = False
     mined: Mined = NO_RULES
 
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """What cannot be told of the unit's trials, and why."""
+        if not self.trials:
+            return ("whether it still works after a trial: no nominal trials have passed to compare it with",)
+        found = []
+        if not self.probe_answers:
+            found.append("whether it falls silent: it publishes nothing in answer to nominal input")
+        if not self.at_rest:
+            found.append("where its threads stand: it is no Python program, or runs without site")
+        return tuple(found)
+
     def blocked(self, stacks: Sequence[ThreadStack], *, anywhere: bool) -> tuple[str, ...]:
         """Return the functions in which threads stand that stand elsewhere at rest.
 

@@ -56,3 +56,12 @@ def test_what_ends_in_nominal_trials_may_end() -> None:
     found = baseline_of([nominal({}), nominal({}, ended=True, status=0)], idle=STILL, log=[])
     assert (found.main_ends, found.ends) == (True, True)
     assert baseline_of([], idle=STILL, log=[]) == UNKNOWN
+
+
+def test_what_cannot_be_told_is_said() -> None:
+    (nothing,) = UNKNOWN.untold
+    assert "no nominal trials have passed" in nothing
+    assert baseline_of([nominal({"out": 3}, "wait main")], idle=STILL, log=log("cmd")).untold == ()
+    silent, native = baseline_of([nominal({})], idle=STILL, log=log("cmd")).untold
+    assert "whether it falls silent" in silent
+    assert "where its threads stand" in native
