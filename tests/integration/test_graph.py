@@ -19,6 +19,8 @@ from tests.integration.zenoh_process import ZenohProcess
 
 pytestmark = pytest.mark.integration
 
+WAIT_S = 60.0
+
 TYPE = "std_msgs::msg::dds_::String_/RIHS01_00"
 
 
@@ -61,7 +63,7 @@ def test_components_are_named_with_process_and_metadata(bus: Bus) -> None:
                 found = {each.zid: each for each in graph.components}
                 return {client.zid, peer.zid} <= found.keys() and found[client.zid].name == "simulator"
 
-            assert watch.wait(complete, 10)
+            assert watch.wait(complete, WAIT_S)
             one, two = watch.graph.component(client.zid), watch.graph.component(peer.zid)
             assert one is not None
             assert two is not None
@@ -71,7 +73,7 @@ def test_components_are_named_with_process_and_metadata(bus: Bus) -> None:
             assert two.addresses[0].startswith("tcp/127.0.0.1:")
             assert not {each.zid for each in watch.graph.components} & bus.ids
             assert {each.about for each in watch.graph.unknown} >= {client.zid, peer.zid}
-        assert watch.wait(lambda graph: not graph.components, 10)
+        assert watch.wait(lambda graph: not graph.components, WAIT_S)
 
 
 def test_ros_tokens_tell_nodes_publishers_and_subscribers(bus: Bus) -> None:
@@ -89,17 +91,17 @@ def test_ros_tokens_tell_nodes_publishers_and_subscribers(bus: Bus) -> None:
             (key, "publishes", "outside", talker.zid, "/talker"),
             (key, "subscribes", "inside", listener.zid, "/listener"),
         }
-        assert watch.wait(lambda graph: edges(graph) == expected, 10)
+        assert watch.wait(lambda graph: edges(graph) == expected, WAIT_S)
         (topic,) = watch.graph.topics
         assert (topic.name, topic.type_name, topic.intercepted) == ("/chatter", "std_msgs/msg/String", True)
         listener.do("undeclare", "")
-        assert watch.wait(lambda graph: len(graph.edges) == 1, 10)
+        assert watch.wait(lambda graph: len(graph.edges) == 1, WAIT_S)
 
 
 def test_advanced_publishers_are_known_by_their_tokens(bus: Bus) -> None:
     with GraphWatch(Watched(bus), period=0.05) as watch, ZenohProcess("peer", bus.endpoint("inside")) as peer:
         peer.do("advanced", "cut/a")
-        assert watch.wait(lambda g: ("cut/a", "publishes", "inside", peer.zid, "") in edges(g), 10)
+        assert watch.wait(lambda g: ("cut/a", "publishes", "inside", peer.zid, "") in edges(g), WAIT_S)
         assert watch.graph.edges[0].evidence == ("advanced token",)
 
 
@@ -118,16 +120,16 @@ def test_traffic_and_matching_show_plain_components_as_far_as_can_be_known(bus: 
                 edges(graph)
                 == {("cut/x", "publishes", "outside", "", ""), ("cut/x", "subscribes", "inside", sink.zid, "")}
             ),
-            10,
+            WAIT_S,
         )
         assert any("unknown source in segment outside" in each.text for each in watch.graph.unknown)
         assert [each.messages for each in watch.graph.edges] == [7, 0]
         assert watch.graph.edges[1].evidence == ("matching", "only component")
         watched.stamps["cut/x", "outside"] = {two.zid, bus.segment("outside").zid}
-        assert watch.wait(lambda graph: ("cut/x", "publishes", "outside", two.zid, "") in edges(graph), 10)
+        assert watch.wait(lambda graph: ("cut/x", "publishes", "outside", two.zid, "") in edges(graph), WAIT_S)
         assert one.zid not in {each.zid for each in watch.graph.edges}
         two.do("subscribe", "cut/x")
-        assert watch.wait(lambda graph: ("cut/x", "subscribes", "outside", "", "") in edges(graph), 10)
+        assert watch.wait(lambda graph: ("cut/x", "subscribes", "outside", "", "") in edges(graph), WAIT_S)
         for rendered in (text(watch.graph), mermaid(watch.graph), dot(watch.graph)):
             assert "cut/x" in rendered
         assert json.loads(graph_json(watch.graph))["version"] == 1
@@ -140,7 +142,7 @@ def test_only_a_few_of_the_keys_that_come_seldom_are_watched(bus: Bus) -> None:
         (unknown,) = [each.text for each in watch.refresh().unknown if "too many to watch" in each.text]
         assert unknown == "who would receive 200 more keys: too many to watch"
         watched.counts.update({(f"free/{number}", "outside"): 2 for number in range(300)})
-        assert watch.wait(lambda graph: not any("too many" in each.text for each in graph.unknown), 10)
+        assert watch.wait(lambda graph: not any("too many" in each.text for each in graph.unknown), WAIT_S)
 
 
 def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus) -> None:
@@ -155,8 +157,8 @@ def test_each_change_is_called_back_and_a_broken_callback_does_no_harm(bus: Bus)
     with GraphWatch(Watched(bus), callback, period=0.05) as watch:
         with ZenohProcess("client", bus.endpoint("inside")) as client:
             assert arrived.wait(10)
-            assert watch.wait(lambda graph: graph.component(client.zid) is not None, 10)
-        assert watch.wait(lambda graph: not graph.components, 10)
+            assert watch.wait(lambda graph: graph.component(client.zid) is not None, WAIT_S)
+        assert watch.wait(lambda graph: not graph.components, WAIT_S)
     kinds = [(each["what"], each["kind"]) for line in seen for each in json.loads(line)["changes"]]
     assert ("component", "appeared") in kinds
     assert ("component", "vanished") in kinds
@@ -170,7 +172,7 @@ def test_declarations_are_read_on_demand_and_only_at_rest(bus: Bus) -> None:
     ):
         source.do("publish", "cut/x")
         sink.do("subscribe", "cut/*")
-        assert watch.wait(lambda graph: len(graph.components) == 2, 10)
+        assert watch.wait(lambda graph: len(graph.components) == 2, WAIT_S)
         with pytest.raises(EnvironmentFaultError, match="within the last 60 s"):
             watch.read_declarations(rest_s=60)
 
