@@ -36,8 +36,7 @@ def test_mavproxy_has_faults_that_rules_explain(
     assert done.returncode == 1, done.stderr
     folders = sorted((tmp_path / "findings").iterdir())
     found = [FindingRecord.load(folder) for folder in folders]
-    assert len({each.signature for each in found}) >= 2
-    assert all(each.monitor == "crash" and ".py:" in each.signature for each in found)
+    assert len({each.signature for each in found if each.monitor == "crash"}) >= 2
 
     done = riot("analyze", "--system", system, "--out", tmp_path, "--jobs", 4, timeout=5400)
     assert done.returncode == 1, done.stderr
@@ -60,7 +59,7 @@ def test_a_fault_behind_ros_2_comes_from_mavlink(riot, tmp_path: Path) -> None:
     assert done.returncode == 1, done.stderr
     (found,) = json.loads(done.stdout)["findings"]
     folder = Path(found["finding"])
-    assert "advisor.py" in FindingRecord.load(folder).signature
+    assert FindingRecord.load(folder).signature.startswith("crash in advisor")
     assert len(MinimalRecord.load(folder).kept) == 1
     fields = {field.name for field in FieldsRecord.load(folder).fields}
     assert fields & {"/drone/fix:latitude", "/drone/fix:longitude"}
