@@ -59,6 +59,8 @@ class HangMonitor:
             where = f" in {', '.join(component.signs.blocked)}" if component.signs.blocked else ""
             if component.name in view.stalled:
                 detail = "it stopped taking messages from its link"
+            elif component.signs.known:
+                detail = f"busy where it was still busy {view.waited:g} s after its last input in another trial"
             elif not view.settled:
                 detail = f"still busy {view.waited:g} s after its last input"
             elif where:

@@ -63,6 +63,7 @@ class Signs:
         lost: Functions in which threads began that are no longer there.
         grown: What it has much more of than after nominal trials: `memory`, `files`, `threads`, with how much as text.
         stacks: Stacks of all threads, as text.
+        known: Whether it hangs where it was waited for to the end in an earlier trial, and was not this time.
     """
 
     ended: str = ""
@@ -71,6 +72,7 @@ class Signs:
     lost: Sequence[str] = ()
     grown: Mapping[str, str] = field(default_factory=dict)
     stacks: str = ""
+    known: bool = False
 
 
 NO_SIGNS = Signs()

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["MainEnd", "PythonReport", "ThreadStack", "deepest_common", "parse_stacks"]
 
 HOOK = Path(__file__).with_name("python_hook")
+_OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))
 
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]+)", line \d+ in (?P<function>.+)$')
 _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
@@ -158,7 +159,7 @@ def parse_stacks(text: str) -> list[ThreadStack]:
         functions = []
         for line in part.splitlines():
             frame = _FRAME.match(line)
-            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(str(HOOK)):
+            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(_OURS):
                 functions.append(frame["function"])
         if functions:
             found.append(ThreadStack(tuple(functions), part.strip()))

@@ -371,8 +371,9 @@ class TrialSetup:
         timeout: float,
         idle: Idle = STILL,
         since: Activity | None = None,
+        hangs: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Wait until components stand still or one has died; False if they were busy to the end.
+        """Wait until components stand still or one has died; False if they were busy to the end, or `hangs` says so.
 
         Raises:
             EnvironmentFaultError: The machine was too busy for them.
@@ -388,6 +389,7 @@ class TrialSetup:
                 idle=idle,
                 since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
+                hangs=hangs,
             )
             if not settled or self._include_started(names):  # else they may still be starting others
                 return settled

@@ -101,6 +101,7 @@ class UnitTrial:
         if self.nominal is not None and seen is not None:  # trials of several threads add to one list
             self.nominal.append(replace(seen, mute=mute_monitors(view, monitors), view=view))
         violations = (*judged.violations, *self.baseline.mined.judge(view))
+        feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(
