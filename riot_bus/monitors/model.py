@@ -91,6 +91,7 @@ class ComponentView:
         stack: File and function of each native frame on which a signal has ended it, the innermost first.
         resources: What it had of the machine, over time.
         signs: What its state differs in from that after nominal trials.
+        excess: What it had more of than it may, for which it was ended, and how much as text; None if nothing.
     """
 
     name: str
@@ -102,6 +103,7 @@ class ComponentView:
     stack: Sequence[tuple[str, str]] = ()
     resources: Sequence[ResourceSample] = ()
     signs: Signs = NO_SIGNS
+    excess: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

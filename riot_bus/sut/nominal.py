@@ -10,7 +10,7 @@ from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of, probe_of
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def measure_baseline(
 
     Raises:
         EnvironmentFaultError: The unit does not start.
+        ConfigError: It hits one of its limits.
     """
     outcome = pool.execute(_IdleTrial(context, unit, imports), TestCase())
     if outcome.verdict is Verdict.ERROR:
@@ -91,7 +92,14 @@ def measure_baseline(
         seen: list[NominalTrial] = []
         trial = UnitTrial(context, unit, start, seen, imports=imports)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
-        return seen if all(one.verdict is Verdict.PASS for one in pool.map(trial, cases)) else []
+        outcomes = pool.map(trial, cases)
+        for each in (violation for one in outcomes for violation in one.violations if violation.monitor == "limit"):
+            raise ConfigError(
+                f"unit {unit!r} hits a limit in a nominal trial: {each.detail}",
+                where=str(context.file.path),
+                hint=f'write [components.{each.component}] limits = {{ ... }} with more than that, or "off"',
+            )
+        return seen if all(one.verdict is Verdict.PASS for one in outcomes) else []
 
     seen = nominal(log, _TRIALS)
     found = baseline_of(seen, idle=idle, log=log, ordered=ordered)

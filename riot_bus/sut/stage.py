@@ -15,6 +15,7 @@ from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
+from riot_bus.sut.resource_limits import told
 from riot_bus.sut.settling import own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -152,7 +153,10 @@ class TrialSetup:
         if component.ready.topic is not None:
             for expression in self.context.topics(component.ready.topic):
                 self.bus.subscribe(segment, expression, lambda _: self._published.add(name))
-        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork)
+        limits = None if before or component.limits == "off" else component.limits.model_dump()
+        process = self.launcher.start(
+            name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork, limits=limits
+        )
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
@@ -261,7 +265,23 @@ class TrialSetup:
                 status = self.processes[name].status
                 raise self._did_not_start(name, f"ended with status {status} before it was ready")
 
+    def _excess(self, name: str) -> tuple[str, str] | None:
+        """Return what a component was ended for having too much of, and how much as text."""
+        excess, limits = self.processes[name].excess, self.context.file.components[name].limits
+        if excess is None or limits == "off":
+            return None
+        what, had = excess
+        most = told(what, getattr(limits, what))
+        return what, f"it had {what} of {told(what, had)}, and [components.{name}] limits it to {most}"
+
     def _did_not_start(self, name: str, what: str) -> EnvironmentFaultError:
+        if excess := self._excess(name):
+            hint = f"write limits = {{ {excess[0]} = ... }} with more than that if it is right"
+            return EnvironmentFaultError(
+                f"component {name!r} was ended before it was ready: {excess[1]}",
+                where=str(self.context.file.path),
+                hint=hint,
+            )
         errors = self.processes[name].errors().strip().splitlines()
         tail = "\n    ".join(errors[-6:])
         hint = f"its last words on stderr:\n    {tail}" if errors else "it wrote nothing to stderr"
@@ -423,6 +443,7 @@ class TrialSetup:
                     stack=process.stack,
                     resources=tuple(self.samples(name)),
                     signs=(signs or {}).get(name, NO_SIGNS),
+                    excess=self._excess(name),
                 )
             )
         broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.config.router_settings import RouterSettings, router_keys
-from riot_bus.config.toml_file import explained, line_of, place_of, read_toml
+from riot_bus.config.toml_file import MistakeError, explained, line_of, place_of, read_toml
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.model import Invariant
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 __all__ = [
     "Component",
     "External",
+    "Limits",
     "Ready",
     "RunPace",
     "Settle",
@@ -70,6 +75,34 @@ class Ready(_Table):
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
 
 
+def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
+    """Return what reads an amount that is written with its unit."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return parse(value, "")
+        except ConfigError as error:
+            raise MistakeError(error.message, hint=error.hint) from None
+
+    return BeforeValidator(read)
+
+
+class Limits(_Table):
+    """What a component may have of the machine, with all that it has started; 0 for any amount.
+
+    One that has more is ended. Memory is what is resident, and the default protects a machine from a unit that fills
+    it. Files are below 1,024, where most systems refuse more, which each program tells in its own way. The others are
+    beyond whatever does not go on for ever.
+    """
+
+    memory: Annotated[int, _amount(parse_size), Field(ge=0)] = 2 << 30
+    files: int = Field(default=1000, ge=0)
+    processes: int = Field(default=256, ge=0)
+    cpu: Annotated[float, _amount(parse_seconds), Field(ge=0)] = 3600.0
+
+
 class Component(_Table):
     """`[components.NAME]`: one process.
 
@@ -87,6 +120,7 @@ class Component(_Table):
     ready: Ready = Ready()
     stop: Literal["kill", "term"] = "kill"
     tracebacks: Literal["fail", "ignore"] = "fail"
+    limits: Limits | Literal["off"] = Limits()
 
 
 class External(_Table):
@@ -237,6 +271,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "trial_run": RunPace,
         "perturbed_run": RunPace,
         "ready": Ready,
+        "limits": Limits,
     }
     for name in reversed(place or [""]):
         if name in tables:
