@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.sut.stage import TrialSetup
 
-__all__ = ["Hangs", "Place", "Watch", "place_of"]
+__all__ = ["HangStacks", "Hangs", "Watch", "hang_stacks"]
 
-Place: TypeAlias = frozenset[tuple[str, ...]]
+HangStacks: TypeAlias = frozenset[tuple[str, ...]]
 """The stacks of the threads that stand where none does at rest; empty of a program that is not Python."""
 
 _PATIENCE, _TIMES = 0.75, 3.0
@@ -36,7 +36,7 @@ _STEP, _LOOKS = 0.25, 3
 """Seconds between two looks, and how many have to agree. A look interrupts the unit for some milliseconds."""
 
 
-def place_of(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> Place:
+def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
     """Return where a unit hangs.
 
     Args:
@@ -51,13 +51,13 @@ class Hangs:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._known: set[Place] = set()
+        self._known: set[HangStacks] = set()
         self._longest = self._trials = self._waited = 0.0
 
     def __bool__(self) -> bool:
         return bool(self._known)
 
-    def is_known(self, place: Place, *, busy: float, timeout: float) -> bool:
+    def is_known(self, place: HangStacks, *, busy: float, timeout: float) -> bool:
         """Return whether a unit hangs as it did before.
 
         Args:
@@ -72,13 +72,13 @@ class Hangs:
         """Return whether known hangs took so little time up to now that one can be waited for to the end."""
         return self._waited + timeout <= _SHARE * self._trials
 
-    def add(self, place: Place, *, waited: float) -> None:
+    def add(self, place: HangStacks, *, waited: float) -> None:
         """Take in a hang that was waited for to the end, for so many seconds."""
         with self._lock:
             self._waited += waited if place in self._known else 0.0
             self._known.add(place)
 
-    def ended(self, seconds: float, *, busy: float = 0.0, taken_for: Place | None = None) -> None:
+    def ended(self, seconds: float, *, busy: float = 0.0, taken_for: HangStacks | None = None) -> None:
         """Take in the end of a trial.
 
         Args:
@@ -110,7 +110,7 @@ class Watch:
 
     def __init__(self, hangs: Hangs, stage: TrialSetup, name: str, baseline: Baseline, *, timeout: float) -> None:
         self.known, self.longest = False, 0.0
-        self.taken_for: Place | None = None
+        self.taken_for: HangStacks | None = None
         self._hangs, self._stage, self._names, self._baseline, self._timeout = hangs, stage, [name], baseline, timeout
         self._waits = hangs.may_wait(timeout)
         self._restart()
@@ -120,7 +120,7 @@ class Watch:
         self._outputs = len(self._stage.outputs)
         self._since: tuple[float, Activity] | None = None
         self._busy = 0.0
-        self._stands: Place | None = None
+        self._stands: HangStacks | None = None
         self._looks: list[Sequence[ThreadStack]] = []
 
     def went_on(self) -> None:
@@ -145,7 +145,7 @@ class Watch:
         if self._hangs:
             self._looks = [*self._looks, self._stage.stacks(self._names)][-_LOOKS:]
             stacks = deepest_common(self._looks)
-            place = place_of(stacks, self._baseline.blocked(stacks, anywhere=True))
+            place = hang_stacks(stacks, self._baseline.blocked(stacks, anywhere=True))
             agreed = len(self._looks) == _LOOKS
             if agreed and self._hangs.is_known(place, busy=self._busy, timeout=self._timeout):
                 self.known, self._stands = not self._waits, place

@@ -63,9 +63,14 @@ def _tail(path: Path) -> str:
 
 
 class Launcher:
-    """Starts components and sees to it that none is left behind. Usable from several threads."""
+    """Starts components and sees to it that none is left behind. Usable from several threads.
 
-    def __init__(self) -> None:
+    Args:
+        slot: Number of the trial among those that run at once.
+    """
+
+    def __init__(self, slot: int = 0) -> None:
+        self.slot = slot
         ours, theirs = socket.socketpair()
         self._link = ours
         self._pending: bytes = b""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from riot_bus.monitors.mined import Mined, check_rules, mine
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of, probe_of
+from riot_bus.sut.scarce import held
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -45,7 +46,10 @@ class _IdleTrial:
         name = file.unit[self.unit].component or self.unit
         try:
             segments = [file.segment_of(file.components[name])]
-            with TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage:
+            with (
+                held(file, [name]),
+                TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage,
+            ):
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)

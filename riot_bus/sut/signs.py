@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.sut.hangs import Watch, place_of
+from riot_bus.sut.hangs import Watch, hang_stacks
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
@@ -259,7 +259,7 @@ class Feeder:
         stacks = self._look()
         blocked = self._baseline.blocked(stacks, anywhere=True)
         if not self._watch.known:
-            self._hangs.add(place_of(stacks, blocked), waited=self._settle.timeout)
+            self._hangs.add(hang_stacks(stacks, blocked), waited=self._settle.timeout)
         return Signs(blocked=blocked, stacks=_text(stacks), known=self._watch.known)
 
     def _look(self) -> list[ThreadStack]:

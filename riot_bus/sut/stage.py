@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import logging
+import random
 import signal
 import socket
 import sys
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
@@ -42,6 +44,10 @@ _MEASURE = 0.15
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
+_DOMAINS = 100
+"""Of DDS: 0 is the usual one, and the ports of those beyond 101 are such as the kernel hands out."""
+_PORTS = range(15_000, 32_000)
+"""Below those that the kernel hands out, so that none is gone before the component listens there."""
 
 
 class TrialSetup:
@@ -86,6 +92,7 @@ class TrialSetup:
         self._samples: dict[str, list[ResourceSample]] = {}
         self._published: set[str] = set()
         self._started: dict[str, float] = {}
+        self._folders: dict[str, Path] = {}
         self.idle = STILL
         self.imports = {} if imports is None else imports
         self.senders = own_senders()
@@ -138,6 +145,9 @@ class TrialSetup:
             "{seed}": str(seed),
             "{duration}": f"{pace.duration if pace else 0:g}",
             "{speed}": f"{pace.speed if pace else 1:g}",
+            "{slot}": str(self.launcher.slot),
+            "{domain}": str(1 + self.launcher.slot % _DOMAINS),
+            "{free_port}": str(self._free_port),
         }
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
@@ -145,7 +155,7 @@ class TrialSetup:
         hook = self.python.environment(given, imports=name not in self.imports)
         env = {**given, **hook, **(fixed_environment(component.env) if fixed else {})}
         argv = [*before, *(_fill(part, words) for part in component.command)]
-        cwd = (self.context.file.root / component.cwd).resolve()
+        cwd = self._folders[name] = (self.context.file.root / _fill(component.cwd, words)).resolve()
         fork = None
         if fixed and not before and self.context.file.isolation_of(name) != "fresh":
             varying = {key for key, value in filled.items() if component.env[key] != value}
@@ -160,6 +170,15 @@ class TrialSetup:
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
+
+    @functools.cached_property
+    def _free_port(self) -> int:
+        """A port of TCP that is free, the same in all of the trial."""
+        while True:
+            port = random.SystemRandom().choice(_PORTS)
+            with socket.socket() as probe, suppress(OSError):
+                probe.bind(("", port))
+                return port
 
     def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
         """Wait until the only component on its segment has subscribed to keys.
@@ -236,9 +255,10 @@ class TrialSetup:
         if ready.topic is not None and name not in self._published:
             return f"has not published on {ready.topic}"
         if ready.port is not None:
+            port = ready.port if isinstance(ready.port, int) else self._free_port
             with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", ready.port)):
-                    return f"does not listen on port {ready.port}"
+                if probe.connect_ex(("127.0.0.1", port)):
+                    return f"does not listen on port {port}"
         if time.monotonic() - self._started[name] < ready.after:
             return f"is not ready before {ready.after:g} s"
         return None
@@ -430,7 +450,7 @@ class TrialSetup:
             component = self.context.file.components[name]
             process = self.processes[name]
             self.launcher.alive(process)
-            root = (self.context.file.root / component.cwd).resolve()
+            root = self._folders[name]
             traced = component.tracebacks == "fail"
             views.append(
                 ComponentView(

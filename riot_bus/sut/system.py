@@ -71,7 +71,7 @@ class Ready(_Table):
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
     topic: str | None = Field(default=None, min_length=1)
-    port: int | None = Field(default=None, ge=1, le=65_535)
+    port: Annotated[int, Field(ge=1, le=65_535)] | Literal["{free_port}"] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
 
 
@@ -107,7 +107,7 @@ class Component(_Table):
     """`[components.NAME]`: one process.
 
     `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}
-    {speed}.
+    {speed} {slot} {domain} {free_port}. `resources` says how many of which of `[resources]` it needs.
     """
 
     command: tuple[str, ...] = Field(min_length=1)
@@ -121,6 +121,7 @@ class Component(_Table):
     stop: Literal["kill", "term"] = "kill"
     tracebacks: Literal["fail", "ignore"] = "fail"
     limits: Limits | Literal["off"] = Limits()
+    resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
 
 class External(_Table):
@@ -173,6 +174,7 @@ class SystemFile(_Table):
     external: External = External()
     monitors: tuple[dict[str, Any], ...] = ()
     unit: dict[str, Unit] = {}
+    resources: dict[Annotated[str, Field(pattern=r"^[\w-]+$")], Annotated[int, Field(ge=1, le=1000)]] = {}
     router: RouterSettings | None = None
     path: Path = Path("riot.toml")
     _invariants: tuple[Invariant, ...] = ()
@@ -182,6 +184,12 @@ class SystemFile(_Table):
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
+            for resource, count in component.resources.items():
+                if resource not in self.resources:
+                    raise _unknown(f"components.{name}.resources", resource, self.resources)
+                if count > self.resources[resource]:
+                    there = f"[resources] has {self.resources[resource]} of {resource!r}"
+                    raise ValueError(f"components.{name}.resources|{count} are more than there are|{there}")
         for name, unit in self.unit.items():
             if (unit.component or name) not in self.components:
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"

@@ -12,6 +12,7 @@ from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
+from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -71,14 +72,17 @@ class UnitTrial:
             case.messages, case.injections, registry=registry, seed=case.seed, reached=reached
         )
         try:
-            with TrialSetup(
-                self.context,
-                launcher,
-                directory,
-                segments=[segment],
-                stall=unit.settle.timeout,
-                imports=self.imports,
-            ) as stage:
+            with (
+                held(file, [name]),
+                TrialSetup(
+                    self.context,
+                    launcher,
+                    directory,
+                    segments=[segment],
+                    stall=unit.settle.timeout,
+                    imports=self.imports,
+                ) as stage,
+            ):
                 process = stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)

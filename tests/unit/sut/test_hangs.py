@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from riot_bus.sut.hangs import Hangs, place_of
+from riot_bus.sut.hangs import Hangs, hang_stacks
 from riot_bus.sut.python_report import ThreadStack
 
 SPIN = frozenset({("spin", "main")})
@@ -47,5 +47,5 @@ def test_known_hangs_are_waited_for_within_a_tenth_of_the_time_and_forgotten_if_
 
 def test_a_place_has_the_stacks_of_threads_that_stand_elsewhere_than_at_rest() -> None:
     stacks = [ThreadStack(("spin", "main"), ""), ThreadStack(("get", "worker"), "")]
-    assert place_of(stacks, ("spin",)) == SPIN
-    assert place_of(stacks, ()) == NOWHERE
+    assert hang_stacks(stacks, ("spin",)) == SPIN
+    assert hang_stacks(stacks, ()) == NOWHERE
