@@ -31,7 +31,7 @@ _PATIENCE, _TIMES = 0.75, 3.0
 _BLIND = 0.3
 """Of the timeout: least patience where no stacks tell a hang from work."""
 _SHARE = 0.1
-"""Of the time of all trials: so long at most are known hangs waited for to the end."""
+"""Of the time of all trials: beyond it, no known hang is waited for to the end."""
 _STEP, _LOOKS = 0.25, 3
 """Seconds between two looks, and how many have to agree. A look interrupts the unit for some milliseconds."""
 
@@ -69,13 +69,13 @@ class Hangs:
         return place in self._known and busy >= patience
 
     def may_wait(self, timeout: float) -> bool:
-        """Return whether known hangs took so little time up to now that one can be waited for to the end."""
+        """Return whether hangs took so little time up to now that a known one can be waited for to the end."""
         return self._waited + timeout <= _SHARE * self._trials
 
     def add(self, place: HangStacks, *, waited: float) -> None:
         """Take in a hang that was waited for to the end, for so many seconds."""
         with self._lock:
-            self._waited += waited if place in self._known else 0.0
+            self._waited += waited
             self._known.add(place)
 
     def ended(self, seconds: float, *, busy: float = 0.0, taken_for: HangStacks | None = None) -> None:

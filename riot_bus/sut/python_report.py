@@ -24,6 +24,10 @@ _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|
 _LARGEST = 1 << 20
 _STACKS_S = 1.0
 _POLL = 0.005
+_WHOLE = re.compile(r" in (<module>|_run_module_as_main)\n$")
+"""Ends what is written of the main thread, which comes last."""
+_STILL = 10
+"""Polls without anything new after which the text is taken as it is: on a loaded machine it comes in pieces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,18 +128,14 @@ class PythonReport:
         before = path.stat().st_size if path.exists() else 0
         with suppress(ProcessLookupError, PermissionError):
             os.kill(pid, number)
-        deadline, size = time.monotonic() + _STACKS_S, before
-        while time.monotonic() < deadline:
+        deadline, text = time.monotonic() + _STACKS_S, ""
+        still = 0
+        while time.monotonic() < deadline and still < (1 if _WHOLE.search(text) else _STILL):
             time.sleep(_POLL)
-            now = path.stat().st_size if path.exists() else 0
-            if now > before and now == size:
-                break
-            size = now
-        if not path.exists():
-            return ""
-        with path.open("rb") as stream:
-            stream.seek(before)
-            return stream.read(_LARGEST).decode(errors="replace")
+            now = _text_of(path, begin=before)
+            still = still + 1 if now and now == text else 0
+            text = now
+        return text
 
     def _read(self) -> list[dict[str, object]]:
         try:
@@ -150,6 +150,15 @@ class PythonReport:
                 if isinstance(event, dict):
                     found.append(event)
         return found
+
+
+def _text_of(path: Path, *, begin: int) -> str:
+    try:
+        with path.open("rb") as stream:
+            stream.seek(begin)
+            return stream.read(_LARGEST).decode(errors="replace")
+    except OSError:
+        return ""
 
 
 def parse_stacks(text: str) -> list[ThreadStack]:

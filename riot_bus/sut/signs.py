@@ -60,6 +60,7 @@ class Feeder:
         self._settle, self._rate = unit.settle, unit.rate
         self._process = stage.processes[name]
         self._ordered = ordered and not unit.rate
+        self._fed = time.monotonic()
         self._hangs = stage.context.hangs[name]
         self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
@@ -73,7 +74,7 @@ class Feeder:
 
         That is not waited for where it hangs as it did before.
         """
-        before = self._publish(messages)
+        before, self._fed = self._publish(messages), time.monotonic()
         settled = self._stage.settle(
             [self._name],
             window=self._settle.window,
@@ -259,7 +260,7 @@ class Feeder:
         stacks = self._look()
         blocked = self._baseline.blocked(stacks, anywhere=True)
         if not self._watch.known:
-            self._hangs.add(hang_stacks(stacks, blocked), waited=self._settle.timeout)
+            self._hangs.add(hang_stacks(stacks, blocked), waited=time.monotonic() - self._fed)
         return Signs(blocked=blocked, stacks=_text(stacks), known=self._watch.known)
 
     def _look(self) -> list[ThreadStack]:

@@ -35,8 +35,8 @@ def test_a_unit_that_was_slow_and_went_on_gets_three_times_as_long() -> None:
 
 
 def test_known_hangs_are_waited_for_within_a_tenth_of_the_time_and_forgotten_if_they_end() -> None:
-    assert not known(trials=99.0).may_wait(10.0)
-    hangs = known(trials=100.0)
+    assert not known(trials=299.0).may_wait(10.0)  # two took 10 s each, and a third one is to
+    hangs = known(trials=300.0)
     assert hangs.may_wait(10.0)
     hangs.add(SPIN, waited=10.0)
     assert not hangs.may_wait(10.0)
