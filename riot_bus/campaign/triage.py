@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Failure", "finding_id", "group", "severity"]
 
-_SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort"}
+_SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
 _MOST_DETAILS = 5
 
 

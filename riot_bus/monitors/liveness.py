@@ -1,4 +1,4 @@
-"""Crash, exit, hang, silence and growth: the monitors that are always on."""
+"""Crash, exit, hang, silence, growth and limits: the monitors that are always on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import ComponentView, TrialView
 
-__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "GrowthMonitor", "HangMonitor", "SilenceMonitor"]
+__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "GrowthMonitor", "HangMonitor", "LimitMonitor", "SilenceMonitor"]
 
 
 class CrashMonitor:
@@ -59,6 +59,8 @@ class HangMonitor:
             where = f" in {', '.join(component.signs.blocked)}" if component.signs.blocked else ""
             if component.name in view.stalled:
                 detail = "it stopped taking messages from its link"
+            elif component.signs.known:
+                detail = f"busy where it was still busy {view.waited:g} s after its last input in another trial"
             elif not view.settled:
                 detail = f"still busy {view.waited:g} s after its last input"
             elif where:
@@ -102,12 +104,26 @@ class GrowthMonitor:
         ]
 
 
-LIVENESS = (CrashMonitor, ExitMonitor, HangMonitor, SilenceMonitor, GrowthMonitor)
+class LimitMonitor:
+    """A component was ended, since it had more memory, files, processes or time of the processor than it may."""
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return one violation per component that was ended so."""
+        return [
+            _violation("limit", component, component.excess[0], component.excess[1])
+            for component in view.components
+            if component.excess
+        ]
+
+
+LIVENESS = (CrashMonitor, LimitMonitor, ExitMonitor, HangMonitor, SilenceMonitor, GrowthMonitor)
 """In the order of their severity."""
 
 
 def _crashes(component: ComponentView) -> tuple[Crash, ...]:
     """Return the crashes of a component; all else that is wrong with it then comes of them."""
+    if component.excess:
+        return ()
     if component.status is None and not component.tracebacks:
         return ()
     printed, stack = component.printed, component.stack

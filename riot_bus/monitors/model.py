@@ -63,6 +63,7 @@ class Signs:
         lost: Functions in which threads began that are no longer there.
         grown: What it has much more of than after nominal trials: `memory`, `files`, `threads`, with how much as text.
         stacks: Stacks of all threads, as text.
+        known: Whether it hangs where it was waited for to the end in an earlier trial, and was not this time.
     """
 
     ended: str = ""
@@ -71,6 +72,7 @@ class Signs:
     lost: Sequence[str] = ()
     grown: Mapping[str, str] = field(default_factory=dict)
     stacks: str = ""
+    known: bool = False
 
 
 NO_SIGNS = Signs()
@@ -89,6 +91,7 @@ class ComponentView:
         stack: File and function of each native frame on which a signal has ended it, the innermost first.
         resources: What it had of the machine, over time.
         signs: What its state differs in from that after nominal trials.
+        excess: What it had more of than it may, for which it was ended, and how much as text; None if nothing.
     """
 
     name: str
@@ -100,6 +103,7 @@ class ComponentView:
     stack: Sequence[tuple[str, str]] = ()
     resources: Sequence[ResourceSample] = ()
     signs: Signs = NO_SIGNS
+    excess: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

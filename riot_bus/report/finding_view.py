@@ -30,6 +30,7 @@ _VERBS = {
     "hang": "hangs",
     "exit": "ends",
     "silent": "stays silent",
+    "limit": "hits a limit",
     "mined": "is not as in nominal trials",
 }
 _NAMED = 3

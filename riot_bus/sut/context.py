@@ -4,34 +4,41 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from collections import defaultdict
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.liveness import LIVENESS
+from riot_bus.sut.hangs import Hangs
 from riot_bus.sut.sources import source_files
 from riot_bus.sut.system import SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from riot_bus.monitors.model import Invariant, Monitor
 
 __all__ = ["Context", "invariants_of", "open_system"]
 
-_JUDGED = b"3"
+_JUDGED = b"4"
 """To be changed when the same trial may get another verdict or another signature than before."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """A system that is ready to be tested."""
+    """A system that is ready to be tested.
+
+    Attributes:
+        hangs: What trials of this process have shown of hangs, by component; they add to it.
+    """
 
     file: SystemFile
     registry: TypeRegistry
     monitors: tuple[Monitor, ...]
+    hangs: Mapping[str, Hangs] = field(default_factory=lambda: defaultdict(Hangs), compare=False)
 
     @property
     def watched(self) -> list[str]:

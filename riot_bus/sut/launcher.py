@@ -34,6 +34,7 @@ class ComponentProcess:
         started: "forked" or "executed", with the reason where it was to be forked.
         status: Exit status, negative for a signal, None while it runs.
         stack: File and function of each native frame on which a signal has ended it, the innermost first.
+        excess: Of what it had more than it may, for which it was killed, and how much.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ComponentProcess:
     started: str = "executed"
     status: int | None = None
     stack: Sequence[tuple[str, str]] = ()
+    excess: tuple[str, float] | None = None
 
     def errors(self) -> str:
         """Return what it has written to stderr (at most the last 256 KiB)."""
@@ -61,9 +63,14 @@ def _tail(path: Path) -> str:
 
 
 class Launcher:
-    """Starts components and sees to it that none is left behind. Usable from several threads."""
+    """Starts components and sees to it that none is left behind. Usable from several threads.
 
-    def __init__(self) -> None:
+    Args:
+        slot: Number of the trial among those that run at once.
+    """
+
+    def __init__(self, slot: int = 0) -> None:
+        self.slot = slot
         ours, theirs = socket.socketpair()
         self._link = ours
         self._pending: bytes = b""
@@ -95,6 +102,7 @@ class Launcher:
         directory: Path,
         fixed: bool = False,
         fork: Fork | None = None,
+        limits: Mapping[str, float] | None = None,
     ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
 
@@ -106,6 +114,7 @@ class Launcher:
             directory: Folder for its output.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: How it is forked; None to execute its command.
+            limits: What it may have of the machine (see `resource_limits.Guard`); None for anything.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
@@ -113,6 +122,7 @@ class Launcher:
         stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
         request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": asdict(fork) if fork else None}
+        request["limits"] = dict(limits) if limits else None
         with self._lock:
             self._send(request)
             reply = self._reply()
@@ -199,4 +209,5 @@ class Launcher:
             if event["pid"] in self._processes:
                 process = self._processes[event["pid"]]
                 process.status, process.stack = event["status"], tuple((file, name) for file, name in event["stack"])
+                process.excess = tuple(event["excess"]) if event["excess"] else None
                 self._exited.remove(event)

@@ -47,7 +47,7 @@ class Pool:
         self.keep = keep.resolve()  # components have working folders of their own
         self._executor = executor or ThreadPoolExecutor(jobs, thread_name_prefix="riot-trial")
         self._launchers: queue.SimpleQueue[Launcher] = queue.SimpleQueue()
-        self._all = [Launcher() for _ in range(jobs)]
+        self._all = [Launcher(slot) for slot in range(jobs)]
         for launcher in self._all:
             self._launchers.put(launcher)
 

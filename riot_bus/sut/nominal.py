@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from riot_bus.monitors.mined import Mined, check_rules, mine
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of, probe_of
+from riot_bus.sut.scarce import held
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -45,7 +46,10 @@ class _IdleTrial:
         name = file.unit[self.unit].component or self.unit
         try:
             segments = [file.segment_of(file.components[name])]
-            with TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage:
+            with (
+                held(file, [name]),
+                TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage,
+            ):
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)
@@ -76,6 +80,7 @@ def measure_baseline(
 
     Raises:
         EnvironmentFaultError: The unit does not start.
+        ConfigError: It hits one of its limits.
     """
     outcome = pool.execute(_IdleTrial(context, unit, imports), TestCase())
     if outcome.verdict is Verdict.ERROR:
@@ -91,7 +96,14 @@ def measure_baseline(
         seen: list[NominalTrial] = []
         trial = UnitTrial(context, unit, start, seen, imports=imports)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
-        return seen if all(one.verdict is Verdict.PASS for one in pool.map(trial, cases)) else []
+        outcomes = pool.map(trial, cases)
+        for each in (violation for one in outcomes for violation in one.violations if violation.monitor == "limit"):
+            raise ConfigError(
+                f"unit {unit!r} hits a limit in a nominal trial: {each.detail}",
+                where=str(context.file.path),
+                hint=f'write [components.{each.component}] limits = {{ ... }} with more than that, or "off"',
+            )
+        return seen if all(one.verdict is Verdict.PASS for one in outcomes) else []
 
     seen = nominal(log, _TRIALS)
     found = baseline_of(seen, idle=idle, log=log, ordered=ordered)

@@ -17,12 +17,17 @@ if TYPE_CHECKING:
 __all__ = ["MainEnd", "PythonReport", "ThreadStack", "deepest_common", "parse_stacks"]
 
 HOOK = Path(__file__).with_name("python_hook")
+_OURS = (str(HOOK), str(HOOK.with_name("fork_server.py")))
 
 _FRAME = re.compile(r'^\s*File "(?P<file>[^"]+)", line \d+ in (?P<function>.+)$')
 _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|^<frozen")
 _LARGEST = 1 << 20
 _STACKS_S = 1.0
 _POLL = 0.005
+_WHOLE = re.compile(r" in (<module>|_run_module_as_main)\n$")
+"""Ends what is written of the main thread, which comes last."""
+_STILL = 10
+"""Polls without anything new after which the text is taken as it is: on a loaded machine it comes in pieces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +128,14 @@ class PythonReport:
         before = path.stat().st_size if path.exists() else 0
         with suppress(ProcessLookupError, PermissionError):
             os.kill(pid, number)
-        deadline, size = time.monotonic() + _STACKS_S, before
-        while time.monotonic() < deadline:
+        deadline, text = time.monotonic() + _STACKS_S, ""
+        still = 0
+        while time.monotonic() < deadline and still < (1 if _WHOLE.search(text) else _STILL):
             time.sleep(_POLL)
-            now = path.stat().st_size if path.exists() else 0
-            if now > before and now == size:
-                break
-            size = now
-        if not path.exists():
-            return ""
-        with path.open("rb") as stream:
-            stream.seek(before)
-            return stream.read(_LARGEST).decode(errors="replace")
+            now = _text_of(path, begin=before)
+            still = still + 1 if now and now == text else 0
+            text = now
+        return text
 
     def _read(self) -> list[dict[str, object]]:
         try:
@@ -151,6 +152,15 @@ class PythonReport:
         return found
 
 
+def _text_of(path: Path, *, begin: int) -> str:
+    try:
+        with path.open("rb") as stream:
+            stream.seek(begin)
+            return stream.read(_LARGEST).decode(errors="replace")
+    except OSError:
+        return ""
+
+
 def parse_stacks(text: str) -> list[ThreadStack]:
     """Return the threads of what `faulthandler` has written; those that never ran the component's code are left out."""
     found = []
@@ -158,7 +168,7 @@ def parse_stacks(text: str) -> list[ThreadStack]:
         functions = []
         for line in part.splitlines():
             frame = _FRAME.match(line)
-            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(str(HOOK)):
+            if frame and not _LIBRARIES.search(frame["file"]) and not frame["file"].startswith(_OURS):
                 functions.append(frame["function"])
         if functions:
             found.append(ThreadStack(tuple(functions), part.strip()))

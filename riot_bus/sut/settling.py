@@ -51,7 +51,13 @@ def wait_sent(senders: Threads, *, timeout: float) -> bool:
     return False
 
 
-def wait_taken(threads: Threads, senders: Threads, *, before: int, timeout: float) -> bool:
+def _never() -> bool:
+    return False
+
+
+def wait_taken(
+    threads: Threads, senders: Threads, *, before: int, timeout: float, hangs: Callable[[], bool] = _never
+) -> bool:
     """Wait until processes have taken in what was put: it is sent, they have moved since, and all their threads sleep.
 
     Threads are looked at one after the other, and one may wake another that has been looked at already; so it is done
@@ -62,9 +68,10 @@ def wait_taken(threads: Threads, senders: Threads, *, before: int, timeout: floa
         senders: From `own_senders`.
         before: How often the processes' threads had got a processor before the first of what was put.
         timeout: Deadline in seconds.
+        hangs: True when waiting has become pointless.
     """
     deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
+    while time.monotonic() < deadline and not hangs():
         switches = threads.switches()
         if switches > before and not senders.busy(new=False):
             asleep = not threads.busy(new=False) and not threads.busy(new=False)
@@ -82,6 +89,7 @@ def wait_settled(
     idle: Idle = STILL,
     since: Activity | None = None,
     alive: Callable[[], bool] = lambda: True,
+    hangs: Callable[[], bool] = _never,
 ) -> bool:
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
@@ -92,10 +100,11 @@ def wait_settled(
         idle: What the processes do without any input.
         since: Activity before the last input; until the processes have moved past it (at most ten windows) they
             have not received that input yet.
-        alive: False when waiting has become pointless.
+        alive: False when one has died.
+        hangs: True when they are known to be busy for ever.
 
     Returns:
-        False when the deadline passed while they were still busy.
+        False when the deadline passed while they were still busy, or they hang.
 
     Raises:
         EnvironmentFaultError: Most of the time others had the processors, so nothing can be told.
@@ -113,6 +122,8 @@ def wait_settled(
         seen = threads.activity()
         if not alive():
             return True
+        if hangs():
+            return False
         calm.see(seen, now)
         if since is not None and seen.switches > since.switches:
             received = True

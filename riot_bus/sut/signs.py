@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
+from riot_bus.sut.hangs import Watch, hang_stacks
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
@@ -59,6 +60,9 @@ class Feeder:
         self._settle, self._rate = unit.settle, unit.rate
         self._process = stage.processes[name]
         self._ordered = ordered and not unit.rate
+        self._fed = time.monotonic()
+        self._hangs = stage.context.hangs[name]
+        self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
     @property
     def alive(self) -> bool:
@@ -66,15 +70,27 @@ class Feeder:
         return self._stage.launcher.alive(self._process)
 
     def feed(self, messages: Sequence[Message]) -> bool:
-        """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline."""
-        before = self._publish(messages)
-        return self._stage.settle(
+        """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline.
+
+        That is not waited for where it hangs as it did before.
+        """
+        before, self._fed = self._publish(messages), time.monotonic()
+        settled = self._stage.settle(
             [self._name],
             window=self._settle.window,
             timeout=self._settle.timeout,
             idle=self._baseline.idle,
             since=before if messages else None,
+            hangs=self._watch,
         )
+        if settled and self.alive:
+            self._watch.went_on()
+        return settled
+
+    def end(self, *, hangs: bool, seconds: float) -> None:
+        """Note for later trials how long the unit was busy before it went on, and how long this one took."""
+        busy, taken_for = (0.0, None) if hangs else (self._watch.longest, self._watch.taken_for)
+        self._hangs.ended(seconds, busy=busy, taken_for=taken_for)
 
     def _publish(self, messages: Sequence[Message]) -> Activity:
         """Publish messages; return what the unit had done just before the last one."""
@@ -86,7 +102,9 @@ class Feeder:
         def publish(message: Message) -> None:
             nonlocal before, key, switches, ordered
             if ordered and message.key != key:
-                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S)
+                ordered = wait_taken(threads, stage.senders, before=switches, timeout=_TAKEN_S, hangs=self._watch)
+                if ordered:
+                    self._watch.went_on()
                 switches, key = threads.switches(), message.key
             if self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
                 before = stage.activity(names)
@@ -126,7 +144,7 @@ class Feeder:
             settled: Whether it has come to rest after the log.
         """
         baseline = self._baseline
-        if not settled and self._spins():
+        if not settled and (self._watch.known or self._spins()):
             return self._standing(), False
         if not self.alive or not baseline.probe_answers:
             if settled:
@@ -139,6 +157,8 @@ class Feeder:
                 settled = self.feed(messages)
             else:
                 self._publish(messages)
+            if self._watch.known:
+                return self._standing(), False
             silent = self._missing(expected, begin)
             if not settled and (silent or self._spins()):
                 return self._standing(), False
@@ -238,7 +258,10 @@ class Feeder:
 
     def _standing(self) -> Signs:
         stacks = self._look()
-        return Signs(blocked=self._baseline.blocked(stacks, anywhere=True), stacks=_text(stacks))
+        blocked = self._baseline.blocked(stacks, anywhere=True)
+        if not self._watch.known:
+            self._hangs.add(hang_stacks(stacks, blocked), waited=time.monotonic() - self._fed)
+        return Signs(blocked=blocked, stacks=_text(stacks), known=self._watch.known)
 
     def _look(self) -> list[ThreadStack]:
         """Return where threads stand: of a thread that runs, what several looks have in common."""

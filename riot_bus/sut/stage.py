@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import logging
+import random
 import signal
 import socket
 import sys
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
@@ -15,6 +17,7 @@ from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
+from riot_bus.sut.resource_limits import told
 from riot_bus.sut.settling import own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -41,6 +44,10 @@ _MEASURE = 0.15
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
+_DOMAINS = 100
+"""Of DDS: 0 is the usual one, and the ports of those beyond 101 are such as the kernel hands out."""
+_PORTS = range(15_000, 32_000)
+"""Below those that the kernel hands out, so that none is gone before the component listens there."""
 
 
 class TrialSetup:
@@ -85,6 +92,7 @@ class TrialSetup:
         self._samples: dict[str, list[ResourceSample]] = {}
         self._published: set[str] = set()
         self._started: dict[str, float] = {}
+        self._folders: dict[str, Path] = {}
         self.idle = STILL
         self.imports = {} if imports is None else imports
         self.senders = own_senders()
@@ -137,6 +145,9 @@ class TrialSetup:
             "{seed}": str(seed),
             "{duration}": f"{pace.duration if pace else 0:g}",
             "{speed}": f"{pace.speed if pace else 1:g}",
+            "{slot}": str(self.launcher.slot),
+            "{domain}": str(1 + self.launcher.slot % _DOMAINS),
+            "{free_port}": str(self._free_port),
         }
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
@@ -144,7 +155,7 @@ class TrialSetup:
         hook = self.python.environment(given, imports=name not in self.imports)
         env = {**given, **hook, **(fixed_environment(component.env) if fixed else {})}
         argv = [*before, *(_fill(part, words) for part in component.command)]
-        cwd = (self.context.file.root / component.cwd).resolve()
+        cwd = self._folders[name] = (self.context.file.root / _fill(component.cwd, words)).resolve()
         fork = None
         if fixed and not before and self.context.file.isolation_of(name) != "fresh":
             varying = {key for key, value in filled.items() if component.env[key] != value}
@@ -152,10 +163,22 @@ class TrialSetup:
         if component.ready.topic is not None:
             for expression in self.context.topics(component.ready.topic):
                 self.bus.subscribe(segment, expression, lambda _: self._published.add(name))
-        process = self.launcher.start(name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork)
+        limits = None if before or component.limits == "off" else component.limits.model_dump()
+        process = self.launcher.start(
+            name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork, limits=limits
+        )
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
+
+    @functools.cached_property
+    def _free_port(self) -> int:
+        """A port of TCP that is free, the same in all of the trial."""
+        while True:
+            port = random.SystemRandom().choice(_PORTS)
+            with socket.socket() as probe, suppress(OSError):
+                probe.bind(("", port))
+                return port
 
     def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
         """Wait until the only component on its segment has subscribed to keys.
@@ -232,9 +255,10 @@ class TrialSetup:
         if ready.topic is not None and name not in self._published:
             return f"has not published on {ready.topic}"
         if ready.port is not None:
+            port = ready.port if isinstance(ready.port, int) else self._free_port
             with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", ready.port)):
-                    return f"does not listen on port {ready.port}"
+                if probe.connect_ex(("127.0.0.1", port)):
+                    return f"does not listen on port {port}"
         if time.monotonic() - self._started[name] < ready.after:
             return f"is not ready before {ready.after:g} s"
         return None
@@ -261,7 +285,23 @@ class TrialSetup:
                 status = self.processes[name].status
                 raise self._did_not_start(name, f"ended with status {status} before it was ready")
 
+    def _excess(self, name: str) -> tuple[str, str] | None:
+        """Return what a component was ended for having too much of, and how much as text."""
+        excess, limits = self.processes[name].excess, self.context.file.components[name].limits
+        if excess is None or limits == "off":
+            return None
+        what, had = excess
+        most = told(what, getattr(limits, what))
+        return what, f"it had {what} of {told(what, had)}, and [components.{name}] limits it to {most}"
+
     def _did_not_start(self, name: str, what: str) -> EnvironmentFaultError:
+        if excess := self._excess(name):
+            hint = f"write limits = {{ {excess[0]} = ... }} with more than that if it is right"
+            return EnvironmentFaultError(
+                f"component {name!r} was ended before it was ready: {excess[1]}",
+                where=str(self.context.file.path),
+                hint=hint,
+            )
         errors = self.processes[name].errors().strip().splitlines()
         tail = "\n    ".join(errors[-6:])
         hint = f"its last words on stderr:\n    {tail}" if errors else "it wrote nothing to stderr"
@@ -371,8 +411,9 @@ class TrialSetup:
         timeout: float,
         idle: Idle = STILL,
         since: Activity | None = None,
+        hangs: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Wait until components stand still or one has died; False if they were busy to the end.
+        """Wait until components stand still or one has died; False if they were busy to the end, or `hangs` says so.
 
         Raises:
             EnvironmentFaultError: The machine was too busy for them.
@@ -388,6 +429,7 @@ class TrialSetup:
                 idle=idle,
                 since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
+                hangs=hangs,
             )
             if not settled or self._include_started(names):  # else they may still be starting others
                 return settled
@@ -408,7 +450,7 @@ class TrialSetup:
             component = self.context.file.components[name]
             process = self.processes[name]
             self.launcher.alive(process)
-            root = (self.context.file.root / component.cwd).resolve()
+            root = self._folders[name]
             traced = component.tracebacks == "fail"
             views.append(
                 ComponentView(
@@ -421,6 +463,7 @@ class TrialSetup:
                     stack=process.stack,
                     resources=tuple(self.samples(name)),
                     signs=(signs or {}).get(name, NO_SIGNS),
+                    excess=self._excess(name),
                 )
             )
         broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}

@@ -1,6 +1,7 @@
 """The process that owns a trial's components, so that none outlives riot.
 
-Components are executed, or forked from a server that has imported what they import (`fork_server`). It runs as a script
+Components are executed, or forked from a server that has imported what they import (`fork_server`), and killed when
+they have more of the machine than they may (`resource_limits`). It runs as a script
 of its own (standard library only, one thread) and talks JSON lines over a socket on file descriptor 0. When riot dies,
 even by `kill -9`, the socket ends and everything that was started is killed. Children also carry PR_SET_PDEATHSIG in
 case the supervisor itself is killed, and grandchildren that were orphaned come to it as their sub-reaper.
@@ -20,6 +21,7 @@ import sys
 
 sys.path.append(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
 
+from riot_bus.sut.resource_limits import LOOK_S, Guard
 from riot_bus.sut.tracing import WALL, Tracer
 
 TYPE_CHECKING = False
@@ -123,6 +125,8 @@ class Supervisor:
         self._running: set[int] = set()
         self._servers: dict[str, ForkServer] = {}
         self._tracer = Tracer()
+        self._guards: dict[int, Guard] = {}
+        self._excess: dict[int, tuple[str, float]] = {}
 
     def tell(self, **event: object) -> None:
         """Send one event to riot."""
@@ -137,6 +141,8 @@ class Supervisor:
             self.tell(event="refused", error=str(error))
             return
         self._running.add(pid)
+        if request["limits"]:
+            self._guards[pid] = Guard(pid, request["limits"])
         self.tell(event="started", pid=pid, cannot=cannot)
         self.reap()  # a forked one may have ended before it was known
 
@@ -179,7 +185,22 @@ class Supervisor:
                 stack = self._tracer.stack(pid)
                 if pid in self._running:
                     self._running.remove(pid)
-                    self.tell(event="exited", pid=pid, status=os.waitstatus_to_exitcode(status), stack=stack)
+                    self._guards.pop(pid, None)
+                    excess, code = self._excess.pop(pid, None), os.waitstatus_to_exitcode(status)
+                    self.tell(event="exited", pid=pid, status=code, stack=stack, excess=excess)
+
+    def guard(self) -> None:
+        """Kill each component that has more of the machine than it may, with all that it has started."""
+        started = {*self._running, *(server.pid for server in self._servers.values())}
+        for pid, guard in self._guards.items():
+            orphans = set(children_of(os.getpid())) - started if len(self._running) == 1 else ()
+            if pid not in self._excess and (excess := guard.excess(list(orphans))):
+                self._excess[pid] = excess
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(pid, signal.SIGKILL)
+                for each in guard.pids():
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(each, signal.SIGKILL)
 
     def kill_all(self) -> None:
         """Kill every component and all their descendants, and wait until they are gone."""
@@ -196,6 +217,8 @@ class Supervisor:
                 while os.waitpid(-1, WALL | os.WNOHANG)[0]:
                     pass
         self._running.clear()
+        self._guards.clear()
+        self._excess.clear()
 
     def close(self) -> None:
         """Kill everything, servers included."""
@@ -226,7 +249,9 @@ class Supervisor:
         signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
         pending = b""
         while True:
-            readable, _, _ = select.select([self._link.fileno(), wake_read], [], [])
+            readable, _, _ = select.select([self._link.fileno(), wake_read], [], [], LOOK_S if self._guards else None)
+            if not readable:
+                self.guard()
             if wake_read in readable:
                 with contextlib.suppress(BlockingIOError):
                     os.read(wake_read, 4096)

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.config.router_settings import RouterSettings, router_keys
-from riot_bus.config.toml_file import explained, line_of, place_of, read_toml
+from riot_bus.config.toml_file import MistakeError, explained, line_of, place_of, read_toml
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.model import Invariant
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 __all__ = [
     "Component",
     "External",
+    "Limits",
     "Ready",
     "RunPace",
     "Settle",
@@ -66,15 +71,43 @@ class Ready(_Table):
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
     topic: str | None = Field(default=None, min_length=1)
-    port: int | None = Field(default=None, ge=1, le=65_535)
+    port: Annotated[int, Field(ge=1, le=65_535)] | Literal["{free_port}"] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+
+
+def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
+    """Return what reads an amount that is written with its unit."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return parse(value, "")
+        except ConfigError as error:
+            raise MistakeError(error.message, hint=error.hint) from None
+
+    return BeforeValidator(read)
+
+
+class Limits(_Table):
+    """What a component may have of the machine, with all that it has started; 0 for any amount.
+
+    One that has more is ended. Memory is what is resident, and the default protects a machine from a unit that fills
+    it. Files are below 1,024, where most systems refuse more, which each program tells in its own way. The others are
+    beyond whatever does not go on for ever.
+    """
+
+    memory: Annotated[int, _amount(parse_size), Field(ge=0)] = 2 << 30
+    files: int = Field(default=1000, ge=0)
+    processes: int = Field(default=256, ge=0)
+    cpu: Annotated[float, _amount(parse_seconds), Field(ge=0)] = 3600.0
 
 
 class Component(_Table):
     """`[components.NAME]`: one process.
 
     `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}
-    {speed}.
+    {speed} {slot} {domain} {free_port}. `resources` says how many of which of `[resources]` it needs.
     """
 
     command: tuple[str, ...] = Field(min_length=1)
@@ -87,6 +120,8 @@ class Component(_Table):
     ready: Ready = Ready()
     stop: Literal["kill", "term"] = "kill"
     tracebacks: Literal["fail", "ignore"] = "fail"
+    limits: Limits | Literal["off"] = Limits()
+    resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
 
 class External(_Table):
@@ -139,6 +174,7 @@ class SystemFile(_Table):
     external: External = External()
     monitors: tuple[dict[str, Any], ...] = ()
     unit: dict[str, Unit] = {}
+    resources: dict[Annotated[str, Field(pattern=r"^[\w-]+$")], Annotated[int, Field(ge=1, le=1000)]] = {}
     router: RouterSettings | None = None
     path: Path = Path("riot.toml")
     _invariants: tuple[Invariant, ...] = ()
@@ -148,6 +184,12 @@ class SystemFile(_Table):
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
+            for resource, count in component.resources.items():
+                if resource not in self.resources:
+                    raise _unknown(f"components.{name}.resources", resource, self.resources)
+                if count > self.resources[resource]:
+                    there = f"[resources] has {self.resources[resource]} of {resource!r}"
+                    raise ValueError(f"components.{name}.resources|{count} are more than there are|{there}")
         for name, unit in self.unit.items():
             if (unit.component or name) not in self.components:
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"
@@ -237,6 +279,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "trial_run": RunPace,
         "perturbed_run": RunPace,
         "ready": Ready,
+        "limits": Limits,
     }
     for name in reversed(place or [""]):
         if name in tables:

@@ -13,6 +13,7 @@ from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
 from riot_bus.monitors.model import judge
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.sut.scarce import held
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
 from riot_bus.vocabulary.clock import SystemClock
@@ -100,6 +101,7 @@ class SystemTrial:
         tap, seen = _Tap(), list[Message]()
         begin = time.time_ns()
         with ExitStack() as stack:
+            stack.enter_context(held(file, [*inside, *outside]))
             stage = stack.enter_context(
                 TrialSetup(
                     self.context,

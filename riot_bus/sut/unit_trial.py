@@ -12,6 +12,7 @@ from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
+from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -71,14 +72,17 @@ class UnitTrial:
             case.messages, case.injections, registry=registry, seed=case.seed, reached=reached
         )
         try:
-            with TrialSetup(
-                self.context,
-                launcher,
-                directory,
-                segments=[segment],
-                stall=unit.settle.timeout,
-                imports=self.imports,
-            ) as stage:
+            with (
+                held(file, [name]),
+                TrialSetup(
+                    self.context,
+                    launcher,
+                    directory,
+                    segments=[segment],
+                    stall=unit.settle.timeout,
+                    imports=self.imports,
+                ) as stage,
+            ):
                 process = stage.start(name, seed=case.seed, before=self.before)
                 stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
                 stage.watch_all_outputs(segment=segment, inputs=component.inputs)
@@ -101,6 +105,7 @@ class UnitTrial:
         if self.nominal is not None and seen is not None:  # trials of several threads add to one list
             self.nominal.append(replace(seen, mute=mute_monitors(view, monitors), view=view))
         violations = (*judged.violations, *self.baseline.mined.judge(view))
+        feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
         if self.evidence and (violations or self.before):
             write_evidence(self.evidence, view, violations, context=self.context)
         return Outcome(

@@ -11,13 +11,14 @@ from riot_bus.monitors.mined import NO_RULES
 from riot_bus.sut.baseline import Baseline
 from riot_bus.sut.local import Pool
 from riot_bus.sut.nominal import measure_baseline
+from riot_bus.vocabulary.errors import RiotError
 from tests.systems.misbehaviour.catalogue import write
 
 pytestmark = pytest.mark.integration
 
 
-def baseline(tmp_path: Path, kind: str) -> Baseline:
-    with Workspace(write(tmp_path), tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+def baseline(tmp_path: Path, kind: str, path: Path | None = None) -> Baseline:
+    with Workspace(path or write(tmp_path), tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
         return measure_baseline(workspace.context, kind, pool, workspace.unit_log(kind))
 
 
@@ -52,3 +53,21 @@ def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wante
     with Workspace(path, tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
         log = workspace.unit_log("echoes")
         assert measure_baseline(workspace.context, "echoes", pool, log, imports={}).mined == NO_RULES
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ('{ memory = "5 MiB" }', "was ended before it was ready: it had memory of"),
+        ('{ memory = "200 MiB" }', "hits a limit in a nominal trial: it had memory of"),
+    ],
+)
+def test_a_limit_that_nominal_trials_hit_is_an_error_that_says_so(tmp_path: Path, limits: str, words: str) -> None:
+    path, node = write(tmp_path), tmp_path / "node.py"
+    path.write_text(path.read_text().replace("[components.refuses]", f"[components.refuses]\nlimits = {limits}"))
+    node.write_text(
+        node.read_text().replace("    bad = is_bad", "    kept.append(b'1' * (16 << 20))\n    bad = is_bad")
+    )
+    with pytest.raises(RiotError, match=words) as caught:
+        baseline(tmp_path, "refuses", path)
+    assert "limits" in str(caught.value)

@@ -81,3 +81,34 @@ def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready:
         one.start("part", seed=0)
         with pytest.raises(EnvironmentFaultError, match=words):
             one.wait_subscribed("part", ["ask"])
+
+
+TELLS = """
+import os, sys, time, socket
+print(os.getcwd(), *sys.argv[1:], os.environ["DOMAIN"], os.environ["PORT"], flush=True)
+server = socket.create_server(("127.0.0.1", int(sys.argv[2])))
+time.sleep(3600)
+"""
+
+
+def test_parallel_trials_have_folders_domains_and_ports_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "part.py").write_text(TELLS)
+    for slot in ("0", "1"):
+        (tmp_path / f"work-{slot}").mkdir()
+    path = tmp_path / "riot.toml"
+    path.write_text(
+        '[components.part]\ncommand = ["{python}", "../part.py", "{slot}", "{free_port}"]\ncwd = "work-{slot}"\n'
+        'env = { DOMAIN = "{domain}", PORT = "{free_port}" }\nready = { port = "{free_port}", timeout = 60 }\n'
+    )
+    context, ports = open_system(path), set()
+    for slot in (0, 1):
+        directory = tmp_path / str(slot)
+        directory.mkdir()
+        with Launcher(slot) as launcher, TrialSetup(context, launcher, directory, segments=["system"]) as one:
+            process = one.start("part", seed=0)
+            one.wait_subscribed("part", [])
+            folder, said, port, domain, same = process.printed().split()
+            assert (folder, said, domain) == (str(tmp_path / f"work-{slot}"), str(slot), str(slot + 1))
+            assert port == same
+            ports.add(port)
+    assert len(ports) == 2

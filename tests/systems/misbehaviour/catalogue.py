@@ -33,6 +33,10 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
     "leaks_much": "growth of {}: memory",
     "leaks_slowly": "growth of {}: memory",
     "leaks_files": "growth of {}: files",
+    "takes_all_memory": "limit of {}: memory",
+    "opens_all_files": "limit of {}: files",
+    "starts_processes": "limit of {}: processes",
+    "runs_for_long": "limit of {}: cpu",
     "ignores": "silent of {}: nothing on state",
     "silent": "silent of {}: nothing on state",
     "not_a_number": "mined finite of state:y",
@@ -62,6 +66,7 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
 
 NATIVE = ("faults_in_c", "faults_in_libc", "twenty_faults", "overruns")
 SANITIZED = "overruns"
+LIMITED = ("takes_all_memory", "opens_all_files", "starts_processes", "runs_for_long")
 MEASURED = ("not_finite", "stale_stamp", "answers_twice", "keeps_messages")
 MONITORS = """
 [[monitors]]
@@ -156,10 +161,11 @@ def write(folder: Path) -> Path:
                 log.write(Message(time + 1000, "mode", b'{"m": 0}', encoding="application/json"))
     parts = ['[system]\nname = "misbehaviour"\nnominal = "nominal.mcap"\n']
     sanitized = f'env = {{ LD_PRELOAD = "{sanitizer()}", ASAN_OPTIONS = "abort_on_error=1:detect_leaks=0" }}\n'
+    limited = 'limits = { memory = "1 GiB", processes = 20, cpu = "1.5 s" }\n'
     parts += [
         f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
         f'inputs = ["cmd", "mode"]\noutputs = ["{"measured" if kind in MEASURED else "state"}"]\n'
-        f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}"
+        f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}{limited if kind in LIMITED else ''}"
         f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
         f"{'mined = false' if kind in MEASURED else ''}\n"
         for kind in (*FAULTY, *ROBUST, ORDER)

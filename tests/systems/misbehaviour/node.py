@@ -9,6 +9,7 @@ import json
 import math
 import os
 import queue
+import subprocess
 import sys
 import threading
 import time
@@ -104,6 +105,18 @@ def misbehave(command):
             raise SystemExit from None
     elif KIND == "leaks_much" and not kept:
         kept.append(b"\1" * (500 << 20))
+    elif KIND == "takes_all_memory":
+        while True:
+            kept.append(b"\1" * (64 << 20))
+    elif KIND == "opens_all_files":
+        while True:
+            kept.append(os.open(os.devnull, os.O_RDONLY))
+            time.sleep(1e-4)
+    elif KIND == "starts_processes":
+        while True:
+            kept.append(subprocess.Popen(["sleep", "60"]))
+    elif KIND == "runs_for_long":
+        spin()
     elif KIND == "twenty_faults":
         fault, place = divmod(zlib.crc32(repr(command.get("x")).encode()) % 20, PLACES)
         getattr(ctypes.CDLL("./faults.so"), f"place_{place}")(fault)

@@ -42,3 +42,15 @@ def test_a_failure_is_named_by_its_cause() -> None:
     assert signatures(Signs(silent=["out"], lost=["worker"])) == ["exit of part: a thread has ended: worker"]
     assert signatures(Signs(silent=["out"], blocked=["swap"])) == ["hang of part: in swap"]
     assert signatures(Signs("the main thread has ended", ["out"], ["f"])) == ["exit of part: the main thread has ended"]
+
+
+def test_a_component_that_was_ended_by_a_limit_has_not_crashed() -> None:
+    component = ComponentView("part", -9, TRACEBACK, Path("/srv"), excess=("memory", "it had 3 GiB"))
+    view = TrialView([component], True, 2.0, TypeRegistry())
+    (violation,) = [violation for monitor in LIVENESS for violation in monitor().judge(view)]
+    assert (violation.monitor, violation.signature) == ("limit", "limit of part: memory")
+    assert violation.detail == "it had 3 GiB"
+
+
+def test_a_known_hang_has_the_signature_of_the_one_that_was_waited_for() -> None:
+    assert signatures(Signs(blocked=["spin"], known=True), settled=False) == ["hang of part: in spin"]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.sut.context import open_system
-from riot_bus.sut.system import load_system
+from riot_bus.sut.system import Limits, load_system
 from riot_bus.vocabulary.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -51,6 +51,11 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", "[unit.two]", 9, ("'two' is not described", "one")),
         ('command = ["true"]', "", 5, ("'command' is missing",)),
         ('command = ["true"]', 'command = "true"', 6, ("tuple", "'true'")),
+        ("[unit.one]", '[components.one.limits]\nmemory = "2 GB per day"', 10, ("is no size", "1GiB")),
+        ("[unit.one]", "[components.one.limits]\nfile = 3", 10, ("unknown key 'file'", "'files'")),
+        ('segment = "a"', "resources = { sin = 1 }\n[resources]\nsim = 2", 7, ("'sin' is not described", "'sim'")),
+        ('segment = "a"', "resources = { sim = 3 }\n[resources]\nsim = 2", 7, ("3 are more than there are", "has 2")),
+        ("[unit.one]", '[resources]\n"a/b" = 1', 9, ("a/b",)),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
         ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 10, ("rang", "did you mean 'range'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nfeild = "x:y"', 11, ("feild", "did you mean 'field'")),
@@ -99,3 +104,20 @@ def test_a_unit_alone_is_judged_by_monitors_of_what_it_publishes_and_of_what_nob
     assert judged("a") == ["one", "tow", "*"]
     assert judged("b") == ["two", "tow", "*"]
     assert len(context.monitors_of("a")) == len(context.monitors) - 1
+
+
+def test_limits_are_amounts_with_units_or_off(tmp_path: Path) -> None:
+    given = [
+        *(
+            "",
+            'limits = "off"',
+            'limits = { memory = "1.5 GiB", cpu = "2min" }',
+            "limits = { memory = 1000, files = 0 }",
+        ),
+    ]
+    found = []
+    for text in given:
+        file = load_system(write(tmp_path, GOOD.replace('segment = "a"', f'segment = "a"\n{text}')))
+        found.append(file.components["one"].limits)
+    assert found[0] == Limits(memory=2 << 30, files=1000, processes=256, cpu=3600.0)
+    assert found[1:] == ["off", Limits(memory=3 << 29, cpu=120.0), Limits(memory=1000, files=0)]

@@ -1,0 +1,87 @@
+"""What a component may have of the machine: watched from outside, so nothing changes for one that keeps to it.
+
+Limits of the kernel (setrlimit) would not do. Those of memory count what sanitizers, runtimes and stacks of threads
+reserve and never use; that of processes counts all of a user and none of root's; and a program that is refused a file
+or memory tells of it in its own way, if at all. The supervisor looks here, with the standard library only.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.activity import families, resources
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["LOOK_S", "Guard", "told"]
+
+LOOK_S = 0.05
+"""Seconds between two looks: a program that fills memory as fast as it can, some GB a second, is 0.2 GB over."""
+_ALL = 4
+"""Memory of known processes is looked at each time, the rest, which takes ten times as long, each so many times."""
+_TICKS, _PAGE = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
+
+
+class Guard:
+    """Watches one component and all that it has started.
+
+    Args:
+        pid: Its process.
+        limits: The most that it may have: `memory` (bytes), `files`, `processes`, `cpu` (seconds); 0 for any amount.
+    """
+
+    def __init__(self, pid: int, limits: Mapping[str, float]) -> None:
+        self._pid, self._limits = pid, limits
+        self._family: Sequence[int] = [pid]
+        self._looks = 0
+
+    def excess(self, orphans: Sequence[int] = ()) -> tuple[str, float] | None:
+        """Return what the component has too much of, and how much it has; None if nothing.
+
+        Args:
+            orphans: Processes that it has started and that are no longer its descendants.
+        """
+        had: dict[str, float] = {}
+        if self._looks % _ALL == 0:
+            self._family = families([self._pid, *orphans])
+            sample = resources(self._family, messages=0)
+            had = {"files": sample.files, "processes": len(self._family), "cpu": sum(map(_cpu, self._family))}
+        self._looks += 1
+        had["memory"] = sum(map(_resident, self._family))
+        if len(self._family) > 1 and had["memory"] > self._limits["memory"] > 0:
+            had["memory"] = sum(map(_own, self._family))  # forked processes share most of theirs
+        over = (what for what, limit in self._limits.items() if 0 < limit < had.get(what, 0))
+        return next(((what, had[what]) for what in over), None)
+
+    def pids(self) -> Sequence[int]:
+        """Return the processes that were seen at the last look at all of them."""
+        return self._family
+
+
+def told(what: str, amount: float) -> str:
+    """Return an amount of what is limited, for people."""
+    return {"memory": f"{amount / (1 << 20):,.0f} MiB", "cpu": f"{amount:.0f} s"}.get(what, f"{amount:.0f}")
+
+
+def _resident(pid: int) -> int:
+    return int((_read(f"/proc/{pid}/statm").split() or [b"0", b"0"])[1]) * _PAGE
+
+
+def _own(pid: int) -> int:
+    """Return the bytes of a process; those that it shares with others are divided among them."""
+    return int((_read(f"/proc/{pid}/smaps_rollup").partition(b"\nPss:")[2].split() or [b"0"])[0]) << 10
+
+
+def _cpu(pid: int) -> float:
+    """Return the seconds in which a process has run, and those of its children that are gone."""
+    return sum(map(int, _read(f"/proc/{pid}/stat").rpartition(b") ")[2].split()[11:15])) / _TICKS
+
+
+def _read(file: str) -> bytes:
+    try:
+        with open(file, "rb", buffering=0) as stream:
+            return stream.read()
+    except OSError:  # it is gone
+        return b""

@@ -1,0 +1,71 @@
+"""What there is only so much of, such as simulators: trials that need it wait until others no longer do.
+
+Each piece is a file that whoever has it holds locked, so this is kept by all processes of riot that test a system, and
+what a process had is free as soon as it has ended, however.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import tempfile
+import time
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from riot_bus.sut.system import SystemFile
+
+__all__ = ["held"]
+
+_POLL = 0.05
+
+
+@contextmanager
+def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
+    """Wait until there is what components need, and hold it.
+
+    Resources are taken in the order of their names, and all of one by one trial after the other, so that no two trials
+    wait for each other.
+
+    Args:
+        file: The system.
+        names: The components that run together.
+    """
+    needs = sum((Counter(file.components[name].resources) for name in names), Counter[str]())
+    if not needs:
+        yield
+        return
+    system = hashlib.sha256(os.fsencode(file.path)).hexdigest()[:16]
+    folder = Path(tempfile.gettempdir()) / f"riot-resources-{os.getuid()}" / system
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with ExitStack() as stack:
+        for name, count in sorted(needs.items()):
+            pieces = [folder / f"{name}.{number}" for number in range(file.resources[name])]
+            with (folder / f"{name}.queue").open("ab") as queue:
+                fcntl.flock(queue, fcntl.LOCK_EX)
+                while count:
+                    for piece in list(pieces):
+                        if count and (taken := _taken(piece)):
+                            stack.enter_context(taken)
+                            pieces.remove(piece)
+                            count -= 1
+                    if count:
+                        time.sleep(_POLL)
+        yield
+
+
+def _taken(piece: Path) -> IO[bytes] | None:
+    """Return a file locked, which lasts until it is closed; None if another one has it."""
+    stream = piece.open("ab")
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        stream.close()
+        return None
+    return stream

@@ -1,0 +1,78 @@
+"""Hangs that were waited for once are told sooner, by real processes; units that are slow get their time."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from riot_bus.chain.workspace import Workspace
+from riot_bus.sut.local import Pool
+from riot_bus.sut.nominal import measure_baseline
+from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from tests.systems.misbehaviour.catalogue import FAULTY, write
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+
+TIMEOUT_S = 6.0
+BUSY = "while True: pass"
+
+
+@pytest.fixture
+def busy_machine() -> Iterator[None]:
+    others = [subprocess.Popen([sys.executable, "-S", "-c", BUSY]) for _ in range(2 * (os.cpu_count() or 1))]
+    yield
+    for other in others:
+        other.kill()
+        other.wait()
+
+
+def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequence[str] = ()) -> list[Outcome]:
+    """Return outcomes of trials of a unit, in which the tenth command has these values, one after the other.
+
+    Args:
+        tmp_path: Folder.
+        kind: The unit.
+        values: Values of `x` as JSON.
+        known: Functions, the innermost first, in which it is told to have hung before.
+    """
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("timeout = 2.0", f"timeout = {TIMEOUT_S}"))
+    with Workspace(path, tmp_path / "out") as workspace, Pool(1, keep=tmp_path / "trials") as pool:
+        log = workspace.unit_log(kind)
+        baseline = measure_baseline(workspace.context, kind, pool, log)
+        if known:
+            workspace.context.hangs[kind].add(frozenset({tuple(known)}), waited=TIMEOUT_S)
+        trial = UnitTrial(workspace.context, kind, baseline, imports={})
+        (at,) = [number for number, message in enumerate(log) if b'"x": 4.5,' in message.payload]
+
+        def case(value: str) -> tuple[Message, ...]:
+            bad = log[at].with_(payload=log[at].payload.replace(b"4.5", value.encode()))
+            return (*log[:at], bad, *log[at + 1 :])
+
+        return [pool.execute(trial, TestCase(case(each), ordered=baseline.ordered)) for each in values]
+
+
+@pytest.mark.parametrize("kind", ["busy", "livelock", "deadlock"])
+def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: Path, kind: str) -> None:
+    first, *others = outcomes(tmp_path, kind, ["1e9", "1e9", "null"])
+    for outcome in (first, *others):
+        assert [each.signature for each in outcome.violations] == [str(FAULTY[kind]).format(kind)]
+    if kind == "busy":  # a deadlock comes to rest, and a livelock may seem to
+        assert "still busy 6 s after its last input" in first.violations[0].detail
+        assert "another trial" not in first.violations[0].detail
+        assert all("in another trial" in outcome.violations[0].detail for outcome in others)
+        assert all(outcome.seconds < first.seconds for outcome in others)
+
+
+@pytest.mark.parametrize("kind", ["slow", "timers", "restarts_thread"])
+@pytest.mark.usefixtures("busy_machine")
+def test_a_unit_that_is_slow_where_it_is_told_to_have_hung_is_given_its_time(tmp_path: Path, kind: str) -> None:
+    for outcome in outcomes(tmp_path, kind, ["1.0", "1e9", "null"], known=["handle", "main", "<module>"]):
+        assert (outcome.verdict, outcome.violations) == (Verdict.PASS, ())
