@@ -319,14 +319,20 @@ class RuleRecord(Artefact):
     precision: ProportionRecord
     recall: ProportionRecord
     balanced_accuracy: float
+    checks: int = Field(default=0, description="fresh trials behind these rates")
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
     @property
     def summary(self) -> str:
         """The rule, and how well it predicts."""
-        checks = self.precision.total + self.recall.total
-        accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {checks} fresh checks"
+        failing = self.recall.total
+        if 0 < failing < self.checks:
+            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {self.checks} fresh checks"
+        elif self.checks:
+            accuracy = f"half tested: {failing} of {self.checks} fresh checks failed"
+        else:
+            accuracy = "not tested: no fresh checks could be had"
         return f"fails when {self.text} ({accuracy}, {self.trials} trials)"
 
 
