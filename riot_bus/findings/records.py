@@ -153,7 +153,7 @@ class EffectsRecord(_Model):
             f"messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} in failing "
             f"ones, of {self.untold} no effect can be told; whether they were read is not told"
         ]
-        for title, rates in (("topic", self.topics), ("field class", self.classes)):
+        for title, many, rates in (("topic", "topics", self.topics), ("field class", "classes", self.classes)):
             failed = {name: one for name, one in rates.items() if one.count}
             for name, one in sorted(failed.items(), key=lambda item: (-item[1].value, item[0])):
                 share = f"{one.count} of {one.total} failed, 95 %: {one.low:.1%} to {one.high:.1%}"
@@ -161,7 +161,7 @@ class EffectsRecord(_Model):
             rest = [one for name, one in rates.items() if name not in failed]
             if rest:
                 most, tried = max(one.high for one in rest), sum(one.total for one in rest)
-                others = f"{len(rest)} {'other ' if failed else ''}{title}{'' if len(rest) == 1 else 's'}"
+                others = f"{len(rest)} {'other ' if failed else ''}{title if len(rest) == 1 else many}"
                 found.append(f"tried on {others}: 0 of {tried} failed, 95 %: at most {most:.1%} of each")
         if self.undecided:
             topics = ", ".join(f"{count} on {name}" for name, count in sorted(self.undecided.items())[:_MOST_TOLD])
