@@ -12,12 +12,8 @@ collections.MutableMapping = collections.abc.MutableMapping  # dronekit 2.9.2 is
 
 from dronekit import Vehicle, connect  # noqa: E402
 
-# These two raise TypeError until the vehicle has sent AUTOPILOT_VERSION.
-LOOKED_AT = [
-    name
-    for name in dir(Vehicle)
-    if isinstance(getattr(Vehicle, name), property) and name not in ("capabilities", "version")
-]
+LOOKED_AT = [name for name in dir(Vehicle) if isinstance(getattr(Vehicle, name), property)]
+LOOKED_AT.remove("capabilities")  # raises TypeError until the vehicle has sent AUTOPILOT_VERSION
 
 
 def look(vehicle, name, message):

@@ -42,3 +42,13 @@ def test_a_failure_is_named_by_its_cause() -> None:
     assert signatures(Signs(silent=["out"], lost=["worker"])) == ["exit of part: a thread has ended: worker"]
     assert signatures(Signs(silent=["out"], blocked=["swap"])) == ["hang of part: in swap"]
     assert signatures(Signs("the main thread has ended", ["out"], ["f"])) == ["exit of part: the main thread has ended"]
+
+
+def test_a_traceback_of_a_process_that_goes_on_is_told_as_such() -> None:
+    def detail(status: int | None) -> str:
+        component = ComponentView("part", status, TRACEBACK, Path("/srv"))
+        (found,) = LIVENESS[0]().judge(TrialView([component], True, 2.0, TypeRegistry()))
+        return found.detail
+
+    assert detail(None) == "ValueError: 1 (u.py:7); the process has not ended"
+    assert detail(1) == "ValueError: 1 (u.py:7)"
