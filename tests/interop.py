@@ -93,10 +93,25 @@ SDK = Environment(
     "import zenoh_ros2_sdk",  # needs git
     options=("--only-binary=:all:",),
 )
+LIBRARIES = Environment(
+    "libraries",
+    (
+        "pathfinding==1.0.23",
+        "simple-pid==2.0.1",
+        "filterpy==2.0.0",
+        "pymap3d==3.2.0",
+        "numpy==2.4.6",
+        "scipy==1.17.1",
+        "eclipse-zenoh==1.10.2",
+    ),
+    "import filterpy.kalman, pathfinding, pymap3d, simple_pid, zenoh",
+    options=("--only-binary=:all:",),
+)
+"""What thin nodes of `tests/systems/libraries` are made of."""
 FOXGLOVE = Environment(
     "foxglove", ("@mcap/core@2.2.2", "@foxglove/rosmsg@5.0.5", "@foxglove/rosmsg2-serialization@3.1.0", "fzstd@0.1.1")
 )
-ENVIRONMENTS = (ROS2, MAVLINK, SDK, FOXGLOVE)
+ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE)
 
 
 def require(environment: Environment) -> Path:

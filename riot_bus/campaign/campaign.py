@@ -45,6 +45,7 @@ class CampaignResult:
         notes: What monitors said of themselves: they raised, or saw nothing.
         started: How the last trial started the unit.
         tried: Things that were tried, and whether they failed alone.
+        undecided: Things that failed together, and that the budget did not tell apart.
         coverable: How many there are to try.
         effects: What the injections did.
     """
@@ -57,6 +58,7 @@ class CampaignResult:
     notes: Mapping[str, int] = field(default_factory=dict)
     started: str = ""
     tried: Sequence[tuple[Variation, bool]] = ()
+    undecided: Sequence[Variation] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
 
@@ -208,6 +210,7 @@ def run_campaign(
         notes,
         started=work.started,
         tried=covering.tried if covering else (),
+        undecided=covering.undecided if covering else (),
         coverable=covering.total if covering else 0,
         effects=work.effects,
     )

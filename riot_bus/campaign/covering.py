@@ -129,6 +129,11 @@ class Covering:
         """How many things have been tried."""
         return len(self.tried)
 
+    @property
+    def undecided(self) -> list[Variation]:
+        """Things that some trial has failed with, and that have not been told apart yet."""
+        return [placed.item for group in self._halves for placed in group]
+
     def _gather(self) -> tuple[Placed, ...]:
         """Return as many things as a trial is to have, each on messages that no other one takes."""
         taken: dict[str, list[tuple[int, int]]] = {}

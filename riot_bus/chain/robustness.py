@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import logging
+from collections import Counter
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
@@ -25,6 +27,7 @@ from riot_bus.findings.records import (
 )
 from riot_bus.inject.apply import inject_log
 from riot_bus.report.finding_view import EVIDENCE
+from riot_bus.report.format import clean
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 
@@ -110,7 +113,8 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seconds=step.seconds,
         )
         record.save(workspace.out)
-        lines = [*record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
+        found = map(_told, result.failures.values())
+        lines = [*found, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         step.end("\n".join([_summary(unit, log, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
@@ -153,6 +157,11 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
     if result.notes:
         text += f"; monitors that did not judge: {'; '.join(result.notes)[:500]}"
     return text
+
+
+def _told(failure: Failure) -> str:
+    rate = f" ({failure.rate.hits} of {failure.rate.total} fresh trials)" if failure.rate else ""
+    return f"found {clean(failure.violation.signature, limit=160)}{rate}"
 
 
 def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) -> Path:
@@ -225,9 +234,8 @@ def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> Ef
         "classes": failure_rates(result.tried, class_of),
     }
     found = {name: {key: _rate(rate) for key, rate in each.items()} for name, each in rates.items()}
-    return EffectsRecord.model_validate(
-        {name: getattr(result.effects, name) for name in EffectsRecord.model_fields.keys() - found.keys()} | found
-    )
+    undecided = Counter(item.topic for item in result.undecided)
+    return EffectsRecord.model_validate(asdict(result.effects) | found | {"undecided": undecided})
 
 
 def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], folder: Path) -> FindingRecord:

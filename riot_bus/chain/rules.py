@@ -116,6 +116,7 @@ def _record(learned: LearnedRule, scale: dict[str, float]) -> RuleRecord:
         precision=_proportion(learned.precision),
         recall=_proportion(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,
+        checks=learned.checks,
         scale=scale,
         samples=tuple(
             RuleSample(

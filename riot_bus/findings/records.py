@@ -47,6 +47,9 @@ RecordT = TypeVar("RecordT", bound="Artefact")
 
 Value = bool | int | float | str
 
+_MOST_TOLD = 8
+"""Names in a line for people; the file has all."""
+
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -128,6 +131,7 @@ class EffectsRecord(_Model):
         failing: Of failing trials.
         topics: Share of the values, mutations and message faults that failed alone, by topic.
         classes: Likewise by type of the field, or kind of fault.
+        undecided: How many failed together with others when the campaign ended, by topic: the shares leave them out.
     """
 
     injections: int = 0
@@ -138,6 +142,7 @@ class EffectsRecord(_Model):
     failing: int = 0
     topics: dict[str, ProportionRecord] = {}
     classes: dict[str, ProportionRecord] = {}
+    undecided: dict[str, int] = {}
 
     def lines(self) -> list[str]:
         """Return it for people."""
@@ -148,10 +153,20 @@ class EffectsRecord(_Model):
             f"messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} in failing "
             f"ones, of {self.untold} no effect can be told; whether they were read is not told"
         ]
-        for title, rates in (("topic", self.topics), ("field class", self.classes)):
-            for name, one in sorted(rates.items(), key=lambda item: (-item[1].value, item[0])):
+        for title, many, rates in (("topic", "topics", self.topics), ("field class", "classes", self.classes)):
+            failed = {name: one for name, one in rates.items() if one.count}
+            for name, one in sorted(failed.items(), key=lambda item: (-item[1].value, item[0])):
                 share = f"{one.count} of {one.total} failed, 95 %: {one.low:.1%} to {one.high:.1%}"
                 found.append(f"tried on {title} {name}: {share}")
+            rest = [one for name, one in rates.items() if name not in failed]
+            if rest:
+                most, tried = max(one.high for one in rest), sum(one.total for one in rest)
+                others = f"{len(rest)} {'other ' if failed else ''}{title if len(rest) == 1 else many}"
+                found.append(f"tried on {others}: 0 of {tried} failed, 95 %: at most {most:.1%} of each")
+        if self.undecided:
+            topics = ", ".join(f"{count} on {name}" for name, count in sorted(self.undecided.items())[:_MOST_TOLD])
+            topics += ", ..." if len(self.undecided) > _MOST_TOLD else ""
+            found.append(f"failed with others, not told apart, so in none of these shares: {topics}")
         return found
 
 
@@ -319,14 +334,20 @@ class RuleRecord(Artefact):
     precision: ProportionRecord
     recall: ProportionRecord
     balanced_accuracy: float
+    checks: int = Field(default=0, description="fresh trials behind these rates")
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
     @property
     def summary(self) -> str:
         """The rule, and how well it predicts."""
-        checks = self.precision.total + self.recall.total
-        accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {checks} fresh checks"
+        failing = self.recall.total
+        if 0 < failing < self.checks:
+            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {self.checks} fresh checks"
+        elif self.checks:
+            accuracy = f"half tested: {failing} of {self.checks} fresh checks failed"
+        else:
+            accuracy = "not tested: no fresh checks could be had"
         return f"fails when {self.text} ({accuracy}, {self.trials} trials)"
 
 

@@ -44,14 +44,15 @@ class Sample:
 class LearnedRule:
     """A rule and how well it did on fresh trials that it was not learnt from.
 
-    Half of the fresh trials (where they can be had) lie inside the rule and half outside; `precision` is the share of
-    failures inside, `recall` the share of these trials' failures that lie inside.
+    Half of the `checks` fresh trials (where they can be had) lie inside the rule and half outside; `precision` is the
+    share of failures inside, `recall` the share of these trials' failures that lie inside.
     """
 
     rule: Rule
     precision: Proportion
     recall: Proportion
     balanced_accuracy: float
+    checks: int
     samples: tuple[Sample, ...]
     trials: int
 
@@ -313,4 +314,6 @@ class _Search:
         recall = proportion(caught, int(failed.sum()))
         correct = proportion(int((~inside & ~failed).sum()), int((~failed).sum()))
         accuracy = (recall.rate + correct.rate) / 2
-        return LearnedRule(self.rule, precision, recall, accuracy, tuple(self.samples), self.oracle.trials)
+        return LearnedRule(
+            self.rule, precision, recall, accuracy, len(checked), tuple(self.samples), self.oracle.trials
+        )

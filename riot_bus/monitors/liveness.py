@@ -24,8 +24,9 @@ class CrashMonitor:
     def judge(self, view: TrialView) -> Sequence[Violation]:
         """Return one violation per crashed component."""
         return [
-            Violation("crash", component.name, f"crash in {component.name}: {crash.place}", crash.detail)
+            Violation("crash", component.name, f"crash in {component.name}: {crash.place}", f"{crash.detail}{lives}")
             for component in view.components
+            for lives in ("; the process has not ended" if component.status is None else "",)
             for crash in _crashes(component)
         ]
 

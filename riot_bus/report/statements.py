@@ -79,8 +79,9 @@ def _fields(view: FindingView) -> list[Statement]:
 
 
 def _proportion(what: ProportionRecord) -> tuple[str, str]:
-    of = f"{what.count} of {plural(what.total, 'fresh trial')}" if what.total else share(what.value)
-    return of, f"95 %: {share_interval(what.low, what.high)}"
+    if not what.total:
+        return "no fresh trial could tell", "not tested"
+    return f"{what.count} of {plural(what.total, 'fresh trial')}", f"95 %: {share_interval(what.low, what.high)}"
 
 
 def _rule(view: FindingView) -> list[Statement]:

@@ -47,14 +47,12 @@ def _facts(view: FindingView) -> list[tuple[str, str]]:
     if view.fields:
         facts.append(("fields", ", ".join(clean(one.name, limit=80) for one in view.fields.fields[:8]) or "none"))
     if view.rule:
-        precision, recall = view.rule.precision, view.rule.recall
-        facts.append(
-            (
-                "rule",
-                f"precision {share(precision.value)} ({share_interval(precision.low, precision.high)}), "
-                f"recall {share(recall.value)} ({share_interval(recall.low, recall.high)})",
-            )
+        rates = {"precision": view.rule.precision, "recall": view.rule.recall}
+        told = (
+            f"{name} {share(one.value)} ({share_interval(one.low, one.high)})" if one.total else f"{name} not tested"
+            for name, one in rates.items()
         )
+        facts.append(("rule", ", ".join(told)))
     region = view.activation.region if view.activation else None
     if region:
         x_name, y_name = clean(region.x, limit=80), clean(region.y, limit=80)

@@ -91,8 +91,10 @@ def measure_baseline(
     ordered = _keeps_order(context, unit, pool, log, Baseline(idle=idle), imports)
     start = Baseline(idle=idle, probe=probe_of(log))
 
+    wrong: list[str] = []
+
     def nominal(history: Sequence[Message], count: int) -> list[NominalTrial]:
-        """Return what nominal trials show; nothing if one of them fails."""
+        """Return what nominal trials show; nothing if one of them fails, which `wrong` then tells."""
         seen: list[NominalTrial] = []
         trial = UnitTrial(context, unit, start, seen, imports=imports)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
@@ -103,15 +105,23 @@ def measure_baseline(
                 where=str(context.file.path),
                 hint=f'write [components.{each.component}] limits = {{ ... }} with more than that, or "off"',
             )
-        return seen if all(one.verdict is Verdict.PASS for one in outcomes) else []
+        failed = [one for one in outcomes if one.verdict is not Verdict.PASS]
+        if failed:
+            why = failed[0].violations[0].signature if failed[0].violations else failed[0].detail
+            wrong.append(f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {why}")
+        return [] if failed else seen
 
     seen = nominal(log, _TRIALS)
     found = baseline_of(seen, idle=idle, log=log, ordered=ordered)
+    if not seen:
+        return replace(found, mute=(f"exit, silent, growth and mined: {wrong[0]}",))
     if not context.file.unit[unit].mined or not found.probe_answers:
         return found
     more = nominal(log, _HELD_OUT)
     half = nominal(log[: len(log) // 2], _TRIALS + _HELD_OUT)
-    return replace(found, mined=_mined(seen, more, half)) if more and half else found
+    if not more or not half:
+        return replace(found, mute=(*found.mute, f"mined: {wrong[0]}"))
+    return replace(found, mined=_mined(seen, more, half))
 
 
 def _mined(seen: Sequence[NominalTrial], more: Sequence[NominalTrial], half: Sequence[NominalTrial]) -> Mined:

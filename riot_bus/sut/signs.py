@@ -164,11 +164,13 @@ class Feeder:
                 return self._standing(), False
             if not silent or not self.alive:
                 break
+        if not silent and settled and self.alive and baseline.mined.rules:
+            self._compare(begin if messages is baseline.probe else None)
+            if self.probed is not None and (silent := self._missing(baseline.probe_answers, self.probed)):
+                self.probed = None  # what has come for the nominal log was late: no answer
         if silent:
             self._linger()
             return self._changed(silent), True
-        if settled and self.alive and baseline.mined.rules:
-            self._compare(begin if messages is baseline.probe else None)
         ended, grown = self._ended(), self._grown()
         return (Signs(ended=ended, grown=grown) if ended or grown else NO_SIGNS), True
 

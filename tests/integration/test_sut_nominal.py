@@ -71,3 +71,13 @@ def test_a_limit_that_nominal_trials_hit_is_an_error_that_says_so(tmp_path: Path
     with pytest.raises(RiotError, match=words) as caught:
         baseline(tmp_path, "refuses", path)
     assert "limits" in str(caught.value)
+
+
+def test_what_cannot_be_judged_for_want_of_nominal_trials_is_told(tmp_path: Path) -> None:
+    with Workspace(write(tmp_path), tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+        log = [*workspace.unit_log("raises")]
+        log.append(log[-1].with_(payload=b'{"x": 1e9}'))
+        found = measure_baseline(workspace.context, "raises", pool, log)
+    assert found.trials == 0
+    told = "exit, silent, growth and mined: 3 of 3 trials with 35 nominal messages did not pass: crash in raises: "
+    assert found.mute[0].startswith(told)

@@ -39,6 +39,7 @@ FAULTY: dict[str, str | tuple[str, ...]] = {
     "runs_for_long": "limit of {}: cpu",
     "ignores": "silent of {}: nothing on state",
     "silent": "silent of {}: nothing on state",
+    "last_words": "silent of {}: nothing on state",
     "not_a_number": "mined finite of state:y",
     "not_a_number_once": "mined finite of state:y",
     "twice": "mined count of state",

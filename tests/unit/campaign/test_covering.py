@@ -86,6 +86,20 @@ def test_rates_are_those_of_what_failed_alone() -> None:
     }
 
 
+def test_what_has_failed_together_is_undecided_until_it_is_told_apart() -> None:
+    covering = Covering(items(1, 1, 8), log(1, 100), seed=1)
+    passed, failed = (Outcome(verdict, statistics={"outputs": 9}) for verdict in (Verdict.PASS, Verdict.FAIL))
+    for _ in range(2):
+        covering.take(covering.next(), passed, nominal_outputs=9)
+    group = covering.next()
+    covering.take(group, failed, nominal_outputs=9)
+    assert [id(item) for item in covering.undecided] == [id(placed.item) for placed in group]
+    assert len(group) == 4
+    for verdict in (failed, passed, passed, passed):
+        covering.take(covering.next(), Outcome(verdict, statistics={"outputs": 9}), nominal_outputs=9)
+    assert covering.undecided == []
+
+
 def test_after_a_failure_further_values_of_its_field_come_last() -> None:
     places = log(2, 200)
     covering = Covering(items(2, 10, 20), places, seed=2)

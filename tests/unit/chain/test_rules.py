@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.rules import _spread, _typed, rules
-from riot_bus.findings.records import RuleRecord
+from riot_bus.findings.records import ProportionRecord, RuleRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
@@ -26,8 +26,18 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert list(rule.predict({MODE: ["step", "step", "hold"], SPEED: [-3.0, 30.0, -3.0]})) == [True, False, False]
     assert set(record.scale) == {SPEED, MODE}
     assert {sample.failed for sample in record.samples} == {True, False}
-    checks = record.precision.total + record.recall.total
-    assert record.summary.endswith(f"on {checks} fresh checks, {record.trials} trials)")
+    assert record.checks >= record.recall.total > 0
+    assert record.summary.endswith(f"on {record.checks} fresh checks, {record.trials} trials)")
+
+
+def test_a_rate_without_trials_behind_it_is_not_told() -> None:
+    rate = ProportionRecord(value=1.0, low=0.0, high=1.0)
+    rule = RuleRecord(
+        text="isnan(x)", rule={}, python="", precision=rate, recall=rate, balanced_accuracy=1.0, checks=60, scale={}
+    )
+    assert rule.summary == "fails when isnan(x) (half tested: 0 of 60 fresh checks failed, 0 trials)"
+    none = rule.model_copy(update={"checks": 0})
+    assert none.summary == "fails when isnan(x) (not tested: no fresh checks could be had, 0 trials)"
 
 
 @pytest.mark.parametrize("seed", [4, 7])

@@ -9,6 +9,7 @@ from riot_bus.findings.records import (
     ActivationRecord,
     CampaignRecord,
     EdgeRecord,
+    EffectsRecord,
     FindingRecord,
     PermeabilityRecord,
     ProportionRecord,
@@ -46,6 +47,19 @@ def test_fields_of_a_later_release_are_passed_over(tmp_path: Path) -> None:
     path = CAMPAIGN.save(tmp_path)
     path.write_text(json.dumps({**json.loads(path.read_text()), "later": 1}))
     assert CampaignRecord.load(tmp_path) == CAMPAIGN
+
+
+def test_what_has_failed_is_told_by_name_and_the_rest_in_a_line() -> None:
+    def rate(count: int, total: int, high: float) -> ProportionRecord:
+        return ProportionRecord(value=count / total, low=0.0, high=high, count=count, total=total)
+
+    topics = {"a": rate(0, 9, 0.34), "b": rate(1, 4, 0.81), "c": rate(0, 5, 0.52)}
+    effects = EffectsRecord(injections=18, topics=topics, undecided={"a": 2, "c": 1})
+    assert effects.lines()[1:] == [
+        "tried on topic b: 1 of 4 failed, 95 %: 0.0% to 81.0%",
+        "tried on 2 other topics: 0 of 14 failed, 95 %: at most 52.0% of each",
+        "failed with others, not told apart, so in none of these shares: 2 on a, 1 on c",
+    ]
 
 
 def test_a_replay_rate_needs_replays() -> None:

@@ -63,6 +63,14 @@ def test_the_rule_of_the_paper_is_found_exactly(limit: int, start: int, seed: in
     assert learned.trials == len(learned.samples) <= 160 + 60
 
 
+def test_of_a_value_that_is_alone_no_fresh_failure_can_be_had() -> None:
+    only = Variable("gain", "float64", math.nan, (0.5,), (0.5,), NUMBERS)
+    learned = learn_rule([only], Recorder(lambda v: math.isnan(v["gain"])), seed=0)
+    assert learned.rule.text() == "isnan(gain)"
+    assert (learned.precision.total, learned.recall.total) == (0, 0)
+    assert learned.checks == 60
+
+
 NUMBERS = (0.0, -1.0, 1e6, -1e6, math.nan, math.inf, -math.inf, 1e300)
 SPEED = Variable("speed", "float64", 1e6, (2.0,), tuple(float(i) / 4 for i in range(12)), NUMBERS)
 MODE = Variable("mode", "string", "auto", (), ("auto", "manual", "off"), ("", "x" * 50))

@@ -54,3 +54,13 @@ def test_a_component_that_was_ended_by_a_limit_has_not_crashed() -> None:
 
 def test_a_known_hang_has_the_signature_of_the_one_that_was_waited_for() -> None:
     assert signatures(Signs(blocked=["spin"], known=True), settled=False) == ["hang of part: in spin"]
+
+
+def test_a_traceback_of_a_process_that_goes_on_is_told_as_such() -> None:
+    def detail(status: int | None) -> str:
+        component = ComponentView("part", status, TRACEBACK, Path("/srv"))
+        (found,) = LIVENESS[0]().judge(TrialView([component], True, 2.0, TypeRegistry()))
+        return found.detail
+
+    assert detail(None) == "ValueError: 1 (u.py:7); the process has not ended"
+    assert detail(1) == "ValueError: 1 (u.py:7)"
