@@ -97,6 +97,7 @@ class Feeder:
         stage, names = self._stage, [self._name]
         before, self.sent, ordered = stage.activity(names), 0, self._ordered
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
+        stage.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
 
         def publish(message: Message) -> None:
