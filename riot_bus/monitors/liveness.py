@@ -61,7 +61,9 @@ class HangMonitor:
             if component.name in view.stalled:
                 detail = "it stopped taking messages from its link"
             elif component.signs.known:
-                detail = f"busy where it was still busy {view.waited:g} s after its last input in another trial"
+                detail = (
+                    f"it stands{where} and publishes nothing, as when it was waited for to the end in another trial"
+                )
             elif not view.settled:
                 detail = f"still busy {view.waited:g} s after its last input"
             elif where:

@@ -158,9 +158,9 @@ class Feeder:
                 settled = self.feed(messages)
             else:
                 self._publish(messages)
+            silent = () if self._watch.known else self._missing(expected, begin)
             if self._watch.known:
                 return self._standing(), False
-            silent = self._missing(expected, begin)
             if not settled and (silent or self._spins()):
                 return self._standing(), False
             if not silent or not self.alive:
@@ -228,7 +228,7 @@ class Feeder:
         wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
         held_up, start = self._stage.held_up([self._name]), time.monotonic()
         while missing := expected.keys() - self._answers(begin).keys():
-            if time.monotonic() - start - held_up() > wait or not self.alive:
+            if time.monotonic() - start - held_up() > wait or not self.alive or self._watch():
                 break
             time.sleep(_POLL)
         return tuple(sorted(missing))
@@ -239,10 +239,13 @@ class Feeder:
 
     def _changed(self, silent: Sequence[str] = ()) -> Signs:
         stacks = self._look() if self.alive else []
+        ended, blocked = self._ended(), self._baseline.blocked(stacks, anywhere=bool(silent))
+        if silent and blocked and not ended:
+            self._hangs.add(hang_stacks(stacks, blocked), waited=time.monotonic() - self._fed)
         return Signs(
-            self._ended(),
+            ended,
             silent,
-            self._baseline.blocked(stacks, anywhere=bool(silent)),
+            blocked,
             self._baseline.lost(stacks) if stacks else (),
             self._grown(),
             _text(stacks),
