@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -59,8 +58,7 @@ def test_all_pairs_are_tried_in_few_trials(fields: int, most: int, seed: int) ->
     asked = cover(covering, crash_on(lambda one: one.field == "f7" and one.value == 3, places))
     assert len(asked) <= most
     assert covering.covered == covering.total == len(every)
-    tried = Counter(id(placed.item) for group in asked for placed in group)
-    assert set(tried) == set(map(id, every))
+    assert {id(placed.item) for group in asked for placed in group if not placed.item.again} == set(map(id, every))
 
 
 def test_what_fails_is_found_alone() -> None:
