@@ -1,6 +1,7 @@
 """Tries each thing of a list once, many in one trial as long as trials pass (adaptive group testing).
 
-Things that are tried together are put on messages of their own. While trials pass, twice as many go into the next one;
+Things that are tried together are put on messages of their own; what has passed is varied further where a trial has
+room, and when all was tried. While trials pass, twice as many go into the next one;
 where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
 them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one,
 and so does what changed nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about
@@ -92,6 +93,9 @@ class Covering:
         self._positions = positions
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
+        fitting.sort(
+            key=lambda item: item.injections[0].field is not None
+        )  # few, and values may be many for one message
         self._fresh = deque(fitting)
         self._alone: deque[Variation] = deque()
         self._late = False
@@ -100,12 +104,8 @@ class Covering:
         self._size = 1
         self.total = len(fitting)
         self.tried: list[tuple[Variation, bool]] = []
-        self._free = [item for item in fitting if item.span == 1 and item.first is None]
+        self._free: dict[str, list[Variation]] = {}
         self._values: dict[object, list[Variation]] = {}
-        for item in self._free:
-            if _sets_value(item):
-                for key in (item.topic, (item.topic, repr(item.injections[0].value))):
-                    self._values.setdefault(key, []).append(item)
         self._failed: Counter[object] = Counter()
 
     def next(self) -> tuple[Placed, ...]:
@@ -141,10 +141,13 @@ class Covering:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
         else:
-            self.tried += [(placed.item, failed) for placed in reached if not placed.item.again]
+            fresh = [placed.item for placed in reached if not placed.item.again]
+            self.tried += [(item, failed) for item in fresh]
             if failed and reached:
                 self._failed.update((reached[0].item.injections, reached[0].item.about))
                 self._set_apart(reached[0].item.about)
+            elif not failed:
+                self._remember(fresh)
         self._size = max(1, self._size // 2) if failed or hidden else min(_LARGEST, max(self._size, len(group)) * 2)
 
     @property
@@ -164,7 +167,7 @@ class Covering:
 
     def _vary(self) -> Variation | None:
         """Return something that has not failed alone, to be tried otherwise; None if there happens to be none."""
-        one = self._random.choice(self._free)
+        one = self._random.choice(self._free[self._random.choice(list(self._free))])
         varied = replace(one, again=True)
         way = self._random.random()
         if way < _TWO:
@@ -198,7 +201,7 @@ class Covering:
         misses = 0
         while fill and self._free and len(found) < self._size and misses < _MISSES:
             varied = self._vary()
-            place = varied and self._place(varied, taken.setdefault(varied.topic, []))
+            place = None if varied is None else self._place(varied, taken.setdefault(varied.topic, []))
             if varied is None or place is None:
                 misses += 1
             else:
@@ -227,6 +230,15 @@ class Covering:
             self._missed[id(item)] += 1
             if self._missed[id(item)] < _ATTEMPTS:
                 self._fresh.append(item)
+
+    def _remember(self, passed: Iterable[Variation]) -> None:
+        """Take in what is worth varying further."""
+        for item in passed:
+            if item.span == 1 and item.first is None:
+                self._free.setdefault(item.topic, []).append(item)
+                if _sets_value(item):
+                    for key in (item.topic, (item.topic, repr(item.injections[0].value))):
+                        self._values.setdefault(key, []).append(item)
 
     def _set_apart(self, about: str) -> None:
         """Try further things about what has failed last, and alone: most of them would fail their groups alike."""

@@ -33,9 +33,9 @@ def malformations(
 ) -> list[Variation]:
     """Return what may be wrong with the form of a log's messages, as things to try once.
 
-    Arrays are empty, one shorter, one longer and long. Where no definition says which fields there are, each is missing,
-    null and of another type, and payloads are cut off. All stamps of a message are those of the topic's first message,
-    or of its last one. Of an array's elements the first stands for all.
+    Arrays are empty, one shorter, one longer and long. Where no definition says which fields there are, each is
+    missing, null and of another type, and payloads are cut off. All stamps of a message are those of the topic's first
+    message, or of its last one. Of an array's elements the first stands for all.
 
     Args:
         messages: The log.

@@ -1,4 +1,4 @@
-"""Telling how the work goes: to people by a line per finished step and a progress bar (or lines), to programs in JSON."""
+"""Telling how the work goes: to people by lines and a progress bar, to programs by lines of JSON."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from tests.unit.chain.machine import (
 
 
 def campaign(one: Bench, **options: Any) -> list[Path]:
-    return robustness.test_unit(one.workspace, "drive", **{"trials": 30, "seconds": None, **options})
+    return robustness.test_unit(one.workspace, "drive", **{"trials": 30, "seconds": None, "covered": False, **options})
 
 
 def test_failures_become_findings_with_the_log_as_it_was_delivered(tmp_path: Path) -> None:
