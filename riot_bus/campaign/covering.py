@@ -1,11 +1,11 @@
 """Tries each thing of a list once, many in one trial as long as trials pass (adaptive group testing).
 
 Things that are tried together are put on messages of their own; what has passed is varied further where a trial has
-room, and when all was tried. While trials pass, twice as many go into the next one;
-where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
-them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one,
-and so does what changed nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about
-twice the logarithm of the group's size.
+room, and when all was tried. While trials pass, twice as many go into the next one; where one fails, half as many do,
+and what had been delivered is tried again in two halves, until it is known which of them fails alone and that the
+others do not. What a trial did not get to, since it failed before, waits for another one, and so does what changed
+nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of
+the group's size.
 """
 
 from __future__ import annotations
@@ -93,9 +93,8 @@ class Covering:
         self._positions = positions
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
-        fitting.sort(
-            key=lambda item: item.injections[0].field is not None
-        )  # few, and values may be many for one message
+        # faults of whole messages first: they are few, and many values may wait for the only message of a topic
+        fitting.sort(key=lambda item: item.injections[0].field is not None)
         self._fresh = deque(fitting)
         self._alone: deque[Variation] = deque()
         self._late = False
