@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.campaign.covering import Covering, Placed, Variation, failure_rates
@@ -197,6 +197,7 @@ def test_topics_of_one_message_hold_up_no_others() -> None:
     assert all(len(group) > 5 for group in asked[20:])
 
 
+@settings(deadline=None)
 @given(
     st.integers(1, 3),
     st.integers(1, 30),
