@@ -15,7 +15,7 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Covering, Variation
+    from riot_bus.campaign.covering import Covering, Placed, Variation
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
@@ -41,7 +41,8 @@ class CampaignResult:
         failures: Those that fresh trials have confirmed, by signature, in the order of discovery.
         unconfirmed: Those that no fresh trial has shown again.
         failing: Number of failing trials.
-        exhausted: Whether the budget of trials was used up (False: time ran out, or the campaign was told to stop).
+        exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
+            told to stop).
         notes: What monitors said of themselves: they raised, or saw nothing.
         started: How the last trial started the unit.
         tried: Things that were tried, and whether they failed alone.
@@ -149,6 +150,7 @@ def run_campaign(
     covering: Covering | None = None,
     ordered: bool = False,
     seconds: float | None = None,
+    covered: bool = False,
     progress: Progress | None = None,
     found: Callable[[Failure], object] = lambda _: None,
 ) -> CampaignResult:
@@ -163,9 +165,10 @@ def run_campaign(
         runner: Executes test cases.
         seed: Seed of the campaign.
         trials: At most so many injected trials; nominal and repeated ones come on top.
-        covering: Chooses most trials as long as it has something to try; without it all are drawn.
+        covering: Chooses most trials; without it all are drawn.
         ordered: Whether trials keep the order of the log across topics.
         seconds: At most so much time; None for no limit.
+        covered: Whether to end when all that `covering` has to try was tried.
         progress: Told after each batch.
         found: Called with each failure as soon as it is confirmed.
     """
@@ -175,8 +178,10 @@ def run_campaign(
     done, started = 0, time.monotonic()
     hopeless = work.failing == nominal
     while not hopeless and done < trials and (seconds is None or time.monotonic() - started < seconds):
+        if covered and covering and covering.finished:
+            break
         batch = range(done, min(trials, done + max(_ROUND, runner.parallelism)))
-        together = {trial: covering.next() if covering and (trial + 1) % _DRAWN else () for trial in batch}
+        together = {trial: _together(covering, trial) for trial in batch}
         cases = {
             trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
             if chosen
@@ -200,7 +205,7 @@ def run_campaign(
     every = nominal + done
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
-    finished = not hopeless and done >= trials
+    finished = not hopeless and (done >= trials or (covered and covering is not None and covering.finished))
     return CampaignResult(
         nominal + done,
         work.failing,
@@ -214,3 +219,10 @@ def run_campaign(
         coverable=covering.total if covering else 0,
         effects=work.effects,
     )
+
+
+def _together(covering: Covering | None, trial: int) -> tuple[Placed, ...]:
+    """Return what a trial tries together; nothing if its injections are drawn."""
+    if covering is None or not (trial + 1) % _DRAWN:
+        return ()
+    return covering.next() or covering.further()

@@ -1,10 +1,11 @@
 """Tries each thing of a list once, many in one trial as long as trials pass (adaptive group testing).
 
-Things that are tried together are put on messages of their own. While trials pass, twice as many go into the next one;
-where one fails, half as many do, and what had been delivered is tried again in two halves, until it is known which of
-them fails alone and that the others do not. What a trial did not get to, since it failed before, waits for another one,
-and so does what changed nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about
-twice the logarithm of the group's size.
+Things that are tried together are put on messages of their own; what has passed is varied further where a trial has
+room, and when all was tried. While trials pass, twice as many go into the next one; where one fails, half as many do,
+and what had been delivered is tried again in two halves, until it is known which of them fails alone and that the
+others do not. What a trial did not get to, since it failed before, waits for another one, and so does what changed
+nothing where it was put. So a robust unit is covered in a few trials, and a fault costs about twice the logarithm of
+the group's size.
 """
 
 from __future__ import annotations
@@ -31,6 +32,12 @@ _LARGEST = 256
 _ATTEMPTS = 3
 """Trials that do not get to a thing before it counts as not tried."""
 _SHARE_SILENT = 0.25
+_ALIKE, _TWO, _ROW = 0.25, 0.5, 0.25
+"""Of what is tried further, shares of two fields in one message (with the same value, which few pairs have, or at all)
+and of messages in a row; the rest is elsewhere."""
+_IN_A_ROW = 3
+_MISSES = 32
+"""Things that find no free message before a trial has enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +50,7 @@ class Variation:
         about: What it changes, such as `topic:field`; if one thing about it fails, others may do so alike.
         span: Messages in a row that it takes.
         first: Number of the first of them within the topic; None for any.
+        again: Whether it is made of things that have been tried before.
     """
 
     topic: str
@@ -50,6 +58,7 @@ class Variation:
     about: str
     span: int = 1
     first: int | None = None
+    again: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,22 +93,34 @@ class Covering:
         self._positions = positions
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
+        # faults of whole messages first: they are few, and many values may wait for the only message of a topic
+        fitting.sort(key=lambda item: item.injections[0].field is not None)
         self._fresh = deque(fitting)
         self._alone: deque[Variation] = deque()
+        self._late = False
         self._halves: deque[tuple[Placed, ...]] = deque()
         self._missed: Counter[int] = Counter()
         self._size = 1
         self.total = len(fitting)
         self.tried: list[tuple[Variation, bool]] = []
+        self._free: dict[str, list[Variation]] = {}
+        self._values: dict[object, list[Variation]] = {}
+        self._failed: Counter[object] = Counter()
 
     def next(self) -> tuple[Placed, ...]:
         """Return what to try together; nothing when all has been tried or given out."""
         if self._halves:
             return self._halves.popleft()
         if not self._fresh and self._alone:
-            self._fresh.append(self._alone.popleft())
-            self._size = 1
-        return self._gather()
+            self._size = self._size if self._late else 1
+            self._late = True
+            while self._alone and len(self._fresh) < self._size:
+                self._fresh.append(self._alone.popleft())
+        return self._gather(self._fresh, fill=not self._late) if self._fresh else ()
+
+    def further(self) -> tuple[Placed, ...]:
+        """Return what to try beyond that, without an end: things that passed, elsewhere, in a row, or two at once."""
+        return self._gather(deque(), fill=True)
 
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
         """Take in the outcome of a trial of a group.
@@ -119,9 +140,13 @@ class Covering:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
         else:
-            self.tried += [(placed.item, failed) for placed in reached]
+            fresh = [placed.item for placed in reached if not placed.item.again]
+            self.tried += [(item, failed) for item in fresh]
             if failed and reached:
+                self._failed.update((reached[0].item.injections, reached[0].item.about))
                 self._set_apart(reached[0].item.about)
+            elif not failed:
+                self._remember(fresh)
         self._size = max(1, self._size // 2) if failed or hidden else min(_LARGEST, max(self._size, len(group)) * 2)
 
     @property
@@ -134,19 +159,52 @@ class Covering:
         """Things that some trial has failed with, and that have not been told apart yet."""
         return [placed.item for group in self._halves for placed in group]
 
-    def _gather(self) -> tuple[Placed, ...]:
-        """Return as many things as a trial is to have, each on messages that no other one takes."""
+    @property
+    def finished(self) -> bool:
+        """Whether all has been tried or given out, and what failed is known."""
+        return not (self._fresh or self._alone or self._halves)
+
+    def _vary(self) -> Variation | None:
+        """Return something that has not failed alone, to be tried otherwise; None if there happens to be none."""
+        one = self._random.choice(self._free[self._random.choice(list(self._free))])
+        varied = replace(one, again=True)
+        way = self._random.random()
+        if way < _TWO:
+            alike = (one.topic, repr(one.injections[0].value)) if way < _ALIKE else one.topic
+            other = self._random.choice(self._values.get(alike, [one]) if _sets_value(one) else [one])
+            if other.about == one.about or other.injections in self._failed:
+                return None
+            both = (*one.injections, *other.injections)
+            varied = replace(varied, injections=both, about=" and ".join(sorted((one.about, other.about))))
+        elif way < _TWO + _ROW and len(self._positions[one.topic]) >= _IN_A_ROW:
+            varied = replace(varied, span=_IN_A_ROW)
+        known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= _ATTEMPTS)
+        return None if known else varied
+
+    def _gather(self, waiting: deque[Variation], *, fill: bool) -> tuple[Placed, ...]:
+        """Return as many things as a trial is to have, each on messages that no other one takes.
+
+        Where too few wait for other messages than those that are taken, what is varied further may fill the rest.
+        """
         taken: dict[str, list[tuple[int, int]]] = {}
         found: list[Placed] = []
         passed_over: list[Variation] = []
-        while self._fresh and len(found) < self._size and len(passed_over) < _LARGEST:
-            item = self._fresh.popleft()
+        while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
+            item = waiting.popleft()
             first = self._place(item, taken.setdefault(item.topic, []))
             if first is None:
                 passed_over.append(item)
             else:
                 found.append(Placed(item, first))
-        self._fresh.extendleft(reversed(passed_over))
+        waiting.extend(passed_over)
+        misses = 0
+        while fill and self._free and len(found) < self._size and misses < _MISSES:
+            varied = self._vary()
+            place = None if varied is None else self._place(varied, taken.setdefault(varied.topic, []))
+            if varied is None or place is None:
+                misses += 1
+            else:
+                found.append(Placed(varied, place))
         return tuple(sorted(found, key=self._position))
 
     def _place(self, item: Variation, taken: list[tuple[int, int]]) -> int | None:
@@ -166,9 +224,20 @@ class Covering:
 
     def _put_back(self, items: Iterable[Variation]) -> None:
         for item in items:
+            if item.again:
+                continue
             self._missed[id(item)] += 1
             if self._missed[id(item)] < _ATTEMPTS:
                 self._fresh.append(item)
+
+    def _remember(self, passed: Iterable[Variation]) -> None:
+        """Take in what is worth varying further."""
+        for item in passed:
+            if item.span == 1 and item.first is None:
+                self._free.setdefault(item.topic, []).append(item)
+                if _sets_value(item):
+                    for key in (item.topic, (item.topic, repr(item.injections[0].value))):
+                        self._values.setdefault(key, []).append(item)
 
     def _set_apart(self, about: str) -> None:
         """Try further things about what has failed last, and alone: most of them would fail their groups alike."""
@@ -183,6 +252,11 @@ def _delivered(group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
         return list(group)
     left = iter(counts)
     return [placed for placed in group if sum(next(left) for _ in placed.item.injections)]
+
+
+def _sets_value(item: Variation) -> bool:
+    first = item.injections[0]
+    return first.fault == "set" and not str(first.field).startswith("len(")
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:

@@ -81,9 +81,9 @@ def targets_of(
 
 
 def samples_by_topic(
-    messages: Sequence[Message], registry: TypeRegistry
+    messages: Sequence[Message], registry: TypeRegistry, *, most: int = _SAMPLES
 ) -> dict[str, tuple[int, list[tuple[MessageType, bytes]]]]:
-    """Return for each topic, sorted, how many messages it has, and types and payloads of a few of them."""
+    """Return for each topic, sorted, how many messages it has, and types and payloads of about `most` of them."""
     by_topic: dict[str, list[Message]] = {}
     for message in messages:
         if message.kind == "put":
@@ -91,7 +91,7 @@ def samples_by_topic(
     found = {}
     for topic, carried in sorted(by_topic.items()):
         samples = []
-        for message in carried[:: max(1, len(carried) // _SAMPLES)]:
+        for message in carried[:: max(1, len(carried) // most)]:
             kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             if kind is not None:
                 samples.append((kind, message.payload))

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
+from riot_bus.campaign.malformed import malformations
+from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id, severity
@@ -45,7 +47,7 @@ __all__ = ["test_unit", "tested"]
 _LOG = logging.getLogger(__name__)
 
 
-def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None) -> list[Path]:
+def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None, covered: bool) -> list[Path]:
     """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:
@@ -53,6 +55,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
         unit: The unit to test.
         trials: At most so many injected trials.
         seconds: At most so much time; None for no limit.
+        covered: Whether to end when all that there is to try was tried.
 
     Raises:
         RiotError: The unit does not start, its log holds nothing for it, or nothing can be injected.
@@ -64,8 +67,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
     everything = targets_of(log, registry, include=["*"])
     for problem in dictionary.unmatched(f"{each.topic}:{each.path}" for found in everything.values() for each in found):
         _LOG.warning("riot: %s", problem)
+    targets = targets_of(log, registry, leave=settings.leave, include=settings.include)
     schedule = Schedule(
-        targets_of(log, registry, leave=settings.leave, include=settings.include),
+        with_observed(targets, log, registry),
         dictionary,
         seed=workspace.seed,
         groups=groups_of(log, registry, dictionary, leave=settings.leave, include=settings.include),
@@ -80,12 +84,17 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seed=workspace.seed,
             trials=trials,
             covering=Covering(
-                [*schedule.items(), *message_faults(log, registry, leave=settings.leave)],
+                [
+                    *schedule.items(),
+                    *message_faults(log, registry, leave=settings.leave),
+                    *malformations(log, registry, leave=settings.leave, include=settings.include),
+                ],
                 positions_of(log, registry),
                 seed=workspace.seed,
             ),
             ordered=baseline.ordered,
             seconds=seconds,
+            covered=covered,
             progress=step.progress,
             found=lambda failure: _save(step, unit, failure, log),
         )
@@ -150,7 +159,7 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
         f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
     )
     if result.coverable:
-        text += f"; {len(result.tried)} of {result.coverable} (field, value) pairs and message faults tried"
+        text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"
     if result.unconfirmed:
         repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
         text += f"; {len(result.unconfirmed)} more did not come again in {repeats} fresh trials"

@@ -27,6 +27,7 @@ FAULTS, INCONCLUSIVE = 1, 5
 
 Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: injected trials of the unit.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
+Covered = Annotated[bool, typer.Option("--covered", help="End when each value and fault was tried once.")]
 
 
 class _StepGroup(TyperGroup):
@@ -166,6 +167,7 @@ def run_tests(
     out: Out = DEFAULT_OUT,
     trials: Trials = 100,
     seconds: Seconds = None,
+    covered: Covered = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     form: EventFormat = StreamFormat.TEXT,
@@ -176,7 +178,8 @@ def run_tests(
 
     with _workspace(system, out, jobs, seed, form) as workspace:
         name, _ = workspace.unit(unit)
-        folders = [str(folder) for folder in test_unit(workspace, name, trials=trials, seconds=seconds)]
+        found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered)
+    folders = [str(folder) for folder in found]
     notes = CampaignRecord.load(out).notes
     lines = folders or [f"inconclusive: {note}" for note in notes] or ["no finding"]
     _show({"unit": name, "findings": folders, "notes": notes}, form, lines)
@@ -209,7 +212,7 @@ def analyze(
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:
-            folders = test_unit(workspace, name, trials=trials, seconds=seconds)
+            folders = test_unit(workspace, name, trials=trials, seconds=seconds, covered=False)
         done = [run_chain(workspace, folder, further=others) for folder in folders]
     rules = [load(one.folder).rule for one in done]
     result = [

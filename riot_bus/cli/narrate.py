@@ -1,8 +1,9 @@
-"""Telling how the work goes: to people by a line per finished step and a progress bar, to programs by lines of JSON."""
+"""Telling how the work goes: to people by lines and a progress bar, to programs by lines of JSON."""
 
 from __future__ import annotations
 
 import json
+import time
 from typing import TYPE_CHECKING, Self
 
 import typer
@@ -11,6 +12,7 @@ from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from rich.console import Console
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ConsoleNarrator", "write_line"]
 
+_EVERY = 10.0
+"""Seconds between lines that tell of progress where there is no terminal."""
+
 
 def write_line(event: RunEvent) -> None:
     """Write an event to stdout, as JSON in a line of its own."""
@@ -27,10 +32,17 @@ def write_line(event: RunEvent) -> None:
 
 
 class ConsoleNarrator:
-    """Listens for a person at stderr (or wherever diagnostics go); a context manager."""
+    """Listens for a person at stderr (or wherever diagnostics go); a context manager.
 
-    def __init__(self, console: Console) -> None:
+    Args:
+        console: Where to.
+        now: Tells the time, in seconds.
+    """
+
+    def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         self._console = console
+        self._now = now
+        self._last = now(), 0
         self._bar: Progress | None = None
         self._task: TaskID | None = None
 
@@ -41,13 +53,16 @@ class ConsoleNarrator:
         self._stop()
 
     def __call__(self, event: RunEvent) -> None:
-        """Show a bar while a step runs (on terminals only), and a line in its end."""
+        """Show a bar while a step runs (without a terminal a line each ten seconds), and a line in its end."""
         match event:
             case StepStarted():
                 self._stop()
+                self._last = self._now(), 0
                 self._start(event.step)
             case StepProgress() if self._bar is not None and self._task is not None:
                 self._bar.update(self._task, completed=event.done, total=event.total, note=event.note)
+            case StepProgress() if not self._console.is_terminal:
+                self._tell(event)
             case StepFinished():
                 first, *more = event.text.split("\n")
                 self._say(event.step, "\n".join([f"{first} [{event.seconds:.1f} s]", *more]))
@@ -80,6 +95,19 @@ class ConsoleNarrator:
             self._bar = Progress(*columns, console=self._console, transient=True)
             self._task = self._bar.add_task(step, total=None, note="")
             self._bar.start()
+
+    def _tell(self, event: StepProgress) -> None:
+        """Say how far a step is, how fast it goes, and how long it takes at that rate, if that was not just said."""
+        now, (then, done) = self._now(), self._last
+        if now - then < _EVERY:
+            return
+        self._last = now, event.done
+        rate = (event.done - done) / (now - then)
+        text = f"{event.done} of {event.total}" if event.total else str(event.done)
+        text += f", {event.note}; {rate:.2g}/s" if event.note else f"; {rate:.2g}/s"
+        if event.total and rate > 0:
+            text += f", about {(event.total - event.done) / rate:.0f} s to go"
+        self._say(event.step, text)
 
     def _say(self, step: str, text: str) -> None:
         self._stop()

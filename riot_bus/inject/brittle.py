@@ -14,7 +14,10 @@ from riot_bus.types.capabilities import KnowsBrittleFields
 if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
 
-__all__ = ["is_brittle", "why_brittle"]
+__all__ = ["STAMPS", "is_brittle", "why_brittle"]
+
+STAMPS = ("header stamp", "timestamp")
+"""Reasons of fields that are times."""
 
 _REASONS = {
     "header stamp": r"stamps?",

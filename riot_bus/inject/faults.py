@@ -17,7 +17,8 @@ from riot_bus.inject.values import fit_value, set_elements
 from riot_bus.pipeline.event import Change
 from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.types.capabilities import OmitsFields
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.injection import Formula, Injection, Signal
 
 if TYPE_CHECKING:
@@ -30,7 +31,9 @@ __all__ = [
     "DropFault",
     "DuplicateFault",
     "FaultKind",
+    "OmitFault",
     "SetFault",
+    "TruncateFault",
     "fault_class",
     "fault_of",
 ]
@@ -122,6 +125,42 @@ class DuplicateFault:
     def apply(self, event: Event) -> None:
         """Copy it."""
         event.duplicate(self.copies)
+
+
+@dataclass(frozen=True, slots=True)
+class OmitFault:
+    """Leave a field out, where no definition says which fields there are (JSON, MessagePack, CBOR).
+
+    Attributes:
+        field: Path of the field.
+        null: Whether null stands in its place instead.
+    """
+
+    field: str
+    null: bool = False
+
+    def apply(self, event: Event) -> None:
+        """Leave it out."""
+        before, kind = event.read(self.field), event.type
+        if not isinstance(kind, OmitsFields):
+            raise PayloadError("messages of this type have all their fields", where=self.field)
+        payload = kind.omit(event.payload, self.field, null=self.null)
+        event.patched(payload, Change(event.interceptor, "null" if self.null else "omit", self.field, before))
+
+
+@dataclass(frozen=True, slots=True)
+class TruncateFault:
+    """Cut the payload off.
+
+    Attributes:
+        keep: Share of its bytes that is left.
+    """
+
+    keep: Annotated[float, Field(ge=0, lt=1)] = 0.5
+
+    def apply(self, event: Event) -> None:
+        """Cut it."""
+        event.replace(event.payload[: int(self.keep * len(event.payload))])
 
 
 @cache

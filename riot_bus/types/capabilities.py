@@ -38,6 +38,7 @@ __all__ = [
     "ListsTypes",
     "MessagePart",
     "Offer",
+    "OmitsFields",
     "ParsesTokens",
     "PublishesAs",
     "ReadsMetadata",
@@ -508,5 +509,18 @@ class KnowsBrittleFields(Protocol):
 
         Returns:
             The reason, empty if it may be changed, None if nothing tells; then its name decides.
+        """
+        ...
+
+
+@runtime_checkable
+class OmitsFields(Protocol):
+    """No definition says which fields a payload has: each may be missing, null, or of another type (by `patch`)."""
+
+    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
+        """Return the payload without a scalar field of a map, or with null in its place.
+
+        Raises:
+            PayloadError: There is no such field.
         """
         ...

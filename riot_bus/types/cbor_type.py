@@ -51,6 +51,7 @@ class CborType(DocumentType):
     name = "cbor"
     encoding = "cbor"
     title = "CBOR"
+    nil = b"\xf6"
 
     def head(self, payload: bytes, at: int) -> Item:
         """Return the item that begins here, without its tags."""
@@ -120,11 +121,11 @@ class CborType(DocumentType):
         kept = width if item.kind in ("str", "bin") and code & 31 != _INDEFINITE else 0
         return _counted(_STR if isinstance(value, str) else _BIN, len(data), kept) + data
 
-    def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
-        """Return the head of an array, with a count as wide as before where it fits."""
+    def container_head(self, payload: bytes, item: Item, count: int) -> bytes:
+        """Return the head of an array or map, with a count as wide as before where it fits."""
         if payload[item.start] & 31 == _INDEFINITE:
             return payload[item.start : item.body]
-        return _counted(_ARRAY, count, item.body - item.start - 1)
+        return _counted(_ARRAY if item.kind == "array" else _MAP, count, item.body - item.start - 1)
 
 
 def _head(payload: bytes, at: int) -> tuple[int, int, int, int]:

@@ -47,11 +47,13 @@ class DocumentType(ABC):
 
     Attributes:
         title: What people call the encoding.
+        nil: An item that is nothing.
     """
 
     name = ""
     encoding = ""
     title = ""
+    nil = b""
     schema: Schema | None = None
 
     def leaves(self, payload: bytes, *, elements: int = 16) -> Sequence[Leaf]:
@@ -108,6 +110,27 @@ class DocumentType(ABC):
                 scalars[path] = value
         return self.patch(payload, scalars) if scalars else payload
 
+    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
+        """Return the payload without a scalar field of a map, or with nil in its place."""
+        item = self._find(payload, path)
+        if self.value(payload, item) is None:
+            raise PayloadError(f"{item.kind} is no scalar field", where=path)
+        if null:
+            return payload[: item.start] + self.nil + payload[item.end :]
+        *outer, step = parse_path(path).steps
+        parent = self._at(payload, tuple(outer), path)
+        if parent.kind != "map":
+            raise PayloadError("only entries of a map can be left out", where=path)
+        at = parent.body
+        begin = end = at
+        for _ in range(parent.entries):
+            key, value = self.key(payload, at)
+            if key == step:
+                begin, end = at, self.skip(payload, value)
+            at = self.skip(payload, value)
+        head = self.container_head(payload, parent, parent.entries - 1)
+        return payload[: parent.start] + head + payload[parent.body : begin] + payload[end:]
+
     @abstractmethod
     def head(self, payload: bytes, at: int) -> Item:
         """Return the item that begins here; raises PayloadError if there is none."""
@@ -129,8 +152,8 @@ class DocumentType(ABC):
         """Return the item that replaces a scalar."""
 
     @abstractmethod
-    def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
-        """Return the head of an array with another number of elements."""
+    def container_head(self, payload: bytes, item: Item, count: int) -> bytes:
+        """Return the head of an array or map with another number of entries."""
 
     def key(self, payload: bytes, at: int) -> tuple[str | int | None, int]:
         """Return the key of a map's entry, None if it is of another kind, and where its value begins."""
@@ -164,10 +187,12 @@ class DocumentType(ABC):
             at = self.skip(payload, at)
 
     def _find(self, payload: bytes, path: str) -> Item:
+        return self._at(payload, parse_path(path).steps, path)
+
+    def _at(self, payload: bytes, steps: tuple[str | int, ...], path: str) -> Item:
         item = self.head(payload, 0)
-        steps = parse_path(path).steps
         if item.kind != "map":
-            if steps[0] != ROOT:
+            if steps[:1] != (ROOT,):
                 raise PayloadError(f"the payload is no map; its path begins with {ROOT!r}", where=path)
             steps = steps[1:]
         for step in steps:
@@ -212,4 +237,4 @@ class DocumentType(ABC):
                 raise PayloadError("nothing tells what the elements of an empty array are", where=path)
             check_size(len(payload) + (count - item.entries) * (end - last), path)
             content += payload[last:end] * (count - item.entries)
-        return payload[: item.start] + self.array_head(payload, item, count) + content + payload[rest:]
+        return payload[: item.start] + self.container_head(payload, item, count) + content + payload[rest:]

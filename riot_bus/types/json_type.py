@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from bisect import bisect_left
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.model import (
@@ -97,6 +98,25 @@ class JsonType:
             else:
                 scalars[path] = value
         return self.patch(payload, scalars) if scalars else payload
+
+    def omit(self, payload: bytes, path: str, *, null: bool = False) -> bytes:
+        """Return the payload without a scalar member of an object, or with `null` in its place."""
+        text, document = _parse(payload)
+        field = parse_path(path)
+        _scalar(_walk(document, field, path), path)
+        start, end = _walk(_spans(text), field, path)
+        if null:
+            return (text[:start] + "null" + text[end:]).encode()
+        tokens = [match.span() for match in _TOKEN.finditer(text)]
+        at = bisect_left(tokens, (start, end))
+        if text[slice(*tokens[at - 1])] != ":":
+            raise PayloadError("only members of an object can be left out", where=path)
+        if text[slice(*tokens[at + 1])] == ",":
+            start, end = tokens[at - 2][0], tokens[at + 2][0]
+        else:
+            last = text[slice(*tokens[at - 3])] == ","
+            start = tokens[at - 3 if last else at - 2][0]
+        return (text[:start] + text[end:]).encode()
 
 
 def _parse(payload: bytes) -> tuple[str, Any]:

@@ -49,6 +49,7 @@ class MsgpackType(DocumentType):
     name = "msgpack"
     encoding = "msgpack"
     title = "MessagePack"
+    nil = b"\xc0"
 
     def head(self, payload: bytes, at: int) -> Item:
         """Return the item that begins here."""
@@ -97,13 +98,14 @@ class MsgpackType(DocumentType):
         """Return the item that replaces a scalar."""
         return _encode(payload[item.start], item.kind, value, path)
 
-    def array_head(self, payload: bytes, item: Item, count: int) -> bytes:
-        """Return the head of an array, with a count as wide as before where it fits."""
+    def container_head(self, payload: bytes, item: Item, count: int) -> bytes:
+        """Return the head of an array or map, with a count as wide as before where it fits."""
+        short, wide = (0x90, 0xDC) if item.kind == "array" else (0x80, 0xDE)
         size = item.body - item.start - 1
         if not size and count < 16:
-            return bytes([0x90 | count])
+            return bytes([short | count])
         size = 2 if size < 4 and count < 1 << 16 else 4
-        return bytes([0xDC if size == 2 else 0xDD]) + count.to_bytes(size, "big")
+        return bytes([wide if size == 2 else wide + 1]) + count.to_bytes(size, "big")
 
 
 def is_container(payload: bytes) -> bool:

@@ -63,7 +63,8 @@ class Injection:
         topic: Topic name or key expression of the messages.
         field: Field path that is set; None for a timing fault.
         value: Value that is set, or a `Signal` or `Formula` that gives one per message.
-        fault: What happens to a selected message: `set`, `drop`, `delay`, `duplicate`, or a kind of another package.
+        fault: What happens to a selected message: `set`, `omit`, `truncate`, `drop`, `delay`, `duplicate`, or another
+            package's kind.
         start: Earliest time, seconds since the first message that the pipeline saw.
         end: Latest time (exclusive), seconds; None for ever.
         first: First per-topic message index.
@@ -73,7 +74,7 @@ class Injection:
         delay: Seconds, for `fault = "delay"`.
         copies: Extra copies, for `fault = "duplicate"`.
         seed: Seed of the choice.
-        options: Names and values of further options, for kinds of faults of other packages.
+        options: Names and values of further options, for kinds of faults that have some.
     """
 
     topic: str

@@ -36,7 +36,7 @@ def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> Non
     wanted = (wanted,) if isinstance(wanted, str) else wanted
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2, seed=seed) as workspace:
         trials = TRIALS * (4 if kind == "sometimes" or len(wanted) > 1 else 1)
-        folders = run_campaign(workspace, kind, trials=trials, seconds=None)
+        folders = run_campaign(workspace, kind, trials=trials, seconds=None, covered=False)
         records = [FindingRecord.load(folder) for folder in folders]
     assert sorted(record.signature for record in records) == [each.format(kind) for each in wanted]
     for folder, record in zip(folders, records, strict=True):
@@ -62,7 +62,7 @@ def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> Non
 @pytest.mark.parametrize("kind", ROBUST)
 def test_a_robust_unit_has_no_finding(tmp_path: Path, kind: str, seed: int) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2, seed=seed) as workspace:
-        assert run_campaign(workspace, kind, trials=TRIALS, seconds=None) == []
+        assert run_campaign(workspace, kind, trials=TRIALS, seconds=None, covered=False) == []
     record = CampaignRecord.load(tmp_path / "out")
     assert (record.unconfirmed, record.notes) == ((), {})
 

@@ -122,7 +122,8 @@ def misbehave(command):
         fault, place = divmod(zlib.crc32(repr(command.get("x")).encode()) % 20, PLACES)
         getattr(ctypes.CDLL("./faults.so"), f"place_{place}")(fault)
     elif KIND == "segfaults" or KIND in FAULTS:
-        large = isinstance(command["x"], (int, float)) and math.isfinite(command["x"])
+        x = command.get("x")
+        large = isinstance(x, (int, float)) and math.isfinite(x)
         if KIND in FAULTS:
             getattr(ctypes.CDLL("./faults.so"), FAULTS[KIND][not large])(8)
         poke_large() if large else poke_not_finite()
@@ -212,14 +213,21 @@ def tick():
         ticks.put("{}")
 
 
+def document(sample):
+    try:
+        return json.loads(sample.payload.to_bytes())
+    except ValueError:
+        return {}
+
+
 def on_mode(sample):
     global muted, mode
-    mode = json.loads(sample.payload.to_bytes()).get("m")
-    muted = KIND == "muted_by_mode" and json.loads(sample.payload.to_bytes()).get("m") == 1
+    mode = document(sample).get("m")
+    muted = KIND == "muted_by_mode" and mode == 1
 
 
 def on_command(sample):
-    command = json.loads(sample.payload.to_bytes())
+    command = document(sample)
     if KIND == "order_of_two":
         handle(command)
     elif not muted:

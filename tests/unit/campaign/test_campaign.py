@@ -203,6 +203,17 @@ def test_each_thing_is_tried_before_others_are_drawn_again() -> None:
     assert len(failure.case.injections) == 1  # what has been found out alone stands for it
 
 
+def test_a_campaign_may_end_when_all_was_tried() -> None:
+    pure, plan = Pure(lambda case: failing(case) if injected(case) else Outcome(Verdict.PASS)), schedule()
+    covering = Covering(plan.items(), positions_of(LOG, TypeRegistry()), seed=0)
+    result = run_campaign(LOG, plan, pure, seed=0, trials=10_000, covering=covering, covered=True)
+    assert result.exhausted
+    assert len(result.tried) == result.coverable
+    assert result.trials < 200
+    few = Covering(plan.items(), positions_of(LOG, TypeRegistry()), seed=0)
+    assert run_campaign(LOG, plan, pure, seed=0, trials=8, covering=few, covered=True).trials == 12
+
+
 def test_faults_of_whole_messages_leave_alone_what_is_left_alone() -> None:
     faults = message_faults(LOG, TypeRegistry())
     assert {each.injections[0].fault for each in faults} == {"drop", "duplicate", "delay"}

@@ -100,8 +100,11 @@ def commands(readings: Sequence[Message]) -> list[Message]:
 def hangs(messages: Sequence[Message]) -> int | None:
     """Return the first command on which the drive hangs."""
     for place, message in enumerate(messages):
-        values = said(message)
-        if values["mode"] == "step" and isinstance(values["speed"], (int, float)) and values["speed"] < 1:
+        try:
+            values = said(message)
+        except ValueError:  # the drive ignores what is cut off
+            continue
+        if values.get("mode") == "step" and isinstance(values.get("speed"), (int, float)) and values["speed"] < 1:
             return place
     return None
 

@@ -30,7 +30,7 @@ from tests.unit.chain.machine import (
 
 
 def campaign(one: Bench, **options: Any) -> list[Path]:
-    return robustness.test_unit(one.workspace, "drive", **{"trials": 30, "seconds": None, **options})
+    return robustness.test_unit(one.workspace, "drive", **{"trials": 30, "seconds": None, "covered": False, **options})
 
 
 def test_failures_become_findings_with_the_log_as_it_was_delivered(tmp_path: Path) -> None:
@@ -59,19 +59,22 @@ def test_what_happens_is_told(tmp_path: Path) -> None:
     found = FindingRecord.load(folder)
     trials = one.told(TrialFinished)
     failing = [event for event in trials if event.verdict == "fail"]
-    assert len(trials) == 38  # four of them nominal, and four that repeat the failure
+    repeats = (
+        len(trials) - 34
+    )  # four are nominal; a failure is repeated, and the simplest case of it if that came later
+    assert repeats in (4, 8)
     assert {(event.signature, event.detail) for event in failing} == {(HANG.signature, HANG.detail)}
     assert one.told(StepProgress)[-1].done == 30
     (written,) = one.told(FindingWritten)
     assert (written.folder, written.id, written.signature) == (str(folder), found.id, HANG.signature)
-    assert written.occurrences <= found.occurrences == len(failing) - 4
+    assert written.occurrences <= found.occurrences == len(failing) - repeats
     finished = one.told(StepFinished)[-1]
-    assert (finished.step, finished.trials) == ("test", 38)
+    assert (finished.step, finished.trials) == ("test", len(trials))
     assert finished.text.startswith(
         f"34 trials of drive with {COUNT} messages each: {found.occurrences} failed, 1 distinct finding; "
     )
     record = CampaignRecord.load(one.workspace.out)
-    assert f"; {record.covered} of {record.coverable} (field, value) pairs" in finished.text
+    assert f"; {record.covered} of {record.coverable} values and message faults tried" in finished.text
     assert record.covered <= record.coverable
     (ended,) = one.told(CampaignFinished)
     assert (ended.unit, ended.trials, ended.failing, ended.exhausted) == ("drive", 34, found.occurrences, True)
@@ -85,7 +88,7 @@ def test_the_trial_counts_what_it_injects_and_the_simplest_failure_is_kept(
     monkeypatch.setattr(robustness, "inject_log", lambda *a, **k: calls.append(a) or inject_log(*a, **k))
     one = bench(tmp_path)
     (folder,) = campaign(one)
-    assert len(calls) == 1  # to save it
+    assert len(calls) <= 2  # to save it, and once more if a simpler case came later
     stored = [json.loads(line)["outcome"] for line in one.workspace.store.path.read_text().splitlines()]
     modified = [outcome["statistics"]["modified"] for outcome in stored if outcome["verdict"] == "fail"]
     assert FindingRecord.load(folder).modified == min(modified)

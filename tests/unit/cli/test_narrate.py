@@ -35,3 +35,16 @@ def test_terminals_get_a_bar_meanwhile() -> None:
     text = told(terminal=True)
     assert "3 halves" in text
     assert "    minimize  9 messages -> [1] [0.3 s]\n" in text
+
+
+def test_without_a_terminal_a_line_each_ten_seconds_tells_how_fast_it_goes() -> None:
+    stream, times = io.StringIO(), iter([0.0, 100.0, 104.0, 110.0, 111.0, 120.0, 131.0])
+    with ConsoleNarrator(Console(file=stream, width=40), now=lambda: next(times)) as narrator:
+        narrator(StepStarted("test"))
+        for done, total in ((10, 100), (20, 100), (30, 100), (30, 100), (41, None)):
+            narrator(StepProgress("test", done, total, "1 failing"))
+    assert stream.getvalue().splitlines() == [
+        "        test  20 of 100, 1 failing; 2/s, about 40 s to go",
+        "        test  30 of 100, 1 failing; 1/s, about 70 s to go",
+        "        test  41, 1 failing; 1/s",
+    ]

@@ -1,0 +1,85 @@
+"""What may be wrong with the form of messages: lengths, fields that are missing or of another type, old stamps."""
+
+from __future__ import annotations
+
+import re
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.covering import Variation
+from riot_bus.campaign.targets import may_change, samples_by_topic
+from riot_bus.inject.brittle import STAMPS, why_brittle
+from riot_bus.types.capabilities import OmitsFields
+from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.injection import Injection
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from riot_bus.types.model import Leaf, MessageType
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message, Scalar
+
+__all__ = ["malformations"]
+
+_LATER_ELEMENT = re.compile(r"\[[1-9]\d*\]")
+_LONG = 1000
+"""A length that buffers are rarely made for, of elements that may be kilobytes each."""
+_KEEP = (0.0, 0.5)
+
+
+def malformations(
+    messages: Sequence[Message], registry: TypeRegistry, *, leave: Iterable[str] = (), include: Iterable[str] = ()
+) -> list[Variation]:
+    """Return what may be wrong with the form of a log's messages, as things to try once.
+
+    Arrays are empty, one shorter, one longer and long. Where no definition says which fields there are, each is
+    missing, null and of another type, and payloads are cut off. All stamps of a message are those of the topic's first
+    message, or of its last one. Of an array's elements the first stands for all.
+
+    Args:
+        messages: The log.
+        registry: Knows the types.
+        leave: Patterns (`topic:path`) of fields to leave alone; topics without any other field are left alone, too.
+        include: Patterns of brittle fields that are asked for all the same.
+    """
+    leave, include = tuple(leave), tuple(include)
+    found = []
+    for topic, (count, samples) in samples_by_topic(messages, registry).items():
+        fields: dict[str, tuple[MessageType, Leaf]] = {}
+        stamps: list[dict[str, Scalar]] = [{}, {}]
+        for number, (kind, payload) in enumerate(samples):
+            try:
+                leaves = kind.leaves(payload, elements=1)
+            except PayloadError:
+                continue
+            fields = {leaf.path: (kind, leaf) for leaf in leaves} | fields
+            if number in (0, len(samples) - 1):
+                now = {leaf.path: leaf.value for leaf in leaves if why_brittle(leaf.path, kind) in STAMPS}
+                stamps[number > 0] = {path: value for path, value in now.items() if not _listed(leave, topic, path)}
+        for path, (kind, leaf) in fields.items():
+            if may_change(topic, path, leave, include, kind=kind) and not _LATER_ELEMENT.search(path):
+                found += [Variation(topic, (each,), f"{topic} {path}") for each in _of_field(topic, kind, leaf)]
+        for each in stamps if len(samples) > 1 and stamps[0] != stamps[1] else ():
+            injections = tuple(Injection(topic, path, value) for path, value in each.items())
+            found.append(Variation(topic, injections, f"{topic} stamps", 1, count // 2))
+        if any(isinstance(kind, OmitsFields) for kind, _ in samples) and not _listed(leave, topic, ""):
+            faults = [Injection(topic, fault="truncate", options=(("keep", keep),)) for keep in _KEEP]
+            found += [Variation(topic, (each,), f"{topic} truncate") for each in faults]
+    return found
+
+
+def _of_field(topic: str, kind: MessageType, leaf: Leaf) -> Iterator[Injection]:
+    if leaf.path.startswith("len("):
+        now = int(leaf.value)
+        for length in sorted({0, now - 1, now + 1, now + _LONG} - {-1}):
+            yield Injection(topic, leaf.path, length)
+    elif isinstance(kind, OmitsFields):
+        if not leaf.path.endswith("]") or leaf.path.endswith('"]'):
+            yield Injection(topic, leaf.path, fault="omit")
+        yield Injection(topic, leaf.path, fault="omit", options=(("null", True),))
+        yield Injection(topic, leaf.path, 1 if leaf.type in ("string", "bytes") else "1")
+
+
+def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
+    return any(fnmatchcase(f"{topic}:{path}", pattern) for pattern in patterns)
