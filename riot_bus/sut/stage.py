@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["TrialSetup"]
+__all__ = ["Place", "TrialSetup"]
 
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
@@ -41,6 +42,23 @@ _MEASURE = 0.15
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a trial runs.
+
+    Attributes:
+        context: The system.
+        launcher: Owner of the processes.
+        directory: Folder in which files may be left.
+        imports: Modules that Python components import, by name; trials fill it.
+    """
+
+    context: Context
+    launcher: Launcher
+    directory: Path
+    imports: MutableMapping[str, Sequence[str]]
 
 
 class TrialSetup:
