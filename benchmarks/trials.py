@@ -1,8 +1,8 @@
 """Trials per second of 1, 2, 4 and 8 workers: a small Python unit that passes, and one that sleeps.
 
-Run `python benchmarks/trials.py [--jobs N ...] [--trials N] [--rounds N] [--json]`. The second unit sleeps 0.2 s for each
-message, so its trials wait and hardly compete for processors: they tell what workers cost each other. What comes before
-the first trials (baseline, starting workers) is left out.
+Run `python benchmarks/trials.py [--jobs N ...] [--trials N] [--rounds N] [--json]`. The second unit sleeps 0.2 s for
+each message, so its trials wait and hardly compete for processors: they tell what workers cost each other. What comes
+before the first trials (baseline, starting workers) is left out.
 """
 
 from __future__ import annotations

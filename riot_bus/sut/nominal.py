@@ -78,7 +78,16 @@ def measure_baseline(
     def views(trials: Sequence[NominalTrial], history: Sequence[Message]) -> list[TrialView]:
         inputs = (*history, *found.probe)
         return [
-            TrialView([], settled=True, waited=0.0, registry=context.registry, outputs=one.outputs, inputs=inputs, probed=one.probed) for one in trials
+            TrialView(
+                [],
+                settled=True,
+                waited=0.0,
+                registry=context.registry,
+                outputs=one.outputs,
+                inputs=inputs,
+                probed=one.probed,
+            )
+            for one in trials
         ]
 
     return replace(found, mined=_mined(views(seen, log), views(more, log), views(half, stretch)))

@@ -24,6 +24,7 @@ from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import Place

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -54,11 +53,14 @@ _NAMES: dict[str, Any] = {
 """What the annotations of the classes name that cross."""
 
 
-@functools.cache
-def _adapter(kind: Hashable) -> TypeAdapter[Any]:
-    adapter = TypeAdapter[Any](kind)
-    adapter.rebuild(_types_namespace=_NAMES)
-    return adapter
+_ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
+
+
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+        _ADAPTERS[kind].rebuild(_types_namespace=_NAMES)
+    return _ADAPTERS[kind]
 
 
 def _plain(value: Any) -> Any:
@@ -203,7 +205,9 @@ def pack_failure(error: Exception, trace: str) -> bytes:
         told = [error.message, error.where, error.hint]
         return _pack({"error": type(error).__name__, "told": told})
     if isinstance(error, OSError) and error.errno:
-        return _pack({"error": "OSError", "told": [error.errno, error.strerror, error.filename and str(error.filename)]})
+        return _pack(
+            {"error": "OSError", "told": [error.errno, error.strerror, error.filename and str(error.filename)]}
+        )
     return _pack({"error": "", "told": [trace]})
 
 

@@ -17,7 +17,10 @@ pytestmark = pytest.mark.integration
 
 
 def baseline(tmp_path: Path, kind: str) -> Baseline:
-    with Workspace(write(tmp_path), tmp_path / "out") as workspace, Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(write(tmp_path), tmp_path / "out") as workspace,
+        Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool,
+    ):
         return measure_baseline(workspace.context, kind, pool, workspace.unit_log(kind))
 
 
@@ -49,6 +52,9 @@ def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wante
     assert claimed == {"count of state", "counter of state:n", "clock of state:t", "value of state:y"}
     path = tmp_path / "riot.toml"
     path.write_text(path.read_text().replace("[unit.echoes]\n", "[unit.echoes]\nmined = false\n"))
-    with Workspace(path, tmp_path / "out") as workspace, Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(path, tmp_path / "out") as workspace,
+        Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool,
+    ):
         log = workspace.unit_log("echoes")
         assert measure_baseline(workspace.context, "echoes", pool, log).mined == NO_RULES

@@ -68,7 +68,9 @@ messages = st.builds(
     publish_time=st.none() | st.integers(),
 )
 logs = st.lists(messages, max_size=4).map(tuple)
-cases = st.builds(TestCase, logs, st.lists(injections, max_size=3).map(tuple), st.integers(), st.integers(), st.booleans())
+cases = st.builds(
+    TestCase, logs, st.lists(injections, max_size=3).map(tuple), st.integers(), st.integers(), st.booleans()
+)
 outcomes = st.builds(
     Outcome,
     verdict=st.sampled_from(list(Verdict)),
