@@ -67,7 +67,7 @@ def test_what_goes_wrong_is_an_answer(system: Path, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="KeyError: 'two'"):
         answer(worker, tmp_path, "two")
     system.write_text("[compnents.one]\n")
-    with pytest.raises(ConfigError, match="compnents"):
+    with pytest.raises(ConfigError, match="'components' is missing"):
         answer(Worker(system, NoLauncher()), tmp_path, "one")  # type: ignore[arg-type]
 
 

@@ -35,6 +35,7 @@ from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violat
 
 floats = st.floats(width=64)
 texts = st.text(st.characters(exclude_categories=()), max_size=8)
+unicode = st.text(max_size=8)  # keys and encodings are UTF-8 on the bus
 scalars = st.booleans() | st.integers() | floats | texts | st.binary(max_size=8)
 signals = st.builds(Signal, floats, floats, st.integers(1, 9), st.integers(), st.booleans())
 injections = st.builds(
@@ -57,13 +58,13 @@ injections = st.builds(
 messages = st.builds(
     Message,
     time=st.integers(0, 2**63),
-    key=texts,
+    key=unicode,
     payload=st.binary(max_size=16),
     kind=st.sampled_from(["put", "delete"]),
-    encoding=texts,
+    encoding=unicode,
     attachment=st.none() | st.binary(max_size=4),
     qos=st.builds(Qos, st.integers(1, 7), st.sampled_from(["drop", "block", "block_first"]), st.booleans()),
-    segment=texts,
+    segment=unicode,
     sequence=st.integers(),
     publish_time=st.none() | st.integers(),
 )
