@@ -56,7 +56,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
         step.end(f"nominal run of {workspace.context.file.system.name}: {count} messages")
     folders = tested(workspace, unit)
     if folders is None:
-        folders = test_unit(workspace, unit, trials=trials, seconds=seconds)
+        folders = test_unit(workspace, unit, trials=trials, seconds=seconds, covered=False)
     figures = {"seed": workspace.seed, "nominal_messages": count}
     analyses = [analyze(workspace, folder) for folder in folders]
     if analyses:

@@ -47,9 +47,7 @@ __all__ = ["test_unit", "tested"]
 _LOG = logging.getLogger(__name__)
 
 
-def test_unit(
-    workspace: Workspace, unit: str, *, trials: int, seconds: float | None, covered: bool = False
-) -> list[Path]:
+def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None, covered: bool) -> list[Path]:
     """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:

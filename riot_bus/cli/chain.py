@@ -212,7 +212,7 @@ def analyze(
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:
-            folders = test_unit(workspace, name, trials=trials, seconds=seconds)
+            folders = test_unit(workspace, name, trials=trials, seconds=seconds, covered=False)
         done = [run_chain(workspace, folder, further=others) for folder in folders]
     rules = [load(one.folder).rule for one in done]
     result = [

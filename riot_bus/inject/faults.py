@@ -141,7 +141,8 @@ class OmitFault:
 
     def apply(self, event: Event) -> None:
         """Leave it out."""
-        before, kind = event.read(self.field), event.type
+        before = event.read(self.field)
+        kind: object = event.type
         if not isinstance(kind, OmitsFields):
             raise PayloadError("messages of this type have all their fields", where=self.field)
         payload = kind.omit(event.payload, self.field, null=self.null)

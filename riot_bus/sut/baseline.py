@@ -12,7 +12,7 @@ from riot_bus.sut.activity import STILL, Idle
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from riot_bus.monitors.model import ResourceSample, TrialView
+    from riot_bus.monitors.model import ResourceSample
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.vocabulary.message import Message
 
@@ -57,7 +57,8 @@ class NominalTrial:
         status: Exit status, None if the unit still ran.
         growth: What it has more of at the end than at the begin: bytes of memory, files, threads.
         mute: Monitors that stay silent on a copy of the trial that is to violate them, and why.
-        view: What monitors saw of it.
+        outputs: All outputs, in order of reception.
+        probed: Index of the first one that came after the probe had begun; None if there was no probe.
     """
 
     log_answers: Mapping[str, int]
@@ -67,7 +68,8 @@ class NominalTrial:
     status: int | None
     growth: Growth = NO_GROWTH
     mute: tuple[str, ...] = ()
-    view: TrialView | None = None
+    outputs: tuple[Message, ...] = ()
+    probed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

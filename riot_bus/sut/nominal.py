@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.mined import Mined, check_rules, mine
+from riot_bus.monitors.model import TrialView
 from riot_bus.sut.activity import Idle
 from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of, probe_of
-from riot_bus.sut.scarce import held
-from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
+from riot_bus.sut.wire import nominal_of
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import MutableMapping, Sequence
-    from pathlib import Path
+    from collections.abc import Sequence
 
     from riot_bus.sut.context import Context
-    from riot_bus.sut.launcher import Launcher
     from riot_bus.sut.local import Pool
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["measure_baseline"]
 
-_WARM_UP = 0.15
-_WATCH = 0.5
 _MUCH_SLOWER = 2.0
 _TRIALS = 3
 """Nominal trials of a baseline. What only some of them show, such as the output of a rare timer, is not expected."""
@@ -35,37 +31,11 @@ _HELD_OUT = 4
 37 %; one of 1 % would take 368 trials, longer than most campaigns. What fires is repeated before it counts."""
 
 
-@dataclass(frozen=True, slots=True)
-class _IdleTrial:
-    context: Context
-    unit: str
-    imports: MutableMapping[str, Sequence[str]] | None
-
-    def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
-        file = self.context.file
-        name = file.unit[self.unit].component or self.unit
-        try:
-            segments = [file.segment_of(file.components[name])]
-            with (
-                held(file, [name]),
-                TrialSetup(self.context, launcher, directory, segments=segments, imports=self.imports) as stage,
-            ):
-                stage.start(name, seed=case.seed)
-                stage.wait_ready([name])
-                stage.settle([name], window=_WARM_UP, timeout=1.0)
-                idle = stage.measure_idle([name], seconds=_WATCH).or_more(stage.idle)
-        except EnvironmentFaultError as error:
-            return Outcome(Verdict.ERROR, detail=str(error))
-        return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
-
-
 def measure_baseline(
     context: Context,
     unit: str,
     pool: Pool,
     log: Sequence[Message],
-    *,
-    imports: MutableMapping[str, Sequence[str]] | None = None,
 ) -> Baseline:
     """Return what a unit does without input, and with its nominal log.
 
@@ -76,27 +46,25 @@ def measure_baseline(
         unit: The unit.
         pool: Executes the trials.
         log: The nominal log.
-        imports: Modules that Python components import, by name; trials fill it.
 
     Raises:
         EnvironmentFaultError: The unit does not start.
         ConfigError: It hits one of its limits.
     """
-    outcome = pool.execute(_IdleTrial(context, unit, imports), TestCase())
+    outcome = pool.execute(IdleTrial(unit), TestCase())
     if outcome.verdict is Verdict.ERROR:
         raise EnvironmentFaultError(outcome.detail)
     idle = Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
     if not log:
         return Baseline(idle=idle)
-    ordered = _keeps_order(context, unit, pool, log, Baseline(idle=idle), imports)
+    ordered = _keeps_order(context, unit, pool, log, Baseline(idle=idle))
     start = Baseline(idle=idle, probe=probe_of(log))
 
     wrong: list[str] = []
 
     def nominal(history: Sequence[Message], count: int) -> list[NominalTrial]:
         """Return what nominal trials show; nothing if one of them fails, which `wrong` then tells."""
-        seen: list[NominalTrial] = []
-        trial = UnitTrial(context, unit, start, seen, imports=imports)
+        trial = UnitTrial(unit, start, nominal=True)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
         outcomes = pool.map(trial, cases)
         for each in (violation for one in outcomes for violation in one.violations if violation.monitor == "limit"):
@@ -109,7 +77,7 @@ def measure_baseline(
         if failed:
             why = failed[0].violations[0].signature if failed[0].violations else failed[0].detail
             wrong.append(f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {why}")
-        return [] if failed else seen
+        return [] if failed else [nominal_of(one) for one in outcomes]
 
     seen = nominal(log, _TRIALS)
     found = baseline_of(seen, idle=idle, log=log, ordered=ordered)
@@ -117,18 +85,32 @@ def measure_baseline(
         return replace(found, mute=(f"exit, silent, growth and mined: {wrong[0]}",))
     if not context.file.unit[unit].mined or not found.probe_answers:
         return found
-    more = nominal(log, _HELD_OUT)
-    half = nominal(log[: len(log) // 2], _TRIALS + _HELD_OUT)
+    stretch = log[: len(log) // 2]
+    more, half = nominal(log, _HELD_OUT), nominal(stretch, _TRIALS + _HELD_OUT)
     if not more or not half:
         return replace(found, mute=(*found.mute, f"mined: {wrong[0]}"))
-    return replace(found, mined=_mined(seen, more, half))
+
+    def views(trials: Sequence[NominalTrial], history: Sequence[Message]) -> list[TrialView]:
+        inputs = (*history, *found.probe)
+        return [
+            TrialView(
+                [],
+                settled=True,
+                waited=0.0,
+                registry=context.registry,
+                outputs=one.outputs,
+                inputs=inputs,
+                probed=one.probed,
+            )
+            for one in trials
+        ]
+
+    return replace(found, mined=_mined(views(seen, log), views(more, log), views(half, stretch)))
 
 
-def _mined(seen: Sequence[NominalTrial], more: Sequence[NominalTrial], half: Sequence[NominalTrial]) -> Mined:
+def _mined(seen: Sequence[TrialView], more: Sequence[TrialView], half: Sequence[TrialView]) -> Mined:
     """Return rules on the answers to the probe, of which other nominal trials break none."""
-    learnt, others = (seen, half[:_TRIALS]), (*more, *half[_TRIALS:])
-    histories = [[one.view for one in group if one.view is not None] for group in learnt]
-    return check_rules(mine(histories), [one.view for one in others if one.view is not None], trials=2 * _TRIALS)
+    return check_rules(mine([seen, half[:_TRIALS]]), [*more, *half[_TRIALS:]], trials=2 * _TRIALS)
 
 
 def _keeps_order(
@@ -137,13 +119,12 @@ def _keeps_order(
     pool: Pool,
     log: Sequence[Message],
     baseline: Baseline,
-    imports: MutableMapping[str, Sequence[str]] | None,
 ) -> bool:
     """Return whether trials keep the order across topics: as riot.toml says, else if that is not much slower."""
     asked = context.file.unit[unit].order
     if asked != "auto" or len({message.key for message in log}) < 2:
         return asked == "log"
-    trial = UnitTrial(context, unit, baseline, imports=imports)
+    trial = UnitTrial(unit, baseline)
     case = TestCase(tuple(log))
     fast, kept = (min(pool.execute(trial, replace(case, ordered=way)).seconds for _ in "ab") for way in (False, True))
     return kept <= _MUCH_SLOWER * fast

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
-    from riot_bus.sut.local import Trial
     from riot_bus.sut.system import RunPace
+    from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner, TestCase
 
@@ -82,21 +82,20 @@ class LocalRunners:
         self._context, self._jobs, self._keep = context, jobs, keep
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
-        self._imports: dict[str, Sequence[str]] = {}
         self._measuring = threading.Lock()
 
     @property
     def _pool(self) -> Pool:
         """The processes that run trials, started when first needed."""
         if self._started is None:
-            self._started = Pool(self._jobs, keep=self._keep)
+            self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
         return self._started
 
     def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
 
         def trial() -> Trial:
-            return UnitTrial(self._context, unit, self.baseline(unit, log), imports=self._imports)
+            return UnitTrial(unit, self.baseline(unit, log))
 
         return LocalRunner(trial, self._pool)
 
@@ -104,7 +103,7 @@ class LocalRunners:
         """Return what a unit does in nominal trials; see `RunnerFactory.baseline`."""
         with self._measuring:
             if unit not in self._baselines:
-                self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log(), imports=self._imports)
+                self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log())
             return self._baselines[unit]
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
@@ -113,7 +112,7 @@ class LocalRunners:
         partial = folder.with_suffix(".partial")
         for attempt in range(_EVIDENCE_TRIALS):
             shutil.rmtree(partial, ignore_errors=True)
-            trial = UnitTrial(self._context, unit, baseline, evidence=partial)
+            trial = UnitTrial(unit, baseline, evidence=partial.resolve())
             outcome = self._pool.execute(trial, replace(case, again=-1 - attempt))
             if outcome.failed_as(signature):
                 if "SIG" in signature and has_debugger():
@@ -135,7 +134,7 @@ class LocalRunners:
 
     def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
-        trial = SystemTrial(self._context, pace, tuple(observe), record, self._imports)
+        trial = SystemTrial(pace, tuple(observe), record and record.resolve())
         return LocalRunner(lambda: trial, self._pool)
 
     def close(self) -> None:

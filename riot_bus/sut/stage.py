@@ -10,6 +10,7 @@ import socket
 import sys
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["TrialSetup"]
+__all__ = ["Place", "TrialSetup"]
 
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
@@ -48,6 +49,23 @@ _DOMAINS = 100
 """Of DDS: 0 is the usual one, and the ports of those beyond 101 are such as the kernel hands out."""
 _PORTS = range(15_000, 32_000)
 """Below those that the kernel hands out, so that none is gone before the component listens there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a trial runs.
+
+    Attributes:
+        context: The system.
+        launcher: Owner of the processes.
+        directory: Folder in which files may be left.
+        imports: Modules that Python components import, by name; trials fill it.
+    """
+
+    context: Context
+    launcher: Launcher
+    directory: Path
+    imports: MutableMapping[str, Sequence[str]]
 
 
 class TrialSetup:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.apply import inject_log
@@ -23,16 +24,17 @@ from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, MutableMapping, Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
-    from riot_bus.sut.launcher import Launcher
+    from riot_bus.sut.stage import Place
+    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import TestCase
 
 __all__ = ["SystemTrial", "write_log"]
 
+_LOG = "external.mcap"
 _SETTLED = 0.03
 _SETTLE_TIMEOUT = 10.0
 _TICK = 0.02
@@ -67,25 +69,23 @@ class SystemTrial:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
         pace: How long external components run, and how fast.
         record: File that gets every message of the run; None for none.
-        imports: Modules that Python components import, by name; runs fill it.
     """
 
-    context: Context
     pace: RunPace
     observe: tuple[str, ...] = ()
     record: Path | None = None
-    imports: MutableMapping[str, Sequence[str]] | None = None
 
-    def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
+    def run(self, case: TestCase, place: Place) -> Outcome:
         """Run the system once and judge it."""
         started = time.monotonic()
         try:
-            return self._run(case, launcher, directory, started)
+            return self._run(case, place, started)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
 
-    def _run(self, case: TestCase, launcher: Launcher, directory: Path, started: float) -> Outcome:
-        file, registry = self.context.file, self.context.registry
+    def _run(self, case: TestCase, place: Place, started: float) -> Outcome:
+        context = place.context
+        file, registry = context.file, context.registry
         inside = [name for name, component in file.components.items() if not component.external]
         outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
         if not inside:
@@ -104,27 +104,27 @@ class SystemTrial:
             stack.enter_context(held(file, [*inside, *outside]))
             stage = stack.enter_context(
                 TrialSetup(
-                    self.context,
-                    launcher,
-                    directory,
+                    context,
+                    place.launcher,
+                    place.directory,
                     segments=file.system.segments,
-                    intercept=self.context.topics(*sorted(injected)),
+                    intercept=context.topics(*sorted(injected)),
                     pipeline=Pipeline([Injector(case.injections, seed=case.seed), tap], registry=registry),
                     stall=_STALL,
-                    imports=self.imports,
+                    imports=place.imports,
                 )
             )
             internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
-            for expression in self.context.topics(*sorted(internal)):
+            for expression in context.topics(*sorted(internal)):
                 stage.bus.subscribe(home, expression, seen.append)
             if not case.messages:
-                for expression in self.context.topics(*sorted(set(file.external.topics) - injected)):
+                for expression in context.topics(*sorted(set(file.external.topics) - injected)):
                     stage.bus.subscribe(home, expression, tap.observe)
-            stage.watch_outputs(self.context.watched, segment=home)
+            stage.watch_outputs(context.watched, segment=home)
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
-                        self.record, registry=registry, profile=self.context.profile, metadata=self._metadata(case)
+                        self.record, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
                     )
                 )
                 stage.bus.subscribe(home, "**", writer.write)
@@ -141,17 +141,19 @@ class SystemTrial:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
             view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
-        judged = judge(view, self.context.monitors)
+        judged = judge(view, context.monitors)
         violations = judged.violations
         external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
         keep = violations and not self.record and not case.messages
-        log = self._keep(external, case, directory) if keep else None
+        log = str(place.directory / _LOG) if keep else None
+        if log:
+            write_log(Path(log), external, context=context, metadata=self._metadata(case, context))
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
             seconds=time.monotonic() - started,
             detail="; ".join(judged.broken),
-            observed=self._observed([*external, *seen], begin) if self.observe else {},
+            observed=self._observed([*external, *seen], begin, registry) if self.observe else {},
             log=log,
             statistics={"external_messages": len(external)},
         )
@@ -161,7 +163,7 @@ class SystemTrial:
 
         Components that have {duration} in their commands end by themselves; others are stopped after that time.
         """
-        commands = [self.context.file.components[name].command for name in outside]
+        commands = [stage.context.file.components[name].command for name in outside]
         drivers = [stage.start(name, seed=seed, pace=self.pace) for name in outside]
         watched = [stage.processes[name] for name in inside]
         ends = all(any("{duration}" in word for word in command) for command in commands)
@@ -178,7 +180,7 @@ class SystemTrial:
             )
 
     def _play(self, messages: Sequence[Message], stage: TrialSetup) -> None:
-        file, registry = self.context.file, self.context.registry
+        file, registry = stage.context.file, stage.context.registry
         segments = {
             topic: file.segment_of(component)
             for component in file.components.values()
@@ -197,17 +199,11 @@ class SystemTrial:
 
         play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
 
-    def _metadata(self, case: TestCase) -> dict[str, str]:
-        return {"system": self.context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
+    def _metadata(self, case: TestCase, context: Context) -> dict[str, str]:
+        return {"system": context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
 
-    def _keep(self, external: Sequence[Message], case: TestCase, directory: Path) -> str:
-        path = directory / "external.mcap"
-        write_log(path, external, context=self.context, metadata=self._metadata(case))
-        return str(path)
-
-    def _observed(self, messages: Iterable[Message], begin: int) -> dict[str, Series]:
+    def _observed(self, messages: Iterable[Message], begin: int, registry: TypeRegistry) -> dict[str, Series]:
         """Return the observed fields over time; a payload that does not decode leaves its value out."""
-        registry = self.context.registry
         wanted: dict[str, list[str | None]] = {}
         for text in self.observe:
             selector = parse_selector(text)

@@ -19,21 +19,48 @@ from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import MutableMapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.sut.baseline import NominalTrial
-    from riot_bus.sut.context import Context
-    from riot_bus.sut.launcher import Launcher
+    from riot_bus.sut.stage import Place
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["UnitTrial"]
+__all__ = ["IdleTrial", "UnitTrial"]
 
 _DEBUGGER_S = 60.0
 """Most of it goes into reading symbols."""
 _MOST_KEYS = 64
 """Keys whose outputs are compared with nominal ones: a line of the store stays below some KiB."""
+_WARM_UP = 0.15
+_WATCH = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class IdleTrial:
+    """Watches a unit that gets no input; the outcome's statistics have the attributes of an `Idle`."""
+
+    unit: str
+
+    def run(self, case: TestCase, place: Place) -> Outcome:
+        """Start the unit and watch it."""
+        file = place.context.file
+        name = file.unit[self.unit].component or self.unit
+        try:
+            segments = [file.segment_of(file.components[name])]
+            with (
+                held(file, [name]),
+                TrialSetup(
+                    place.context, place.launcher, place.directory, segments=segments, imports=place.imports
+                ) as stage,
+            ):
+                stage.start(name, seed=case.seed)
+                stage.wait_ready([name])
+                stage.settle([name], window=_WARM_UP, timeout=1.0)
+                idle = stage.measure_idle([name], seconds=_WATCH).or_more(stage.idle)
+        except EnvironmentFaultError as error:
+            return Outcome(Verdict.ERROR, detail=str(error))
+        return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,32 +69,32 @@ class UnitTrial:
 
     Attributes:
         baseline: What the unit does in nominal trials; without one, a trial is only judged by what needs none.
-        nominal: If given, cases are the nominal log, and what the unit shows in them is added here.
-        evidence: Folder for what a failing trial leaves, or one behind a debugger; None to keep nothing.
+        nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics
+            is the `NominalTrial`.
+        evidence: Folder for what a failing trial leaves, or one behind a debugger; None to keep nothing. With one,
+            nothing is forked.
         before: Words before the unit's command, such as those of a debugger.
-        imports: Modules that Python components import, by name; trials fill it.
     """
 
-    context: Context
     unit: str
     baseline: Baseline = UNKNOWN
-    nominal: list[NominalTrial] | None = None
+    nominal: bool = False
     evidence: Path | None = None
     before: tuple[str, ...] = ()
-    imports: MutableMapping[str, Sequence[str]] | None = None
 
-    def run(self, case: TestCase, launcher: Launcher, directory: Path) -> Outcome:
+    def run(self, case: TestCase, place: Place) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
 
         An environment that fails is an outcome of its own (`Verdict.ERROR`), never a failure of the unit.
         """
         started = time.monotonic()
-        file = self.context.file
+        context = place.context
+        file = context.file
         unit = file.unit[self.unit]
         name = unit.component or self.unit
         component = file.components[name]
         segment = file.segment_of(component)
-        registry, reached = self.context.registry, list[list[int]]()
+        registry, reached = context.registry, list[list[int]]()
         messages, touched = inject_log(
             case.messages, case.injections, registry=registry, seed=case.seed, reached=reached
         )
@@ -75,12 +102,12 @@ class UnitTrial:
             with (
                 held(file, [name]),
                 TrialSetup(
-                    self.context,
-                    launcher,
-                    directory,
+                    context,
+                    place.launcher,
+                    place.directory,
                     segments=[segment],
                     stall=unit.settle.timeout,
-                    imports=self.imports,
+                    imports=None if self.evidence else place.imports,
                 ) as stage,
             ):
                 process = stage.start(name, seed=case.seed, before=self.before)
@@ -92,7 +119,7 @@ class UnitTrial:
                 sent, answered = feeder.sent, len(stage.outputs)
                 if self.before:
                     stage.launcher.wait([process], timeout=_DEBUGGER_S)
-                seen = None if self.nominal is None else feeder.nominal(self.baseline.probe)
+                seen = feeder.nominal(self.baseline.probe) if self.nominal else None
                 settled = settled or (seen is not None and feeder.works(seen))
                 signs, settled = feeder.signs(settled=settled)
                 stage.sample_resources([name])
@@ -100,14 +127,15 @@ class UnitTrial:
                 view = replace(view, probed=feeder.probed)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
-        monitors = self.context.monitors_of(name)
+        monitors = context.monitors_of(name)
         judged = judge(view, monitors)
-        if self.nominal is not None and seen is not None:  # trials of several threads add to one list
-            self.nominal.append(replace(seen, mute=mute_monitors(view, monitors), view=view))
+        if seen is not None:
+            mute = mute_monitors(view, monitors)
+            seen = replace(seen, mute=mute, outputs=tuple(view.outputs), probed=view.probed)
         violations = (*judged.violations, *self.baseline.mined.judge(view))
         feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
         if self.evidence and (violations or self.before):
-            write_evidence(self.evidence, view, violations, context=self.context)
+            write_evidence(self.evidence, view, violations, context=context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
@@ -122,6 +150,7 @@ class UnitTrial:
                 "outputs": answered,
                 "started": process.started,
                 "unseen": [*judged.unseen, *self.baseline.mute],
+                **({"nominal": seen} if seen is not None else {}),
             },
         )
 

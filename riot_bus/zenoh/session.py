@@ -36,7 +36,14 @@ __all__ = [
 
 _VARIABLE = "ZENOH_RUNTIME"
 _RECEIVERS = 128
-_OURS = f"(rx: (worker_threads: {_RECEIVERS}), tx: (worker_threads: 4))"
+
+
+def _runtime(receivers: int) -> str:
+    return f"(rx: (worker_threads: {receivers}), tx: (worker_threads: 4))"
+
+
+_OURS = {_runtime(_RECEIVERS)}
+"""What `prepare_runtime` has set, here or in riot's process that has started this one."""
 _FEW_RECEIVERS = 4
 _ZENOH_RECEIVERS = 2  # what Zenoh takes when nobody says anything
 _CALLBACKS = "pyo3-closure"
@@ -44,27 +51,31 @@ _CALLBACKS_S = 3.0
 _SOURCE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 
-def prepare_runtime() -> None:
+def prepare_runtime(receivers: int = _RECEIVERS) -> None:
     """Give Zenoh's runtimes enough receive threads; call before the first session of the process.
 
     A receive task that pushes into a full queue blocks its thread: as many threads of a router may be blocked as
     components publish faster than somebody receives. If none is left for the link that the receivers are behind, and
-    they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost nothing.
+    they publish as fast the other way, both routers wait until Zenoh closes links. Threads that wait cost little.
+
+    Args:
+        receivers: Receive threads of each router.
     """
     if _VARIABLE not in os.environ:
-        os.environ[_VARIABLE] = _OURS
-    if os.environ[_VARIABLE] == _OURS:
+        os.environ[_VARIABLE] = _runtime(receivers)
+        _OURS.add(os.environ[_VARIABLE])
+    if os.environ[_VARIABLE] in _OURS:
         return
     receivers = _receivers_of(os.environ[_VARIABLE])
     if receivers < _FEW_RECEIVERS:
-        hint = f"set {_VARIABLE}='{_OURS}'"
+        hint = f"set {_VARIABLE}='{_runtime(_RECEIVERS)}'"
         text = f"receive threads per router: {receivers}: expect stalls and closed links under load; {hint}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def environment_of_others() -> dict[str, str]:
     """Return the environment for processes that are not riot's: what `prepare_runtime` has set is for routers alone."""
-    return {name: value for name, value in os.environ.items() if (name, value) != (_VARIABLE, _OURS)}
+    return {name: value for name, value in os.environ.items() if name != _VARIABLE or value not in _OURS}
 
 
 @atexit.register

@@ -18,7 +18,10 @@ pytestmark = pytest.mark.integration
 
 
 def baseline(tmp_path: Path, kind: str, path: Path | None = None) -> Baseline:
-    with Workspace(path or write(tmp_path), tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(path or write(tmp_path), tmp_path / "out") as workspace,
+        Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool,
+    ):
         return measure_baseline(workspace.context, kind, pool, workspace.unit_log(kind))
 
 
@@ -50,9 +53,12 @@ def test_rules_are_mined_and_held_against_other_trials_unless_they_are_not_wante
     assert claimed == {"count of state", "counter of state:n", "clock of state:t", "value of state:y"}
     path = tmp_path / "riot.toml"
     path.write_text(path.read_text().replace("[unit.echoes]\n", "[unit.echoes]\nmined = false\n"))
-    with Workspace(path, tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(path, tmp_path / "out") as workspace,
+        Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool,
+    ):
         log = workspace.unit_log("echoes")
-        assert measure_baseline(workspace.context, "echoes", pool, log, imports={}).mined == NO_RULES
+        assert measure_baseline(workspace.context, "echoes", pool, log).mined == NO_RULES
 
 
 @pytest.mark.parametrize(
@@ -74,7 +80,10 @@ def test_a_limit_that_nominal_trials_hit_is_an_error_that_says_so(tmp_path: Path
 
 
 def test_what_cannot_be_judged_for_want_of_nominal_trials_is_told(tmp_path: Path) -> None:
-    with Workspace(write(tmp_path), tmp_path / "out") as workspace, Pool(2, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(write(tmp_path), tmp_path / "out") as workspace,
+        Pool(workspace.context.file.path, 2, keep=tmp_path / "trials") as pool,
+    ):
         log = [*workspace.unit_log("raises")]
         log.append(log[-1].with_(payload=b'{"x": 1e9}'))
         found = measure_baseline(workspace.context, "raises", pool, log)

@@ -1,0 +1,243 @@
+"""Trials, test cases and outcomes as bytes, for workers in other processes: MessagePack, checked as it is read."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgpack  # type: ignore[import-untyped]
+from pydantic import TypeAdapter, ValidationError
+
+from riot_bus.sut.baseline import NominalTrial
+from riot_bus.sut.python_report import ThreadStack
+from riot_bus.sut.system import RunPace
+from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
+from riot_bus.vocabulary import errors
+from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.message import Message, Scalar
+from riot_bus.vocabulary.trial import Outcome, TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "Answer",
+    "Batch",
+    "Request",
+    "Trial",
+    "nominal_of",
+    "pack_answer",
+    "pack_failure",
+    "read_answer",
+    "remember",
+]
+
+_T = TypeVar("_T")
+_MOST_KNOWN = 8
+"""Logs that a worker keeps in memory; a chain works with one or two at a time."""
+Trial = UnitTrial | IdleTrial | SystemTrial
+"""What a worker can do with a test case."""
+
+_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, IdleTrial, SystemTrial)}
+_ERRORS = {name: getattr(errors, name) for name in errors.__all__ if name.endswith("Error")}
+_LARGE_INT = 1
+"""Extension type of numbers that 64 bits do not hold."""
+_NAMES: dict[str, Any] = {
+    each.__name__: each
+    for each in (Formula, Injection, Mapping, Message, Path, RunPace, Sequence, Signal, TestCase, ThreadStack)
+} | {"Scalar": Scalar}
+"""What the annotations of the classes name that cross."""
+
+
+_ADAPTERS: dict[type[Any], TypeAdapter[Any]] = {}
+
+
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+        _ADAPTERS[kind].rebuild(_types_namespace=_NAMES)
+    return _ADAPTERS[kind]
+
+
+def _plain(value: Any) -> Any:
+    return _adapter(type(value)).dump_python(value, warnings=False)
+
+
+def _pack(value: Any) -> bytes:
+    packed: bytes = msgpack.packb(value, default=_pack_other, unicode_errors="surrogatepass")
+    return packed
+
+
+def _pack_other(value: Any) -> Any:
+    if isinstance(value, int):
+        return msgpack.ExtType(_LARGE_INT, str(value).encode())
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} does not cross to a worker")
+
+
+def _unpack(data: bytes) -> Any:
+    return msgpack.unpackb(data, ext_hook=_unpack_other, strict_map_key=False, unicode_errors="surrogatepass")
+
+
+def _unpack_other(code: int, data: bytes) -> Any:
+    if code != _LARGE_INT:
+        raise ValueError(f"unknown extension type {code}")
+    return int(data)
+
+
+class Batch:
+    """What many requests share: how cases are executed, and the log that their messages are from.
+
+    Args:
+        trial: Executes each case.
+        log: Messages that go over once; cases name them by their numbers.
+
+    Attributes:
+        shared: That, as bytes.
+        digest: Its hash; a worker that knows it is not sent it again.
+    """
+
+    def __init__(self, trial: Trial, log: Sequence[Message]) -> None:
+        self.trial = trial
+        known = _log_of(trial)
+        own = [] if known else [_plain(message) for message in log]
+        self.shared = _pack({"kind": type(trial).__name__, "trial": _plain(trial), "log": own})
+        self.digest = hashlib.sha256(self.shared).digest()
+        self._numbers = {message: number for number, message in enumerate(known or log)}
+
+    def request(self, case: TestCase, *, directory: Path, whole: bool, imports: Mapping[str, Sequence[str]]) -> bytes:
+        """Return what asks a worker to execute a case.
+
+        Args:
+            case: The case.
+            directory: Folder in which it may leave files.
+            whole: Whether what is shared goes with it.
+            imports: Modules that Python components import, by name, as far as the worker does not know them.
+        """
+        numbers = self._numbers
+        messages = [numbers[each] if each in numbers else _plain(each) for each in case.messages]
+        return _pack(
+            {
+                "digest": self.digest,
+                "shared": self.shared if whole else None,
+                "case": _plain(replace(case, messages=())) | {"messages": messages},
+                "directory": directory,
+                "imports": imports,
+            }
+        )
+
+
+def _log_of(trial: Trial) -> tuple[Message, ...]:
+    return trial.baseline.log if isinstance(trial, UnitTrial) else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a worker is to do: execute a case; fields as of `Batch.request`."""
+
+    trial: Trial
+    case: TestCase
+    directory: Path
+    imports: Mapping[str, Sequence[str]]
+
+    @classmethod
+    def read(cls, data: bytes, known: dict[bytes, tuple[Trial, Sequence[Message]]]) -> Request:
+        """Read a request.
+
+        Args:
+            data: Its bytes.
+            known: What earlier requests shared, by hash; what this one shares is added.
+
+        Raises:
+            ValueError: It is no request.
+        """
+        found = _unpack(data)
+        if found["shared"] is not None:
+            shared = _unpack(found["shared"])
+            trial: Trial = _adapter(_TRIALS[shared["kind"]]).validate_python(shared["trial"])
+            own = tuple(_adapter(Message).validate_python(each) for each in shared["log"])
+            remember(known, found["digest"], (trial, _log_of(trial) or own))
+        trial, log = known[found["digest"]]
+        messages = found["case"].pop("messages")
+        case: TestCase = _adapter(TestCase).validate_python(found["case"])
+        case = replace(case, messages=tuple(_messages(messages, log)))
+        return cls(trial, case, Path(found["directory"]), found["imports"])
+
+
+def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:
+    """Add what a request shares; the oldest is forgotten, by worker and riot alike."""
+    known[digest] = shared
+    if len(known) > _MOST_KNOWN:
+        del known[next(iter(known))]
+
+
+def _messages(found: Sequence[Any], log: Sequence[Message]) -> Iterable[Message]:
+    for each in found:
+        yield log[each] if isinstance(each, int) else _adapter(Message).validate_python(each)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a worker has found.
+
+    Attributes:
+        outcome: How the trial ended.
+        imports: Modules that Python components import, by name, as far as they were not asked with.
+    """
+
+    outcome: Outcome
+    imports: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+
+def pack_answer(answer: Answer) -> bytes:
+    """Return an answer as bytes."""
+    return _pack(_plain(answer))
+
+
+def pack_failure(error: Exception, trace: str) -> bytes:
+    """Return an answer that raises where it is read: the error, or one with its traceback if it is of no known kind."""
+    if type(error).__name__ in _ERRORS and isinstance(error, errors.RiotError):
+        told = [error.message, error.where, error.hint]
+        return _pack({"error": type(error).__name__, "told": told})
+    if isinstance(error, OSError) and error.errno:
+        return _pack(
+            {"error": "OSError", "told": [error.errno, error.strerror, error.filename and str(error.filename)]}
+        )
+    return _pack({"error": "", "told": [trace]})
+
+
+def read_answer(data: bytes) -> Answer:
+    """Read an answer.
+
+    Raises:
+        RiotError: The trial raised it, of whatever kind.
+        OSError: Likewise.
+        RuntimeError: The trial raised something else, or this is no answer.
+    """
+    try:
+        found = _unpack(data)
+        if "error" not in found:
+            answer: Answer = _adapter(Answer).validate_python(found)
+            return answer
+        name, told = str(found["error"]), found["told"]
+        if name in _ERRORS:
+            error: Exception = errors.RiotError.__new__(_ERRORS[name])
+            errors.RiotError.__init__(error, told[0], where=told[1], hint=told[2])  # type: ignore[arg-type]
+        elif name == "OSError":
+            error = OSError(int(told[0]), *told[1:])
+        else:
+            error = RuntimeError(f"a trial has raised an error:\n{told[0]}")
+    except (ValueError, KeyError, TypeError, IndexError, ValidationError, msgpack.UnpackException) as wrong:
+        raise RuntimeError(f"a worker gave an answer that is none: {wrong}") from None
+    raise error
+
+
+def nominal_of(outcome: Outcome) -> NominalTrial:
+    """Return what a trial with `UnitTrial.nominal` has shown."""
+    found: NominalTrial = _adapter(NominalTrial).validate_python(outcome.statistics["nominal"])
+    return found

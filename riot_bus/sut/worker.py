@@ -1,0 +1,106 @@
+"""A process that executes trials, one at a time: `python -m riot_bus.sut.worker RIOT_TOML SLOT`, from `local.Pool`.
+
+It takes requests and gives answers over a socket on file descriptor 0. When that ends, even because of a `kill -9` of
+riot, so do the trial, its components and the worker.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from functools import cached_property
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.context import Context, open_system
+from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.stage import Place
+from riot_bus.sut.supervisor import IGNORED
+from riot_bus.sut.wire import Answer, Request, pack_answer, pack_failure
+from riot_bus.zenoh.session import prepare_runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.sut.wire import Trial
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Worker"]
+
+_ENDS_WITHIN_S = 15.0
+"""Within it a trial whose components are dead has taken down its segments, on a loaded machine too."""
+_SPARE_RECEIVERS = 8
+"""Receive threads of a router beside two for each component: its links to other routers and to riot's own sessions."""
+
+
+class Worker:
+    """Executes what requests ask for.
+
+    Args:
+        system: Path of riot.toml.
+        launcher: Starts components.
+    """
+
+    def __init__(self, system: Path, launcher: Launcher) -> None:
+        self._system, self._launcher = system, launcher
+        self._known: dict[bytes, tuple[Trial, Sequence[Message]]] = {}
+        self._imports: dict[str, Sequence[str]] = {}
+
+    @cached_property
+    def _context(self) -> Context:
+        context = open_system(self._system)
+        prepare_runtime(2 * len(context.file.components) + _SPARE_RECEIVERS)
+        return context
+
+    def answer(self, data: bytes) -> bytes:
+        """Execute what a request asks for; what that raises is an answer, too."""
+        try:
+            request = Request.read(data, self._known)
+            self._imports.update(request.imports)
+            before = set(self._imports)
+            place = Place(self._context, self._launcher, request.directory, self._imports)
+            outcome = request.trial.run(request.case, place)
+            learnt = {name: modules for name, modules in self._imports.items() if name not in before}
+            return pack_answer(Answer(outcome, learnt))
+        except Exception as error:  # whatever it is, the process that asked has to know
+            return pack_failure(error, traceback.format_exc())
+
+
+def _receive(link: Connection, requests: queue.SimpleQueue[bytes | None], launcher: Launcher) -> None:
+    """Take requests until the socket ends; then kill what still runs, and the worker if it does not end of itself."""
+    with suppress(EOFError, OSError):
+        while True:
+            requests.put(link.recv_bytes())
+    requests.put(None)
+    launcher.close()
+    threading.Event().wait(_ENDS_WITHIN_S)
+    os._exit(1)
+
+
+def main() -> None:
+    """Serve the socket on file descriptor 0 until it ends."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    link = Connection(os.dup(0))
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)  # what monitors print is no result
+    requests: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    launcher = Launcher(int(sys.argv[2]))
+    threading.Thread(target=_receive, args=(link, requests, launcher), daemon=True).start()
+    worker = Worker(Path(sys.argv[1]), launcher)
+    with suppress(BrokenPipeError, ConnectionResetError):
+        while (data := requests.get()) is not None:
+            link.send_bytes(worker.answer(data))
+    launcher.close()
+    os._exit(0)  # Zenoh's threads have nothing left to do
+
+
+if __name__ == "__main__":
+    main()
