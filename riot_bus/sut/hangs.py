@@ -9,20 +9,14 @@ Now and then such a hang is waited for to the end nevertheless, and if the unit 
 from __future__ import annotations
 
 import threading
-import time
 from typing import TYPE_CHECKING, TypeAlias
-
-from riot_bus.sut.python_report import deepest_common
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from riot_bus.sut.activity import Activity
-    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.python_report import ThreadStack
-    from riot_bus.sut.stage import TrialSetup
 
-__all__ = ["HangStacks", "Hangs", "Watch", "hang_stacks"]
+__all__ = ["HangStacks", "Hangs", "hang_stacks"]
 
 HangStacks: TypeAlias = frozenset[tuple[str, ...]]
 """The stacks of the threads that stand where none does at rest; empty of a program that is not Python."""
@@ -32,8 +26,6 @@ _BLIND = 0.3
 """Of the timeout: least patience where no stacks tell a hang from work."""
 _SHARE = 0.1
 """Of the time of all trials: beyond it, no known hang is waited for to the end."""
-_STEP, _LOOKS = 0.25, 3
-"""Seconds between two looks, and how many have to agree. A look interrupts the unit for some milliseconds."""
 
 
 def hang_stacks(stacks: Sequence[ThreadStack], blocked: Collection[str]) -> HangStacks:
@@ -90,63 +82,3 @@ class Hangs:
             self._trials += seconds
             self._longest = max(self._longest, busy)
             self._known -= {taken_for}
-
-
-class Watch:
-    """Tells, asked again and again while a unit is waited for, whether it hangs as it did before.
-
-    Args:
-        hangs: What is known of the unit.
-        stage: Where it runs.
-        name: Its component.
-        baseline: What it does in nominal trials.
-        timeout: Seconds after which it hangs in any case.
-
-    Attributes:
-        known: Whether it hangs as it did before.
-        longest: For how many seconds it was busy without an output before it went on.
-        taken_for: The known hang that it was taken for before it went on.
-    """
-
-    def __init__(self, hangs: Hangs, stage: TrialSetup, name: str, baseline: Baseline, *, timeout: float) -> None:
-        self.known, self.longest = False, 0.0
-        self.taken_for: HangStacks | None = None
-        self._hangs, self._stage, self._names, self._baseline, self._timeout = hangs, stage, [name], baseline, timeout
-        self._waits = hangs.may_wait(timeout)
-        self._restart()
-
-    def _restart(self) -> None:
-        self._next = time.monotonic() + _STEP
-        self._outputs = len(self._stage.outputs)
-        self._since: tuple[float, Activity] | None = None
-        self._busy = 0.0
-        self._stands: HangStacks | None = None
-        self._looks: list[Sequence[ThreadStack]] = []
-
-    def went_on(self) -> None:
-        """Note that the unit has gone on."""
-        self.longest, self.taken_for = max(self.longest, self._busy), self._stands or self.taken_for
-        self._restart()
-
-    def __call__(self) -> bool:
-        """Return whether it hangs."""
-        now = time.monotonic()
-        if self.known or now < self._next:
-            return self.known
-        if len(self._stage.outputs) != self._outputs:
-            self.went_on()
-            return False
-        self._next, seen = now + _STEP, self._stage.activity(self._names)
-        if self._since is None:
-            self._since = now, seen
-            return False
-        begin, before = self._since
-        self._busy = now - begin - seen.waited_since(before)  # a loaded machine is no hang
-        if self._hangs:
-            self._looks = [*self._looks, self._stage.stacks(self._names)][-_LOOKS:]
-            stacks = deepest_common(self._looks)
-            place = hang_stacks(stacks, self._baseline.blocked(stacks, anywhere=True))
-            agreed = len(self._looks) == _LOOKS
-            if agreed and self._hangs.is_known(place, busy=self._busy, timeout=self._timeout):
-                self.known, self._stands = not self._waits, place
-        return self.known

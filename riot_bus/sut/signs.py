@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from riot_bus.log.playback.player import play
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
-from riot_bus.sut.hangs import Watch, hang_stacks
+from riot_bus.sut.hang_watch import Watch
+from riot_bus.sut.hangs import hang_stacks
 from riot_bus.sut.python_report import deepest_common
 from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock

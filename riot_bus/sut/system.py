@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Component",
     "External",
-    "Limits",
     "Ready",
+    "ResourceLimits",
     "RunPace",
     "Settle",
     "System",
@@ -89,7 +89,7 @@ def _amount(parse: Callable[[str, str], float]) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-class Limits(_Table):
+class ResourceLimits(_Table):
     """What a component may have of the machine, with all that it has started; 0 for any amount.
 
     One that has more is ended. Memory is what is resident, and the default protects a machine from a unit that fills
@@ -120,7 +120,7 @@ class Component(_Table):
     ready: Ready = Ready()
     stop: Literal["kill", "term"] = "kill"
     tracebacks: Literal["fail", "ignore"] = "fail"
-    limits: Limits | Literal["off"] = Limits()
+    limits: ResourceLimits | Literal["off"] = ResourceLimits()
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
 
@@ -279,7 +279,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "trial_run": RunPace,
         "perturbed_run": RunPace,
         "ready": Ready,
-        "limits": Limits,
+        "limits": ResourceLimits,
     }
     for name in reversed(place or [""]):
         if name in tables:

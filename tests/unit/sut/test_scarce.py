@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -40,20 +41,21 @@ def test_never_more_at_once_than_there_are_and_all_get_their_turn(file: SystemFi
     lock, now, most = threading.Lock(), 0, 0
     both = threading.Barrier(2, timeout=60)
 
-    def trial(names: list[str]) -> int:
+    def trial(names: list[str], *, together: bool = False) -> int:
         nonlocal now, most
         with held(file, names):
             with lock:
                 now += len(names)
                 most = max(most, now)
-            if names == ["one"]:
-                both.wait()  # two of them run at once
+            if together:
+                both.wait()
             with lock:
                 now -= len(names)
         return len(names)
 
     kinds = [["one"], ["one"], ["one", "more"], ["more"], ["one", "one"], ["one", "more"], ["one"], ["one"]]
     with ThreadPoolExecutor(len(kinds)) as pool:
+        assert sum(pool.map(partial(trial, together=True), [["one"], ["one"]])) == 2
         assert sum(pool.map(trial, kinds)) == 11
     assert most == 2
 

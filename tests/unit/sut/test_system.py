@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.sut.context import open_system
-from riot_bus.sut.system import Limits, load_system
+from riot_bus.sut.system import ResourceLimits, load_system
 from riot_bus.vocabulary.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -119,5 +119,5 @@ def test_limits_are_amounts_with_units_or_off(tmp_path: Path) -> None:
     for text in given:
         file = load_system(write(tmp_path, GOOD.replace('segment = "a"', f'segment = "a"\n{text}')))
         found.append(file.components["one"].limits)
-    assert found[0] == Limits(memory=2 << 30, files=1000, processes=256, cpu=3600.0)
-    assert found[1:] == ["off", Limits(memory=3 << 29, cpu=120.0), Limits(memory=1000, files=0)]
+    assert found[0] == ResourceLimits(memory=2 << 30, files=1000, processes=256, cpu=3600.0)
+    assert found[1:] == ["off", ResourceLimits(memory=3 << 29, cpu=120.0), ResourceLimits(memory=1000, files=0)]

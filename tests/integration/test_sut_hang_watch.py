@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.workspace import Workspace
+from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.local import Pool
 from riot_bus.sut.nominal import measure_baseline
+from riot_bus.sut.stage import Place
 from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
@@ -44,19 +46,24 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
     """
     path = write(tmp_path)
     path.write_text(path.read_text().replace("timeout = 2.0", f"timeout = {TIMEOUT_S}"))
-    with Workspace(path, tmp_path / "out") as workspace, Pool(1, keep=tmp_path / "trials") as pool:
+    with (
+        Workspace(path, tmp_path / "out") as workspace,
+        Pool(path, 1, keep=tmp_path / "trials") as pool,
+        Launcher() as launcher,
+    ):
         log = workspace.unit_log(kind)
         baseline = measure_baseline(workspace.context, kind, pool, log)
         if known:
             workspace.context.hangs[kind].add(frozenset({tuple(known)}), waited=TIMEOUT_S)
-        trial = UnitTrial(workspace.context, kind, baseline, imports={})
+        trial = UnitTrial(kind, baseline)
+        place = Place(workspace.context, launcher, tmp_path, {})
         (at,) = [number for number, message in enumerate(log) if b'"x": 4.5,' in message.payload]
 
         def case(value: str) -> tuple[Message, ...]:
             bad = log[at].with_(payload=log[at].payload.replace(b"4.5", value.encode()))
             return (*log[:at], bad, *log[at + 1 :])
 
-        return [pool.execute(trial, TestCase(case(each), ordered=baseline.ordered)) for each in values]
+        return [trial.run(TestCase(case(each), ordered=baseline.ordered), place) for each in values]
 
 
 @pytest.mark.parametrize("kind", ["busy", "livelock", "deadlock"])
