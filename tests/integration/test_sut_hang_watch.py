@@ -56,14 +56,19 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
         if known:
             workspace.context.hangs[kind].add(frozenset({tuple(known)}), waited=TIMEOUT_S)
         trial = UnitTrial(kind, baseline)
-        place = Place(workspace.context, launcher, tmp_path, {})
         (at,) = [number for number, message in enumerate(log) if b'"x": 4.5,' in message.payload]
 
         def case(value: str) -> tuple[Message, ...]:
             bad = log[at].with_(payload=log[at].payload.replace(b"4.5", value.encode()))
             return (*log[:at], bad, *log[at + 1 :])
 
-        return [trial.run(TestCase(case(each), ordered=baseline.ordered), place) for each in values]
+        def run(number: int, value: str) -> Outcome:
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            place = Place(workspace.context, launcher, folder, {})
+            return trial.run(TestCase(case(value), ordered=baseline.ordered), place)
+
+        return [run(number, value) for number, value in enumerate(values)]
 
 
 @pytest.mark.parametrize("kind", ["busy", "livelock", "deadlock"])
