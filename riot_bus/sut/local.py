@@ -17,7 +17,7 @@ from multiprocessing.connection import Pipe, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.sut.wire import Batch, read_answer, remember
+from riot_bus.sut.wire import TrialBatch, read_answer, remember
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus.zenoh.session import environment_of_others
 
@@ -42,7 +42,7 @@ _MOST_BATCHES = 4
 class _Task:
     """A case that is to be executed, and who is told."""
 
-    batch: Batch
+    batch: TrialBatch
     case: TestCase
     ended: Callable[[Outcome], None]
     future: Future[Outcome] = field(default_factory=Future)
@@ -108,7 +108,7 @@ class Pool:
         self._waiting: deque[_Task] = deque()
         self._workers: list[_Worker] = []
         self._imports: dict[str, Sequence[str]] = {}
-        self._batches: deque[Batch] = deque(maxlen=_MOST_BATCHES)
+        self._batches: deque[TrialBatch] = deque(maxlen=_MOST_BATCHES)
         self._lock = threading.Lock()
         self._closed = False
         self._woken, self._wake = Pipe(duplex=False)
@@ -154,7 +154,7 @@ class Pool:
                 raise RuntimeError("the pool is closed")
             batch = next((each for each in self._batches if each.trial == trial), None)
             if batch is None:
-                batch = Batch(trial, cases[0].messages)
+                batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
             tasks = [_Task(batch, case, partial(ended, number)) for number, case in enumerate(cases)]
             self._waiting.extend(tasks)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Place", "TrialSetup"]
+__all__ = ["TrialPlace", "TrialSetup"]
 
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
@@ -52,7 +52,7 @@ _PORTS = range(15_000, 32_000)
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TrialPlace:
     """Where a trial runs.
 
     Attributes:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
-    from riot_bus.sut.stage import Place
+    from riot_bus.sut.stage import TrialPlace
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import TestCase
 
@@ -75,7 +75,7 @@ class SystemTrial:
     observe: tuple[str, ...] = ()
     record: Path | None = None
 
-    def run(self, case: TestCase, place: Place) -> Outcome:
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
         started = time.monotonic()
         try:
@@ -83,7 +83,7 @@ class SystemTrial:
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
 
-    def _run(self, case: TestCase, place: Place, started: float) -> Outcome:
+    def _run(self, case: TestCase, place: TrialPlace, started: float) -> Outcome:
         context = place.context
         file, registry = context.file, context.registry
         inside = [name for name, component in file.components.items() if not component.external]

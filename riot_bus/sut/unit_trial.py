@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from riot_bus.sut.stage import Place
+    from riot_bus.sut.stage import TrialPlace
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
@@ -42,7 +42,7 @@ class IdleTrial:
 
     unit: str
 
-    def run(self, case: TestCase, place: Place) -> Outcome:
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Start the unit and watch it."""
         file = place.context.file
         name = file.unit[self.unit].component or self.unit
@@ -82,7 +82,7 @@ class UnitTrial:
     evidence: Path | None = None
     before: tuple[str, ...] = ()
 
-    def run(self, case: TestCase, place: Place) -> Outcome:
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Play the case to a freshly started unit and judge what it does.
 
         An environment that fails is an outcome of its own (`Verdict.ERROR`), never a failure of the unit.

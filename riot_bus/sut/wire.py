@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = [
-    "Answer",
-    "Batch",
-    "Request",
     "Trial",
+    "TrialAnswer",
+    "TrialBatch",
+    "TrialRequest",
     "nominal_of",
     "pack_answer",
     "pack_failure",
@@ -90,7 +90,7 @@ def _unpack_other(code: int, data: bytes) -> Any:
     return int(data)
 
 
-class Batch:
+class TrialBatch:
     """What many requests share: how cases are executed, and the log that their messages are from.
 
     Args:
@@ -137,8 +137,8 @@ def _log_of(trial: Trial) -> tuple[Message, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """What a worker is to do: execute a case; fields as of `Batch.request`."""
+class TrialRequest:
+    """What a worker is to do: execute a case; fields as of `TrialBatch.request`."""
 
     trial: Trial
     case: TestCase
@@ -146,7 +146,7 @@ class Request:
     imports: Mapping[str, Sequence[str]]
 
     @classmethod
-    def read(cls, data: bytes, known: dict[bytes, tuple[Trial, Sequence[Message]]]) -> Request:
+    def read(cls, data: bytes, known: dict[bytes, tuple[Trial, Sequence[Message]]]) -> TrialRequest:
         """Read a request.
 
         Args:
@@ -182,7 +182,7 @@ def _messages(found: Sequence[Any], log: Sequence[Message]) -> Iterable[Message]
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class TrialAnswer:
     """What a worker has found.
 
     Attributes:
@@ -194,7 +194,7 @@ class Answer:
     imports: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
-def pack_answer(answer: Answer) -> bytes:
+def pack_answer(answer: TrialAnswer) -> bytes:
     """Return an answer as bytes."""
     return _pack(_plain(answer))
 
@@ -211,7 +211,7 @@ def pack_failure(error: Exception, trace: str) -> bytes:
     return _pack({"error": "", "told": [trace]})
 
 
-def read_answer(data: bytes) -> Answer:
+def read_answer(data: bytes) -> TrialAnswer:
     """Read an answer.
 
     Raises:
@@ -222,7 +222,7 @@ def read_answer(data: bytes) -> Answer:
     try:
         found = _unpack(data)
         if "error" not in found:
-            answer: Answer = _adapter(Answer).validate_python(found)
+            answer: TrialAnswer = _adapter(TrialAnswer).validate_python(found)
             return answer
         name, told = str(found["error"]), found["told"]
         if name in _ERRORS:

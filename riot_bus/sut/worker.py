@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.launcher import Launcher
-from riot_bus.sut.stage import Place
+from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.supervisor import IGNORED
-from riot_bus.sut.wire import Answer, Request, pack_answer, pack_failure
+from riot_bus.sut.wire import TrialAnswer, TrialRequest, pack_answer, pack_failure
 from riot_bus.zenoh.session import prepare_runtime
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Worker"]
+__all__ = ["TrialWorker"]
 
 _ENDS_WITHIN_S = 15.0
 """Within it a trial whose components are dead has taken down its segments, on a loaded machine too."""
@@ -39,7 +39,7 @@ _SPARE_RECEIVERS = 8
 """Receive threads of a router beside two for each component: its links to other routers and to riot's own sessions."""
 
 
-class Worker:
+class TrialWorker:
     """Executes what requests ask for.
 
     Args:
@@ -61,13 +61,13 @@ class Worker:
     def answer(self, data: bytes) -> bytes:
         """Execute what a request asks for; what that raises is an answer, too."""
         try:
-            request = Request.read(data, self._known)
+            request = TrialRequest.read(data, self._known)
             self._imports.update(request.imports)
             before = set(self._imports)
-            place = Place(self._context, self._launcher, request.directory, self._imports)
+            place = TrialPlace(self._context, self._launcher, request.directory, self._imports)
             outcome = request.trial.run(request.case, place)
             learnt = {name: modules for name, modules in self._imports.items() if name not in before}
-            return pack_answer(Answer(outcome, learnt))
+            return pack_answer(TrialAnswer(outcome, learnt))
         except Exception as error:  # whatever it is, the process that asked has to know
             return pack_failure(error, traceback.format_exc())
 
@@ -94,7 +94,7 @@ def main() -> None:
     requests: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     launcher = Launcher(int(sys.argv[2]))
     threading.Thread(target=_receive, args=(link, requests, launcher), daemon=True).start()
-    worker = Worker(Path(sys.argv[1]), launcher)
+    worker = TrialWorker(Path(sys.argv[1]), launcher)
     with suppress(BrokenPipeError, ConnectionResetError):
         while (data := requests.get()) is not None:
             link.send_bytes(worker.answer(data))

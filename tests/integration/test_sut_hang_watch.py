@@ -14,7 +14,7 @@ from riot_bus.chain.workspace import Workspace
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.local import Pool
 from riot_bus.sut.nominal import measure_baseline
-from riot_bus.sut.stage import Place
+from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
@@ -65,7 +65,7 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
         def run(number: int, value: str) -> Outcome:
             folder = tmp_path / str(number)
             folder.mkdir()
-            place = Place(workspace.context, launcher, folder, {})
+            place = TrialPlace(workspace.context, launcher, folder, {})
             return trial.run(TestCase(case(value), ordered=baseline.ordered), place)
 
         return [run(number, value) for number, value in enumerate(values)]

@@ -15,8 +15,8 @@ import pytest
 
 from riot_bus.sut.local import Pool
 from riot_bus.sut.unit_trial import IdleTrial
-from riot_bus.sut.wire import Answer, Batch, read_answer
-from riot_bus.sut.worker import Worker
+from riot_bus.sut.wire import TrialAnswer, TrialBatch, read_answer
+from riot_bus.sut.worker import TrialWorker
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 from riot_bus.zenoh.session import wait_until
@@ -55,20 +55,20 @@ class NoLauncher:
     """Starts nothing."""
 
 
-def answer(worker: Worker, tmp_path: Path, unit: str) -> Answer:
-    batch = Batch(IdleTrial(unit), ())
+def answer(worker: TrialWorker, tmp_path: Path, unit: str) -> TrialAnswer:
+    batch = TrialBatch(IdleTrial(unit), ())
     return read_answer(worker.answer(batch.request(TestCase(), directory=tmp_path, whole=True, imports={})))
 
 
 def test_what_goes_wrong_is_an_answer(system: Path, tmp_path: Path) -> None:
-    worker = Worker(system, NoLauncher())  # type: ignore[arg-type]
+    worker = TrialWorker(system, NoLauncher())  # type: ignore[arg-type]
     with pytest.raises(RuntimeError, match="Traceback"):
         read_answer(worker.answer(b"no request"))
     with pytest.raises(RuntimeError, match="KeyError: 'two'"):
         answer(worker, tmp_path, "two")
     system.write_text("[compnents.one]\n")
     with pytest.raises(ConfigError, match="'components' is missing"):
-        answer(Worker(system, NoLauncher()), tmp_path, "one")  # type: ignore[arg-type]
+        answer(TrialWorker(system, NoLauncher()), tmp_path, "one")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("own", [None, "(rx: (worker_threads: 7))"])

@@ -18,10 +18,10 @@ from riot_bus.sut.system import RunPace
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
 from riot_bus.sut.wire import (
-    Answer,
-    Batch,
-    Request,
     Trial,
+    TrialAnswer,
+    TrialBatch,
+    TrialRequest,
     nominal_of,
     pack_answer,
     pack_failure,
@@ -84,12 +84,12 @@ outcomes = st.builds(
 )
 
 
-def sent(trial: Trial, case: TestCase, log: tuple[Message, ...] = ()) -> Request:
+def sent(trial: Trial, case: TestCase, log: tuple[Message, ...] = ()) -> TrialRequest:
     """Send a case twice, the second time without what is shared; return what comes out."""
     known: dict[bytes, tuple[Trial, object]] = {}
-    batch = Batch(trial, log)
+    batch = TrialBatch(trial, log)
     first, again = (
-        Request.read(batch.request(case, directory=Path("/x"), whole=whole, imports={"a": ["b"]}), known)  # type: ignore[arg-type]
+        TrialRequest.read(batch.request(case, directory=Path("/x"), whole=whole, imports={"a": ["b"]}), known)  # type: ignore[arg-type]
         for whole in (True, False)
     )
     assert repr(first) == repr(again)
@@ -108,7 +108,7 @@ def test_a_case_crosses_as_it_is(case: TestCase, log: tuple[Message, ...]) -> No
 
 @given(outcomes, st.dictionaries(texts, st.lists(texts, max_size=2), max_size=2))
 def test_an_outcome_crosses_as_it_is(outcome: Outcome, imports: dict[str, list[str]]) -> None:
-    assert repr(read_answer(pack_answer(Answer(outcome, imports)))) == repr(Answer(outcome, imports))
+    assert repr(read_answer(pack_answer(TrialAnswer(outcome, imports)))) == repr(TrialAnswer(outcome, imports))
 
 
 LOG = (Message(1, "a", b"\xff"), Message(2, "b", b""))
@@ -147,7 +147,7 @@ def test_a_trial_crosses_as_it_is(trial: Trial) -> None:
 
 def test_messages_of_the_log_go_over_once() -> None:
     log = tuple(Message(number, "a", bytes(1000)) for number in range(50))
-    batch = Batch(UnitTrial("u", replace(BASELINE, log=log)), ())
+    batch = TrialBatch(UnitTrial("u", replace(BASELINE, log=log)), ())
     assert len(batch.shared) < 60_000
     assert len(batch.request(TestCase(log[10:]), directory=Path("/x"), whole=False, imports={})) < 1000
 
@@ -162,7 +162,7 @@ def test_the_oldest_log_is_forgotten() -> None:
 def test_a_nominal_trial_crosses_in_its_outcome() -> None:
     stack = ThreadStack(("f", "g"), "text")
     seen = NominalTrial({"a": 1}, {"a": 2}, (stack,), True, None, Growth(1, 2, 3), ("m",), LOG, 1)
-    answer = read_answer(pack_answer(Answer(Outcome(Verdict.PASS, statistics={"nominal": seen}))))
+    answer = read_answer(pack_answer(TrialAnswer(Outcome(Verdict.PASS, statistics={"nominal": seen}))))
     found = nominal_of(answer.outcome)
     assert replace(found, stacks=tuple(found.stacks)) == seen
 
