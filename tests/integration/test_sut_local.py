@@ -1,4 +1,4 @@
-"""TrialWorker processes that die lose nothing and count nothing twice; a case that kills them is an outcome of its own."""
+"""Worker processes that die lose nothing and count nothing twice; a case that kills them is an outcome of its own."""
 
 from __future__ import annotations
 
