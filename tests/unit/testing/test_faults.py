@@ -15,6 +15,8 @@ TABLES = {
     "drop": 'fault = "drop"',
     "delay": 'fault = "delay"\ndelay = 0.5',
     "duplicate": 'fault = "duplicate"\ncopies = 2',
+    "omit": 'fault = "omit"\nfield = "x"',
+    "truncate": 'fault = "truncate"\nkeep = 0.5',
 }
 SCALE = """
 import random
