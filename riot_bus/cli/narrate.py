@@ -99,6 +99,8 @@ class ConsoleNarrator:
     def _tell(self, event: StepProgress) -> None:
         """Say how far a step is, how fast it goes, and how long it takes at that rate, if that was not just said."""
         now, (then, done) = self._now(), self._last
+        if event.done < done:  # the step has begun to count anew
+            self._last = then, done = now, event.done
         if now - then < _EVERY:
             return
         self._last = now, event.done
