@@ -177,6 +177,7 @@ def test_interception_begins_and_ends_while_an_advanced_publisher_goes_on(*, num
     with running(Prefix(), intercept=[]) as (bus, join):
         source, sink = join("system"), join("unit")
         early, detecting, plain = Listener(sink, late=False), Listener(sink), PlainListener(sink)
+        answered(sink)
         subscribed(bus, "system", KEY)
         publisher = advertise(source, depth=3, numbered=numbered)
         for number in range(5):

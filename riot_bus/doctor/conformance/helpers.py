@@ -12,7 +12,17 @@ if TYPE_CHECKING:
     from riot_bus.doctor.conformance.end import ScenarioEnd
     from riot_bus.doctor.conformance.scenario import Observation
 
-__all__ = ["advanced_publisher", "advanced_subscriber", "answer", "everything", "finish", "keys_of", "put", "sequence"]
+__all__ = [
+    "advanced_publisher",
+    "advanced_subscriber",
+    "answer",
+    "cached",
+    "everything",
+    "finish",
+    "keys_of",
+    "put",
+    "sequence",
+]
 
 _HEARTBEAT_S = 0.05
 
@@ -82,6 +92,12 @@ def advanced_subscriber(end: ScenarioEnd, rest: str, *, history: int | None = No
         subscriber_detection=True,
     )
     return inbox
+
+
+def cached(end: ScenarioEnd, rest: str) -> list[str]:
+    """Return the texts in an advanced publisher's cache, as they are told to late joiners now."""
+    replies = end.session.get(f"{end.key(rest)}/@adv/**", timeout=1.0)
+    return [reply.ok.payload.to_string() for reply in replies if reply.ok]
 
 
 def sequence(samples: list[Any]) -> list[Any]:

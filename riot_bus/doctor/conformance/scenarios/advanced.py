@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 from riot_bus.doctor.conformance.helpers import (
     advanced_publisher,
     advanced_subscriber,
+    cached,
     sequence,
 )
 from riot_bus.doctor.conformance.samples import Inbox
 from riot_bus.doctor.conformance.scenario import Observation, scenario
+from riot_bus.zenoh.session import wait_until
 
 if TYPE_CHECKING:
     from riot_bus.doctor.conformance.end import ScenarioEnd
@@ -58,6 +60,8 @@ class _AdvancedHistory:
     @staticmethod
     def right(end: ScenarioEnd) -> Observation:
         end.meet()
+        # Whoever joins while the first messages are still on their way gets those as well.
+        wait_until(lambda: cached(end, "x")[-1:] == ["7"], 5.0)
         deep, shallow = advanced_subscriber(end, "x", history=100), advanced_subscriber(end, "x", history=2)
         deep.take(5, 1.0)
         shallow.take(2, 1.0)
