@@ -6,12 +6,12 @@ import functools
 import os
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable
-from typing import TypeVar
+from collections.abc import Callable, Collection, Iterable
+from typing import Any, TypeVar
 
 import pytest
 
-__all__ = ["ALL", "folded", "scaled"]
+__all__ = ["ALL", "chosen", "folded", "scaled"]
 
 CaseT = TypeVar("CaseT")
 TestT = TypeVar("TestT", bound=Callable[..., None])
@@ -25,6 +25,13 @@ def scaled(full: int, *, gate: int | None = None) -> int:
     if ALL:
         return full
     return gate if gate is not None else -(-full // 4)
+
+
+def chosen(cases: Iterable[str], *, gate: Collection[str]) -> list[Any]:
+    """Return parameters of a test: the gate takes the named cases only, `--all` takes every one."""
+    cases = list(cases)
+    assert set(gate) <= set(cases), f"there is no {set(gate) - set(cases)}"
+    return [case if case in gate else pytest.param(case, marks=pytest.mark.nightly) for case in cases]
 
 
 def folded(

@@ -108,7 +108,11 @@ def interrupt(system: Path, out: Path, tmp_path: Path, *, number: signal.Signals
 
 @pytest.mark.parametrize(
     ("number", "moments"),
-    [(signal.SIGKILL, scaled(5, gate=2)), (signal.SIGINT, scaled(5, gate=1)), (signal.SIGTERM, scaled(5, gate=1))],
+    [
+        (signal.SIGKILL, scaled(5, gate=2)),
+        (signal.SIGTERM, scaled(5, gate=1)),
+        pytest.param(signal.SIGINT, 5, marks=pytest.mark.nightly),
+    ],
 )
 def test_interrupted_campaign(system: Path, tmp_path: Path, number: signal.Signals, moments: int) -> None:
     for round_ in range(scaled(4 if number is signal.SIGKILL else 2, gate=1)):

@@ -10,6 +10,7 @@ import pytest
 
 from riot_bus.findings.records import FindingRecord
 from tests.systems.misbehaviour.catalogue import FAULTY, build, missing, write
+from tests.tiers import chosen
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
@@ -30,7 +31,7 @@ def rewrite(folder: Path, *, name: str, above: str = "", inside: str = "") -> No
     old.rename(folder / name).write_text((folder / name).read_text().replace(FAULT, above + FAULT + inside))
 
 
-@pytest.mark.parametrize("kind", ["raises", "faults_in_libc"])
+@pytest.mark.parametrize("kind", chosen(("raises", "faults_in_libc"), gate=("raises",)))
 def test_an_edited_renamed_and_rebuilt_unit_has_the_same_finding_until_it_is_mended(tmp_path: Path, kind: str) -> None:
     if missing(kind):
         pytest.skip(f"NOT TESTED: native faults: there is no {missing(kind)}")

@@ -18,16 +18,22 @@ from riot_bus.sut.evidence import has_debugger
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase
 from tests.systems.misbehaviour.catalogue import FAULTY, ORDER, ROBUST, build, missing, write
-from tests.tiers import scaled
+from tests.tiers import chosen, scaled
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
 TRIALS = 16
 CAMPAIGNS = 2
+GATE = (
+    *("sys_exit", "raises", "deadlock", "lost_worker", "faults_in_c", "leaks_files", "opens_all_files", "silent"),
+    *("not_a_number", "halves", "stale_stamp", "answers_twice"),
+    *("echoes", "muted_by_mode", "refuses", "timers"),
+)
+"""One or two of each sign; `benchmarks/verdicts.py` runs many campaigns of all."""
 
 
 @pytest.mark.parametrize("seed", range(scaled(CAMPAIGNS)))
-@pytest.mark.parametrize("kind", FAULTY)
+@pytest.mark.parametrize("kind", chosen(FAULTY, gate=FAULTY.keys() & GATE))
 def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> None:
     if missing(kind):
         pytest.skip(f"NOT TESTED: native faults: there is no {missing(kind)}")
@@ -59,7 +65,7 @@ def test_a_fault_is_found_and_named(tmp_path: Path, kind: str, seed: int) -> Non
 
 
 @pytest.mark.parametrize("seed", range(scaled(CAMPAIGNS)))
-@pytest.mark.parametrize("kind", ROBUST)
+@pytest.mark.parametrize("kind", chosen(ROBUST, gate=set(ROBUST) & set(GATE)))
 def test_a_robust_unit_has_no_finding(tmp_path: Path, kind: str, seed: int) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=2, seed=seed) as workspace:
         assert run_campaign(workspace, kind, trials=TRIALS, seconds=None, covered=False) == []

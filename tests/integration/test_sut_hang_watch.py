@@ -19,6 +19,7 @@ from riot_bus.sut.unit_trial import UnitTrial
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from tests.systems.misbehaviour.catalogue import FAULTY, write
+from tests.tiers import chosen
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
@@ -71,7 +72,7 @@ def outcomes(tmp_path: Path, kind: str, values: Sequence[str], *, known: Sequenc
         return [run(number, value) for number, value in enumerate(values)]
 
 
-@pytest.mark.parametrize("kind", ["busy", "livelock", "deadlock"])
+@pytest.mark.parametrize("kind", chosen(("busy", "livelock", "deadlock"), gate=("busy",)))
 def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: Path, kind: str) -> None:
     first, *others = outcomes(tmp_path, kind, ["1e9", "1e9", "null"])
     for outcome in (first, *others):
@@ -83,7 +84,7 @@ def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: P
         assert all(outcome.seconds < first.seconds for outcome in others)
 
 
-@pytest.mark.parametrize("kind", ["slow", "timers", "restarts_thread"])
+@pytest.mark.parametrize("kind", chosen(("slow", "timers", "restarts_thread"), gate=("slow",)))
 @pytest.mark.usefixtures("busy_machine")
 def test_a_unit_that_is_slow_where_it_is_told_to_have_hung_is_given_its_time(tmp_path: Path, kind: str) -> None:
     for outcome in outcomes(tmp_path, kind, ["1.0", "1e9", "null"], known=["handle", "main", "<module>"]):
