@@ -9,79 +9,164 @@ from __future__ import annotations
 import errno
 import json
 import os
+import sqlite3
 import threading
+from contextlib import closing, contextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.vocabulary.trial import Runner, TestCase
 
-__all__ = ["StoredRunner", "TrialStore"]
+__all__ = ["StoredRunner", "TrialStore", "stored_trials"]
 
 _OUTCOME: TypeAdapter[Outcome] = TypeAdapter(Outcome)
 _ATTEMPTS = 3
+_OLDER = "trials.jsonl"
+_WAIT_S = 60.0
+"""Somebody who copies or reads the file holds it for much shorter; a campaign should not end for that."""
+
+_SETTINGS = (
+    "PRAGMA journal_mode = WAL",
+    "PRAGMA synchronous = NORMAL",  # the end of a process loses nothing; that of the machine perhaps the last trials
+)
+_TABLES = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'trials'"
+_CREATE = (
+    "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT UNIQUE,"
+    " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT) STRICT"
+)
+_ROWS = "SELECT number, key, verdict, signatures, seconds, detail FROM trials ORDER BY number"
+_PUT = "INSERT OR REPLACE INTO trials VALUES (NULL, ?, ?, ?, ?, ?, ?)"
 
 
 class TrialStore:
-    """Outcomes by test case, as JSON lines that are only ever appended to."""
+    """Outcomes by test case, in one SQLite file that others may read meanwhile, by `stored_trials`.
+
+    The file is in WAL mode, which needs a local disk. Each outcome is one statement, so an end at any moment leaves all
+    of it or nothing. Where there is no file yet, outcomes of an older `trials.jsonl` in the same folder are taken over.
+
+    Args:
+        path: The file; made if there is none.
+
+    Raises:
+        EnvironmentFaultError: It is no such file, or somebody holds it for a minute.
+    """
+
+    NAME = "trials.sqlite"
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = threading.Lock()
-        self._outcomes: dict[str, dict[str, Any]] = {}
-        self.unreadable = 0
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            self._read()
+        with _told(path):
+            self._database = sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
+            for setting in _SETTINGS:
+                self._database.execute(setting)
+            if not self._database.execute(_TABLES).fetchone():
+                self._begin(path.with_name(_OLDER))
 
     def __len__(self) -> int:
-        return len(self._outcomes)
+        with self._lock, _told(self.path):
+            (count,) = self._database.execute("SELECT count(*) FROM trials").fetchone()
+        return int(count)
 
     def get(self, key: str) -> Outcome | None:
-        """Return the outcome of an earlier trial, None if there was none or its line is damaged."""
-        raw = self._outcomes.get(key)
-        if raw is None:
-            return None
-        try:
-            return _OUTCOME.validate_python(raw)
-        except ValidationError:
-            return None
+        """Return the outcome of an earlier trial, None if there was none or what is stored is no outcome."""
+        with self._lock, _told(self.path):
+            row = self._database.execute("SELECT outcome FROM trials WHERE key = ?", (key,)).fetchone()
+        return None if row is None else _outcome(row[0])
 
     def put(self, key: str, outcome: Outcome) -> None:
-        """Keep an outcome, in the file before this returns; a disk that is full takes no half of it."""
-        raw = asdict(outcome)
-        line = json.dumps({"key": key, "outcome": raw}, separators=(",", ":")).encode() + b"\n"
-        with self._lock, self.path.open("ab", buffering=0) as stream:
-            size = stream.seek(0, os.SEEK_END)
-            try:
-                if stream.write(line) != len(line):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
-            except OSError:
-                stream.truncate(size)
-                raise
-            self._outcomes[key] = raw
+        """Keep an outcome, in the file before this returns; a disk that is full takes no half of it.
 
-    def _read(self) -> None:
-        """Read all whole lines; a line that a kill cut off in the middle is ended and not used."""
-        with self.path.open("rb") as stream:
-            data = stream.read()
-        for line in data.splitlines():
+        Raises:
+            OSError: The disk is full.
+        """
+        with self._lock, _told(self.path):
+            self._database.execute(_PUT, _row(key, outcome))
+
+    def close(self) -> None:
+        """Close the file, which is then one file again; safe to call twice."""
+        self._database.close()
+
+    def _begin(self, older: Path) -> None:
+        """Make the table, with the outcomes of an older store, or nothing if that is ended halfway."""
+        self._database.execute("BEGIN IMMEDIATE")
+        with self._database:
+            if not self._database.execute(_TABLES).fetchone():  # nobody else has made it meanwhile
+                self._database.execute(_CREATE)
+                if older.is_file():
+                    self._database.executemany(_PUT, _rows_of(older))
+
+
+def stored_trials(path: Path) -> list[dict[str, object]]:
+    """Return one row per trial of a store in the order in which they ended, without what was observed in it.
+
+    Nothing is written. A trial that is executed again gets a new number.
+
+    Args:
+        path: The file; if there is none or it is empty, there are no rows.
+
+    Raises:
+        EnvironmentFaultError: It is no such file.
+    """
+    if not path.is_file():
+        return []
+    with (
+        _told(path),
+        closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file,
+    ):
+        if not file.execute(_TABLES).fetchone():
+            return []
+        found = file.execute(_ROWS)
+        names = [column[0] for column in found.description]
+        return [dict(zip(names, row, strict=True)) for row in found]
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Say what is wrong with the file as the rest of riot does."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0)
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        hint = "another riot may work in this folder" if code == sqlite3.SQLITE_BUSY else "move it away"
+        raise EnvironmentFaultError(f"cannot use it: {error}", where=str(path), hint=hint) from error
+
+
+def _row(key: str, outcome: Outcome) -> tuple[object, ...]:
+    signatures = "\n".join(each.signature for each in outcome.violations)
+    shown = [text.encode(errors="backslashreplace").decode() for text in (signatures, outcome.detail)]
+    text = json.dumps(asdict(outcome), separators=(",", ":"))
+    return key, str(outcome.verdict), shown[0], outcome.seconds, shown[1], text
+
+
+def _outcome(text: str) -> Outcome | None:
+    try:
+        return _OUTCOME.validate_python(json.loads(text))
+    except (ValueError, RecursionError):
+        return None
+
+
+def _rows_of(path: Path) -> Iterator[tuple[object, ...]]:
+    """Yield the rows of a store of before, whose lines are JSON; what a kill cut off or is no outcome is left out."""
+    with path.open("rb") as stream:
+        for line in stream:
             try:
                 record = json.loads(line)
-                self._outcomes[str(record["key"])] = dict(record["outcome"])
-            except (ValueError, KeyError, TypeError):
-                self.unreadable += 1
-        if data and not data.endswith(b"\n"):
-            with self.path.open("ab") as stream:
-                stream.write(b"\n")
+                yield _row(str(record["key"]), _OUTCOME.validate_python(record["outcome"]))
+            except (ValueError, KeyError, TypeError, RecursionError):
+                continue
 
 
 @runtime_checkable

@@ -111,7 +111,7 @@ class Workspace:
         self.jobs = jobs or os.cpu_count() or 1
         self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
-        self.store = TrialStore(out / "trials" / "trials.jsonl")
+        self.store = TrialStore(out / "trials" / TrialStore.NAME)
         self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=self.jobs, keep=out / "trials")
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
@@ -120,6 +120,7 @@ class Workspace:
 
     def __exit__(self, *_: object) -> None:
         self.runners.close()
+        self.store.close()
 
     @contextmanager
     def step(self, name: str) -> Iterator[StepRun]:

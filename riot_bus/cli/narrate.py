@@ -71,11 +71,11 @@ class ConsoleNarrator:
 
     def interrupted(self, out: Path) -> None:
         """Say what is kept in the output folder of work that was ended from outside, and how to go on."""
-        from riot_bus.campaign.store import TrialStore
+        from riot_bus.campaign.store import TrialStore, stored_trials
         from riot_bus.findings.records import FindingRecord
 
         self._stop()
-        trials = len(TrialStore(out / "trials" / "trials.jsonl"))
+        trials = len(stored_trials(out / "trials" / TrialStore.NAME))
         findings = len(list((out / "findings").glob(f"*/{FindingRecord.FILE}")))
         text = f"riot: interrupted; kept in {out}: {trials} finished trials, {findings} findings. "
         text += "Trials under way are not counted. Run the same command again to go on."

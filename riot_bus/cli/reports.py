@@ -1,4 +1,4 @@
-"""`riot report`, `findings`, `compare`."""
+"""`riot report`, `findings`, `trials`, `compare`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEFAULT_OUT = Path("riot-out")
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    for command in (report, findings, compare):
+    for command in (report, findings, trials, compare):
         app.command()(command)
 
 
@@ -67,6 +67,31 @@ def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT
         typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
         for line in CampaignRecord.load(finding).effects.lines() if CampaignRecord.exists(finding) else ():
             typer.echo(escape_control_chars(line))
+
+
+def trials(
+    folder: Annotated[Path, typer.Argument(metavar="[OUT]", help="Output folder of a campaign.")] = DEFAULT_OUT,
+    *,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write a Parquet file instead of JSON lines.")
+    ] = None,
+) -> None:
+    """List all trials of an output folder, also while a campaign runs: verdict, signatures, seconds."""
+    from riot_bus.campaign.store import TrialStore, stored_trials
+    from riot_bus.vocabulary.errors import ConfigError
+
+    path = folder / "trials" / TrialStore.NAME
+    if not path.is_file():
+        raise ConfigError("no trials are kept here", where=str(path), hint="name the --out folder of a campaign")
+    rows = stored_trials(path)
+    if out is None:
+        for row in rows:
+            typer.echo(json.dumps(row))
+        return
+    from riot_bus.log.tables.export_parquet import write_rows
+
+    write_rows(out, rows)
+    typer.echo(str(out))
 
 
 def compare(

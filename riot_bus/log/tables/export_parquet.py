@@ -7,22 +7,40 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.vocabulary.errors import MissingExtraError
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
     from riot_bus.log.tables.rows import Kind, Rows
 
-__all__ = ["ParquetTableWriter", "require_pyarrow"]
+__all__ = ["ParquetTableWriter", "require_pyarrow", "write_rows"]
 
 
 def require_pyarrow() -> None:
     """Raise MissingExtraError unless pyarrow is installed; does not import it."""
     if find_spec("pyarrow") is None:
         raise MissingExtraError("pyarrow", "export")
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Write rows that have the same columns as a table.
+
+    Raises:
+        ConfigError: The file exists, or is not called `.parquet`.
+        MissingExtraError: pyarrow is not installed.
+    """
+    if path.suffix != ".parquet" or path.exists():
+        why = "the file exists" if path.exists() else "a table is written as .parquet"
+        raise ConfigError(why, where=str(path), hint="choose another name")
+    require_pyarrow()
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    write_table(pa.Table.from_pylist(list(rows)), path, compression="zstd")
 
 
 class ParquetTableWriter:

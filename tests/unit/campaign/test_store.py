@@ -1,11 +1,32 @@
 from __future__ import annotations
 
 import json
+import math
+import resource
+import sqlite3
+import subprocess
+import sys
 from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 
-from riot_bus.campaign.store import StoredRunner, TrialStore
-from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+import pytest
+
+from riot_bus.campaign.store import StoredRunner, TrialStore, stored_trials
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
+from riot_bus.zenoh.session import wait_until
+
+FAILED = Outcome(
+    Verdict.FAIL,
+    (Violation("crash", "u", "one"), Violation("hang", "u", "two \udc80")),
+    0.5,
+    "why \udc80",
+    {},
+    None,
+    {"x": math.inf},
+)
 
 
 class Answers:
@@ -20,26 +41,128 @@ class Answers:
         return [Outcome(self.left.pop(0)) for _ in cases]
 
 
-def test_a_line_that_is_no_outcome_is_asked_again(tmp_path: Path) -> None:
-    path = tmp_path / "trials.jsonl"
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"verdict": "perhaps"}', "1"])
+def test_what_is_no_outcome_is_asked_again(tmp_path: Path, text: str) -> None:
+    path = tmp_path / TrialStore.NAME
     case = TestCase(seed=1)
     StoredRunner(Answers(Verdict.PASS), TrialStore(path), scope={}).run([case])
-    record = json.loads(path.read_text())
-    record["outcome"]["verdict"] = "perhaps"
-    path.write_text(json.dumps(record) + "\n")
+    with closing(sqlite3.connect(path)) as other, other:
+        other.execute("UPDATE trials SET outcome = ?", (text,))
     store = TrialStore(path)
     assert len(store) == 1
-    assert store.get(record["key"]) is None
+    (row,) = stored_trials(path)
+    assert store.get(str(row["key"])) is None
     again = StoredRunner(Answers(Verdict.FAIL), store, scope={})
     assert again.run([case])[0].verdict is Verdict.FAIL
     assert again.executed == 1
-    kept = TrialStore(path).get(record["key"])
+    kept = TrialStore(path).get(str(row["key"]))
     assert kept is not None
     assert kept.verdict is Verdict.FAIL
 
 
+def test_rows_tell_what_others_want_to_know(tmp_path: Path) -> None:
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    store.put("b", FAILED)
+    store.put("a", Outcome(Verdict.PASS))
+    first, second = stored_trials(store.path)
+    assert first == {
+        "number": 1,
+        "key": "b",
+        "verdict": "fail",
+        "signatures": f"{FAILED.violations[0].signature}\n{FAILED.violations[1].signature}".replace(
+            "\udc80", "\\udc80"
+        ),
+        "seconds": 0.5,
+        "detail": "why \\udc80",
+    }
+    assert (second["key"], second["verdict"]) == ("a", "pass")
+    assert store.get("b") == FAILED
+
+
+def test_a_store_of_lines_is_taken_over_once(tmp_path: Path) -> None:
+    lines = [json.dumps({"key": key, "outcome": asdict(FAILED)}) for key in "abc"]
+    older = tmp_path / "trials.jsonl"
+    older.write_text("\n".join([*lines, '{"key": 1}', "[]", '{"key": "half']))
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    assert len(store) == 3
+    assert store.get("b") == FAILED
+    older.write_text(json.dumps({"key": "d", "outcome": asdict(FAILED)}))
+    assert len(TrialStore(store.path)) == 3
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from riot_bus.campaign.store import TrialStore
+from riot_bus.vocabulary.trial import Outcome, Verdict
+store = TrialStore(Path(sys.argv[1]))
+for number in range(10**9):
+    store.put(str(number), Outcome(Verdict.PASS))
+    print(number, flush=True)
+"""
+
+
+def test_a_killed_writer_loses_nothing_that_it_has_put(tmp_path: Path) -> None:
+    path = tmp_path / TrialStore.NAME
+    for _ in range(3):
+        with subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE) as writer:
+            assert writer.stdout is not None
+            assert wait_until(lambda: len(stored_trials(path)) > 50, 60)  # while it is written
+            line = writer.stdout.readline()
+            writer.kill()
+            last = int((writer.stdout.read().split() or [line])[-1])
+        store = TrialStore(path)
+        assert len(store) >= last + 1
+        assert all(store.get(str(number)) == Outcome(Verdict.PASS) for number in range(last + 1))
+        store.close()
+
+
+FILLER = """
+import sys
+from pathlib import Path
+from riot_bus.campaign.store import TrialStore
+from riot_bus.vocabulary.trial import Outcome, Verdict
+store = TrialStore(Path(sys.argv[1]))
+number = 0
+try:
+    for number in range(10**9):
+        store.put(str(number), Outcome(Verdict.PASS, detail="x" * 1000))
+except OSError as error:
+    print(error.errno, number, len(store))
+"""
+
+
+def test_a_full_disk_is_told_and_takes_no_half_of_an_outcome(tmp_path: Path) -> None:
+    path = tmp_path / TrialStore.NAME
+    limit = 1 << 18
+    done = subprocess.run(
+        [sys.executable, "-c", FILLER, path],
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    code, number, count = map(int, done.stdout.split())
+    assert (code, count) == (28, number)
+    assert number > 10
+    store = TrialStore(path)
+    assert len(store) == number
+    store.put("more", FAILED)
+    assert store.get("more") == FAILED
+
+
+def test_what_is_no_store_is_told_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / TrialStore.NAME
+    assert stored_trials(path) == []
+    path.write_bytes(b"no database " * 100)
+    for opened in (TrialStore, stored_trials):
+        with pytest.raises(EnvironmentFaultError, match="not a database"):
+            opened(path)
+    assert path.read_bytes() == b"no database " * 100
+
+
 def test_a_trial_that_succeeds_at_the_last_attempt_is_kept(tmp_path: Path) -> None:
-    store = TrialStore(tmp_path / "deep" / "trials.jsonl")
+    store = TrialStore(tmp_path / "deep" / TrialStore.NAME)
     runner = StoredRunner(Answers(Verdict.ERROR, Verdict.ERROR, Verdict.PASS), store, scope={})
     assert [outcome.verdict for outcome in runner.run([TestCase()])] == [Verdict.PASS]
     assert (runner.trials, runner.executed, len(store)) == (1, 3, 1)
@@ -47,7 +170,7 @@ def test_a_trial_that_succeeds_at_the_last_attempt_is_kept(tmp_path: Path) -> No
 
 def test_equal_cases_are_executed_once_and_each_outcome_is_told(tmp_path: Path) -> None:
     told: list[Outcome] = []
-    store = TrialStore(tmp_path / "trials.jsonl")
+    store = TrialStore(tmp_path / TrialStore.NAME)
     runner = StoredRunner(Answers(Verdict.PASS, Verdict.FAIL), store, scope={}, told=told.append)
     outcomes = runner.run([TestCase(seed=1), TestCase(seed=2), TestCase(seed=1)])
     assert [outcome.verdict for outcome in outcomes] == [Verdict.PASS, Verdict.FAIL, Verdict.PASS]

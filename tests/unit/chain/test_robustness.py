@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import json
 import logging
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from riot_bus.campaign.store import TrialStore
+from riot_bus.campaign.store import TrialStore, stored_trials
 from riot_bus.chain import robustness
 from riot_bus.chain.logs import FailingLog
 from riot_bus.events import CampaignFinished, FindingWritten, StepFinished, StepProgress, TrialFinished
@@ -89,8 +88,9 @@ def test_the_trial_counts_what_it_injects_and_the_simplest_failure_is_kept(
     one = bench(tmp_path)
     (folder,) = campaign(one)
     assert len(calls) <= 2  # to save it, and once more if a simpler case came later
-    stored = [json.loads(line)["outcome"] for line in one.workspace.store.path.read_text().splitlines()]
-    modified = [outcome["statistics"]["modified"] for outcome in stored if outcome["verdict"] == "fail"]
+    store = one.workspace.store
+    failed = [store.get(str(row["key"])) for row in stored_trials(store.path) if row["verdict"] == "fail"]
+    modified = [outcome.statistics["modified"] for outcome in failed if outcome]
     assert FindingRecord.load(folder).modified == min(modified)
 
 

@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from riot_bus.campaign.store import TrialStore
 from riot_bus.cli.main import make_app
 from riot_bus.report.text import summary
 from riot_bus.testing.reports import view_at
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
 PAGE = (Path(__file__).parents[3] / "docs" / "findings.md").read_text(encoding="utf-8")
 (CSV,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
@@ -74,3 +76,30 @@ def test_what_cannot_be_done_is_named(folder: Path, tmp_path: Path) -> None:
     nowhere = report(folder, "--format=text", "-o", str(tmp_path / "no" / "x")).exception
     assert isinstance(nowhere, ConfigError)
     assert "cannot write the report" in str(nowhere)
+
+
+def test_trials_are_listed_and_written_as_parquet(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    store = TrialStore(tmp_path / "trials" / TrialStore.NAME)
+    store.put("a", Outcome(Verdict.FAIL, (Violation("crash", "u", "crash in u"),), 0.25, "why"))
+    store.put("b", Outcome(Verdict.PASS))
+
+    def trials(*words: object) -> Result:
+        return CliRunner().invoke(make_app("trials"), ["trials", *map(str, words)])
+
+    rows = [json.loads(line) for line in trials(tmp_path).stdout.splitlines()]
+    assert [(row["key"], row["verdict"], row["signatures"]) for row in rows] == [
+        ("a", "fail", "crash in u"),
+        ("b", "pass", ""),
+    ]
+    file = tmp_path / "trials.parquet"
+    assert trials(tmp_path, "--out", file).stdout == f"{file}\n"
+    assert parquet.read_table(file).to_pylist() == rows
+    for words, why in (
+        ((tmp_path, "-o", file), "exists"),
+        ((tmp_path, "-o", "a.csv"), "parquet"),
+        (("none",), "no trials"),
+    ):
+        problem = trials(*words).exception
+        assert isinstance(problem, ConfigError)
+        assert why in str(problem)
