@@ -549,14 +549,21 @@ class Bus:
             lanes = list(itertools.chain(*self._lanes.values()))
             received = sum(lane.received for lane in lanes)
             arrived, before = received - before, received
-            done = not arrived and all(way.idle() for way in (*self._present_ways(), *self._taps))
-            done = done and not self._crossing.held() and self._dispatcher.idle()
-            done = done and (self._advanced is None or self._advanced.idle())
-            done = done and (self._services is None or self._services.idle())
-            quiet = quiet + 1 if done and (self._recorder is None or self._recorder.idle()) else 0
+            quiet = quiet + 1 if not arrived and self.idle() else 0
             return quiet >= _QUIET_POLLS
 
         return wait_until(drained, timeout)
+
+    def idle(self) -> bool:
+        """Return whether nothing that was received waits for anything here; more may be on its way."""
+        return (
+            all(way.idle() for way in (*self._present_ways(), *self._taps))
+            and not self._crossing.held()
+            and self._dispatcher.idle()
+            and (self._advanced is None or self._advanced.idle())
+            and (self._services is None or self._services.idle())
+            and (self._recorder is None or self._recorder.idle())
+        )
 
     # -- what happened ------------------------------------------------------------------------------------------------
 

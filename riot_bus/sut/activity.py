@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from riot_bus.monitors.model import ResourceSample
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 __all__ = ["STILL", "Activity", "Idle", "Threads", "families", "idle_between", "resources"]
 
@@ -100,12 +100,15 @@ class Threads:
     Args:
         pids: The processes; those that are gone do nothing.
         names: What names of the threads begin with; others are left out.
+        but: A thread that is left out.
     """
 
-    def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",)) -> None:
+    def __init__(self, pids: Iterable[int], *, names: tuple[bytes, ...] = (b"",), but: int = 0) -> None:
         self.pids = tuple(pids)
-        self._names = names
+        self._names, self._but = names, but
         self._files: dict[int, tuple[int, int]] = {}
+        self._called: dict[int, bytes] = {}
+        self._calls: dict[int, int] = {}
 
     def activity(self) -> Activity:
         """Return what the threads that there are have done so far."""
@@ -134,12 +137,34 @@ class Threads:
                     return True
         return False
 
+    def calls(self) -> Iterator[tuple[int, bytes, bytes]]:
+        """Yield each thread that was there at the last look, its name, and in which system call it is.
+
+        The latter is a line of /proc/PID/task/THREAD/syscall, empty where this process must not know it.
+        """
+        for thread in self._files:
+            call = b""
+            with suppress(OSError):
+                if thread not in self._calls:
+                    self._calls[thread] = os.open(f"/proc/{thread}/syscall", os.O_RDONLY)
+                call = os.pread(self._calls[thread], 512, 0)
+            yield thread, self._called[thread], call
+
+    def switches_of(self, thread: int) -> int:
+        """Return how often one thread that was there at the last look got a processor."""
+        with suppress(OSError, ValueError):
+            return _times(os.pread(self._files[thread][0], 4096, 0))[2]
+        return -1
+
     def close(self) -> None:
         """Close all files."""
-        for files in self._files.values():
-            for file in files:
-                os.close(file)
-        self._files.clear()
+        for thread in list(self._files):
+            self._drop(thread)
+        self._called.clear()
+
+    def _drop(self, thread: int) -> None:
+        for file in (*self._files.pop(thread), *([self._calls.pop(thread)] if thread in self._calls else [])):
+            os.close(file)
 
     def _find(self) -> None:
         """Open the files of new threads, close those of threads that are gone."""
@@ -148,10 +173,14 @@ class Threads:
             with suppress(OSError):
                 now |= {int(name): f"/proc/{pid}/task/{name}" for name in os.listdir(f"/proc/{pid}/task")}
         for thread in self._files.keys() - now.keys():
-            for file in self._files.pop(thread):
-                os.close(file)
+            self._drop(thread)
+        for thread in self._called.keys() - now.keys():
+            del self._called[thread]
         for thread in now.keys() - self._files.keys():
-            if not _read(f"{now[thread]}/comm").startswith(self._names):
+            if thread in self._called:  # it was left out
+                continue
+            self._called[thread] = name = _read(f"{now[thread]}/comm")
+            if thread == self._but or not name.startswith(self._names):
                 continue
             with suppress(OSError):
                 times = os.open(f"{now[thread]}/{'schedstat' if _TELLS_TIMES else 'status'}", os.O_RDONLY)

@@ -11,6 +11,7 @@ Deadlines do not run while a component waits for a processor that others have: a
 from __future__ import annotations
 
 import os
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -22,15 +23,29 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.activity import Idle
 
-__all__ = ["own_senders", "wait_sent", "wait_settled", "wait_taken"]
+__all__ = ["own_others", "own_senders", "wait_sent", "wait_settled", "wait_taken"]
 
 _POLL = 0.004
 _LONGEST_POLL = 0.02
 _POLLS = 8
 _TAKEN_POLL = 0.0001
+_SENT_POLL = 0.0003
+_REST_POLL, _REST_S = 0.001, 0.05
+"""As long as a unit usually takes for a log, it is looked at often: a look costs about as much as such a pause."""
 _SENDERS = (b"app-", b"tx-", b"net-")
 _LONGER, _LONGER_BY = 10, 60.0
 _MORE_SWITCHES, _MORE_TIME, _SLACK = 2.0, 3.0, 0.05
+
+
+class _Own(threading.local):
+    """Looks at the threads of this process, kept by who looks: there are a hundred, and they outlive a trial."""
+
+    def __init__(self) -> None:
+        self.senders = Threads([os.getpid()], names=_SENDERS)
+        self.others = Threads([os.getpid()], but=threading.get_native_id())
+
+
+_own = _Own()
 
 
 def own_senders() -> Threads:
@@ -38,7 +53,12 @@ def own_senders() -> Threads:
 
     A transmission that was not yet carried out leaves its thread runnable, however long the processor is busy.
     """
-    return Threads([os.getpid()], names=_SENDERS)
+    return _own.senders
+
+
+def own_others() -> Threads:
+    """Return all threads of this process but the one that asks."""
+    return _own.others
 
 
 def wait_sent(senders: Threads, *, timeout: float) -> bool:
@@ -47,7 +67,7 @@ def wait_sent(senders: Threads, *, timeout: float) -> bool:
     while time.monotonic() < deadline:
         if not senders.busy():
             return True
-        time.sleep(_POLL)
+        time.sleep(_SENT_POLL)
     return False
 
 
@@ -90,6 +110,7 @@ def wait_settled(
     since: Activity | None = None,
     alive: Callable[[], bool] = lambda: True,
     hangs: Callable[[], bool] = _never,
+    rests: Callable[[], bool] | None = None,
 ) -> bool:
     """Wait until the processes have stood still for `window` seconds, or one of them has died.
 
@@ -102,6 +123,7 @@ def wait_settled(
             have not received that input yet.
         alive: False when one has died.
         hangs: True when they are known to be busy for ever.
+        rests: True when nothing can come of itself, so that the window need not be waited for; None if nobody can tell.
 
     Returns:
         False when the deadline passed while they were still busy, or they hang.
@@ -131,6 +153,8 @@ def wait_settled(
             received = True
         if received and now - calm.since >= window and not busy and calm.confirmed(seen, now):
             return True
+        if received and rests is not None and rests():
+            return True
         if now - start > timeout:
             if now - start - seen.waited_since(begun) > timeout:
                 return False
@@ -139,7 +163,7 @@ def wait_settled(
                     f"components got so little of the processors that they were not done within {now - start:.0f} s",
                     hint="run fewer trials at once (--jobs), or stop what else runs on this machine",
                 )
-        time.sleep(pause)
+        time.sleep(_REST_POLL if rests is not None and now - start < _REST_S else pause)
 
 
 class _Calm:

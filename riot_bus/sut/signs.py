@@ -70,12 +70,24 @@ class Feeder:
         """Whether the process still runs."""
         return self._stage.launcher.alive(self._process)
 
-    def feed(self, messages: Sequence[Message]) -> bool:
+    def feed(self, messages: Sequence[Message], *, expected: Counter[str] | None = None) -> bool:
         """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline.
 
         That is not waited for where it hangs as it did before.
+
+        Args:
+            messages: What is published.
+            expected: Outputs without which it has not come to rest before it was still for a window, by topic.
         """
+        stage, begin = self._stage, len(self._stage.outputs)
+        start, own = stage.activity([self._name]), stage.others.activity()
         before, self._fed = self._publish(messages), time.monotonic()
+
+        def rests() -> bool:
+            return (not expected or not expected - self._answers(begin)) and stage.is_at_rest(
+                self._name, since=start, own=own, window=self._settle.window
+            )
+
         settled = self._stage.settle(
             [self._name],
             window=self._settle.window,
@@ -83,6 +95,7 @@ class Feeder:
             idle=self._baseline.idle,
             since=before if messages else None,
             hangs=self._watch,
+            rests=rests if self._baseline.trials else None,
         )
         if settled and self.alive:
             self._watch.went_on()
@@ -156,7 +169,7 @@ class Feeder:
         for messages, expected in ((baseline.probe, baseline.probe_answers), (baseline.log, baseline.log_answers)):
             begin = len(self._stage.outputs)
             if settled:
-                settled = self.feed(messages)
+                settled = self.feed(messages, expected=Counter(expected))
             else:
                 self._publish(messages)
             silent = () if self._watch.known else self._missing(expected, begin)
@@ -225,6 +238,8 @@ class Feeder:
 
     def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
         """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
+        if not expected.keys() - self._answers(begin).keys():
+            return ()
         self._stage.bus.drain(self._settle.timeout)
         wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
         held_up, start = self._stage.held_up([self._name]), time.monotonic()

@@ -19,7 +19,8 @@ from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
-from riot_bus.sut.settling import own_senders, wait_settled
+from riot_bus.sut.rest import is_at_rest
+from riot_bus.sut.settling import own_others, own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.message import Qos
@@ -85,6 +86,7 @@ class TrialSetup:
     Attributes:
         idle: What components do that are ready and never rest; nothing if they rest.
         senders: The threads of this process that send.
+        others: All of its threads but the one that runs the trial.
     """
 
     def __init__(
@@ -113,7 +115,7 @@ class TrialSetup:
         self._folders: dict[str, Path] = {}
         self.idle = STILL
         self.imports = {} if imports is None else imports
-        self.senders = own_senders()
+        self.senders, self.others = own_senders(), own_others()
         self.bus = Bus(
             dict.fromkeys(segments, _ANY_PORT),
             intercept=intercept,
@@ -134,7 +136,7 @@ class TrialSetup:
                     self.launcher.interrupt(process, signal.SIGTERM)
                     self.launcher.wait([process], timeout=3.0)
             self.launcher.kill_all()
-            for threads in (self.senders, *self._families.values()):
+            for threads in self._families.values():
                 threads.close()
             for name, process in self.processes.items():
                 if name not in self.imports:
@@ -365,6 +367,26 @@ class TrialSetup:
         self.bus.put(segment, sent)
         self.inputs.append(sent.with_(time=time.time_ns()))
 
+    def is_at_rest(self, name: str, *, since: Activity, own: Activity, window: float) -> bool:
+        """Return whether it is certain that a component does nothing more of itself, and that all of it has come here.
+
+        Of Python programs only: another one that is ending is quiet, too, while it closes its session.
+
+        Args:
+            name: The component.
+            since: What it had done before its input.
+            own: What the other threads of this process had done then: they send and receive.
+            window: Seconds within which no timer of Zenoh's may be due.
+        """
+        threads = self.threads([name])
+        return (
+            len(threads.pids) == 1
+            and is_at_rest(threads, since=since, window=window)
+            and is_at_rest(self.others, since=own, window=window)
+            and self.bus.idle()
+            and self.python.goes_on(self.processes[name].pid)
+        )
+
     def sample_resources(self, names: Iterable[str]) -> None:
         """Note what components have of the machine just now."""
         for name in names:
@@ -430,8 +452,11 @@ class TrialSetup:
         idle: Idle = STILL,
         since: Activity | None = None,
         hangs: Callable[[], bool] = lambda: False,
+        rests: Callable[[], bool] | None = None,
     ) -> bool:
         """Wait until components stand still or one has died; False if they were busy to the end, or `hangs` says so.
+
+        `rests` says so earlier (see `wait_settled`).
 
         Raises:
             EnvironmentFaultError: The machine was too busy for them.
@@ -448,6 +473,7 @@ class TrialSetup:
                 since=since,
                 alive=lambda: all(map(self.launcher.alive, processes)),
                 hangs=hangs,
+                rests=rests,
             )
             if not settled or self._include_started(names):  # else they may still be starting others
                 return settled
