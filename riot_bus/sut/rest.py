@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from riot_bus.sut.activity import Activity, Threads
 
-__all__ = ["RUNTIME", "is_at_rest", "waits_for_input"]
+__all__ = ["RUNTIME", "all_wait", "is_at_rest", "waits_for_input"]
 
 RUNTIME = (b"app-", b"tx-", b"rx-", b"net-", b"acc-")
 """What names of the threads of Zenoh's runtimes begin with."""
@@ -45,19 +45,29 @@ def waits_for_input(name: bytes, call: bytes, *, window: float) -> bool:
     return False
 
 
-def is_at_rest(threads: Threads, *, since: Activity, window: float) -> bool:
-    """Return whether all threads of processes wait for input; False where that is not certain.
+def all_wait(threads: Threads, *, since: Activity, window: float) -> bool:
+    """Return whether each thread was seen to wait for input, one after the other in the order of their begin.
+
+    So it is certain of threads that only get work from those that have begun before them.
 
     Args:
-        threads: Those of the processes.
+        threads: Those of some processes.
         since: What they had done before the input; a thread that has not run since has nothing to do with it.
         window: Seconds within which no timer of Zenoh's may be due.
     """
-    if threads.busy():
-        return False
+    return all(
+        waits_for_input(name, call, window=window)
+        or (call[:1].isdigit() and threads.switches_of(thread) == since.of(thread)[2])
+        for thread, name, call in threads.calls()
+    )
+
+
+def is_at_rest(threads: Threads, *, since: Activity, window: float) -> bool:
+    """Return whether all threads of processes wait for input at the same time; False where that is not certain.
+
+    Arguments are those of `all_wait`.
+    """
     before = threads.switches()
-    for thread, name, call in threads.calls():
-        done = waits_for_input(name, call, window=window)
-        if not done and threads.switches_of(thread) != since.of(thread)[2]:
-            return False
-    return before > 0 and not threads.busy(new=False) and threads.switches() == before
+    if not before or not all_wait(threads, since=since, window=window):
+        return False
+    return not threads.busy() and threads.switches() == before

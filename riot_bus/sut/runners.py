@@ -11,6 +11,7 @@ from riot_bus.sut.baseline import UNKNOWN
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.nominal import measure_baseline
+from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
 
@@ -33,12 +34,13 @@ _EVIDENCE_TRIALS = 5
 class RunnerFactory(Protocol):
     """Gives the runners that answer the questions of a chain."""
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> Runner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> Runner:
         """Return a runner for trials of a unit alone.
 
         Args:
             unit: Its name.
             log: Returns its nominal log, what it does with which is what it is held against; asked when first needed.
+            persistent: Whether trials that pass may share a process.
         """
         ...
 
@@ -91,11 +93,12 @@ class LocalRunners:
             self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
         return self._started
 
-    def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
+    def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
+        kind = PersistentTrial if persistent else UnitTrial
 
         def trial() -> Trial:
-            return UnitTrial(unit, self.baseline(unit, log))
+            return kind(unit, self.baseline(unit, log))
 
         return LocalRunner(trial, self._pool)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 import random
 import signal
 import socket
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
@@ -19,7 +20,7 @@ from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
-from riot_bus.sut.rest import is_at_rest
+from riot_bus.sut.rest import all_wait, is_at_rest
 from riot_bus.sut.settling import own_others, own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
 from riot_bus.vocabulary.errors import EnvironmentFaultError
@@ -27,7 +28,8 @@ from riot_bus.vocabulary.message import Qos
 from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, MutableMapping, MutableSequence, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from riot_bus.pipeline.runner import Pipeline
@@ -61,12 +63,14 @@ class TrialPlace:
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
         imports: Modules that Python components import, by name; trials fill it.
+        kept: What goes on over trials.
     """
 
     context: Context
     launcher: Launcher
     directory: Path
     imports: MutableMapping[str, Sequence[str]]
+    kept: MutableSequence[AbstractContextManager[object]] = field(default_factory=list)
 
 
 class TrialSetup:
@@ -87,6 +91,7 @@ class TrialSetup:
         idle: What components do that are ready and never rest; nothing if they rest.
         senders: The threads of this process that send.
         others: All of its threads but the one that runs the trial.
+        begun: When the trial began, seconds of the monotonic clock.
     """
 
     def __init__(
@@ -123,7 +128,7 @@ class TrialSetup:
             registry=context.registry,
             wait_before_close_s=stall,
         )
-        self._begin = time.time_ns()
+        self._begin, self.begun = time.time_ns(), time.monotonic()
 
     def __enter__(self) -> Self:
         self.bus.__enter__()
@@ -143,6 +148,14 @@ class TrialSetup:
                     self.imports[name] = self.python.imports(process.pid)
         finally:
             self.bus.close()
+
+    def renew(self) -> None:
+        """Begin another trial with the same processes: what was seen in the last one is forgotten."""
+        self._begin, self.begun = time.time_ns(), time.monotonic()
+        self.outputs, self.inputs, self._samples = [], [], {}
+        for process in self.processes.values():
+            for path in (process.stdout, process.stderr):
+                os.truncate(path, 0)
 
     def start(
         self, name: str, *, seed: int, pace: RunPace | None = None, before: Sequence[str] = ()
@@ -346,7 +359,7 @@ class TrialSetup:
     def watch_outputs(self, topics: Iterable[str], *, segment: str) -> None:
         """Collect the messages of some topics for the monitors."""
         for expression in self.context.topics(*topics):
-            self.bus.subscribe(segment, expression, self.outputs.append)
+            self.bus.subscribe(segment, expression, lambda message: self.outputs.append(message))
 
     def watch_all_outputs(self, *, segment: str, inputs: Iterable[str]) -> None:
         """Collect whatever is published on a segment, but for some topics."""
@@ -363,9 +376,9 @@ class TrialSetup:
 
     def put(self, segment: str, message: Message) -> None:
         """Publish an input; it waits if receivers are slow."""
-        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express))
+        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express), time=time.time_ns())
         self.bus.put(segment, sent)
-        self.inputs.append(sent.with_(time=time.time_ns()))
+        self.inputs.append(sent)
 
     def is_at_rest(self, name: str, *, since: Activity, own: Activity, window: float) -> bool:
         """Return whether it is certain that a component does nothing more of itself, and that all of it has come here.
@@ -382,7 +395,7 @@ class TrialSetup:
         return (
             len(threads.pids) == 1
             and is_at_rest(threads, since=since, window=window)
-            and is_at_rest(self.others, since=own, window=window)
+            and all_wait(self.others, since=own, window=window)
             and self.bus.idle()
             and self.python.goes_on(self.processes[name].pid)
         )

@@ -22,6 +22,7 @@ __all__ = [
     "Component",
     "External",
     "Ready",
+    "Reset",
     "ResourceLimits",
     "RunPace",
     "Settle",
@@ -143,6 +144,14 @@ class Settle(_Table):
     timeout: Seconds = 10.0
 
 
+class Reset(_Table):
+    """A message that brings a unit back to its first state, published before each trial of a process that goes on."""
+
+    topic: str = Field(min_length=1)
+    payload: str = Field(default="", max_length=65_536)
+    encoding: str = ""
+
+
 class Unit(_Table):
     """`[unit.NAME]`: a component under test on its own.
 
@@ -151,11 +160,13 @@ class Unit(_Table):
     does not either, until a failure that does not always come again turns out to come more often with the order kept.
 
     Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
-    is forked from a process that has imported what it needs, where that makes no difference.
+    is forked from a process that has imported what it needs, where that makes no difference. With "persistent" the
+    trials of a campaign that pass share a process (`persistent`), which gets the message `reset` before each.
     """
 
     component: str | None = None
-    isolation: Literal["auto", "fresh"] = "auto"
+    isolation: Literal["auto", "fresh", "persistent"] = "auto"
+    reset: Reset | None = None
     log: str | None = None
     rate: float = Field(default=0.0, ge=0)
     order: Literal["auto", "log", "fast"] = "auto"
@@ -194,6 +205,8 @@ class SystemFile(_Table):
             if (unit.component or name) not in self.components:
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"
                 raise _unknown(place, unit.component or name, self.components)
+            if unit.reset is not None and unit.isolation != "persistent":
+                raise ValueError(f'unit.{name}.reset|only a process that goes on is reset|add isolation = "persistent"')
         return self
 
     @property
@@ -275,6 +288,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "external": External,
         "unit": Unit,
         "settle": Settle,
+        "reset": Reset,
         "nominal_run": RunPace,
         "trial_run": RunPace,
         "perturbed_run": RunPace,

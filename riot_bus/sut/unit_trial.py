@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.sut.stage import TrialPlace
+    from riot_bus.sut.system import SystemFile
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["IdleTrial", "UnitTrial"]
+__all__ = ["IdleTrial", "UnitTrial", "component_of"]
 
 _DEBUGGER_S = 60.0
 """Most of it goes into reading symbols."""
@@ -45,7 +46,7 @@ class IdleTrial:
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Start the unit and watch it."""
         file = place.context.file
-        name = file.unit[self.unit].component or self.unit
+        name = component_of(file, self.unit)
         try:
             segments = [file.segment_of(file.components[name])]
             with (
@@ -87,17 +88,9 @@ class UnitTrial:
 
         An environment that fails is an outcome of its own (`Verdict.ERROR`), never a failure of the unit.
         """
-        started = time.monotonic()
         context = place.context
         file = context.file
-        unit = file.unit[self.unit]
-        name = unit.component or self.unit
-        component = file.components[name]
-        segment = file.segment_of(component)
-        registry, reached = context.registry, list[list[int]]()
-        messages, touched = inject_log(
-            case.messages, case.injections, registry=registry, seed=case.seed, reached=reached
-        )
+        name = component_of(file, self.unit)
         try:
             with (
                 held(file, [name]),
@@ -105,28 +98,54 @@ class UnitTrial:
                     context,
                     place.launcher,
                     place.directory,
-                    segments=[segment],
-                    stall=unit.settle.timeout,
+                    segments=[file.segment_of(file.components[name])],
+                    stall=file.unit[self.unit].settle.timeout,
                     imports=None if self.evidence else place.imports,
                 ) as stage,
             ):
-                process = stage.start(name, seed=case.seed, before=self.before)
-                stage.wait_subscribed(name, dict.fromkeys(each.key for each in (*messages, *self.baseline.probe)))
-                stage.watch_all_outputs(segment=segment, inputs=component.inputs)
-                ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
-                feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
-                settled = feeder.feed(messages)
-                sent, answered = feeder.sent, len(stage.outputs)
-                if self.before:
-                    stage.launcher.wait([process], timeout=_DEBUGGER_S)
-                seen = feeder.nominal(self.baseline.probe) if self.nominal else None
-                settled = settled or (seen is not None and feeder.works(seen))
-                signs, settled = feeder.signs(settled=settled)
-                stage.sample_resources([name])
-                view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
-                view = replace(view, probed=feeder.probed)
+                self.start(stage, case)
+                return self.play(stage, case)
         except EnvironmentFaultError as error:
-            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
+            return Outcome(Verdict.ERROR, detail=str(error))
+
+    def start(self, stage: TrialSetup, case: TestCase) -> None:
+        """Start the unit, as a case has it, and wait until it has subscribed to what it will get.
+
+        Raises:
+            EnvironmentFaultError: It does not start.
+        """
+        name = component_of(stage.context.file, self.unit)
+        component = stage.context.file.components[name]
+        stage.start(name, seed=case.seed, before=self.before)
+        keys = dict.fromkeys(each.key for each in (*case.messages, *self.baseline.probe))
+        stage.wait_subscribed(name, keys)
+        stage.watch_all_outputs(segment=stage.context.file.segment_of(component), inputs=component.inputs)
+
+    def play(self, stage: TrialSetup, case: TestCase) -> Outcome:
+        """Play the case to the unit that runs on a stage, and judge what it does.
+
+        Raises:
+            EnvironmentFaultError: The machine is too busy to tell.
+        """
+        started = time.monotonic()
+        context, unit = stage.context, stage.context.file.unit[self.unit]
+        name, reached = component_of(context.file, self.unit), list[list[int]]()
+        process = stage.processes[name]
+        messages, touched = inject_log(
+            case.messages, case.injections, registry=context.registry, seed=case.seed, reached=reached
+        )
+        ordered = unit.order == "log" or (unit.order == "auto" and case.ordered)
+        feeder = Feeder(stage, name, unit, self.baseline, ordered=ordered)
+        settled = feeder.feed_case(messages)
+        sent, answered = feeder.sent, len(stage.outputs)
+        if self.before:
+            stage.launcher.wait([process], timeout=_DEBUGGER_S)
+        seen = feeder.nominal(self.baseline.probe) if self.nominal else None
+        settled = settled or (seen is not None and feeder.works(seen))
+        signs, settled = feeder.signs(settled=settled)
+        stage.sample_resources([name])
+        view = stage.view([name], settled=settled, waited=unit.settle.timeout, signs={name: signs})
+        view = replace(view, probed=feeder.probed)
         monitors = context.monitors_of(name)
         judged = judge(view, monitors)
         if seen is not None:
@@ -139,7 +158,7 @@ class UnitTrial:
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,
-            seconds=time.monotonic() - started,
+            seconds=time.monotonic() - stage.begun,
             detail="; ".join(judged.broken),
             statistics={
                 "played": sent,
@@ -153,6 +172,11 @@ class UnitTrial:
                 **({"nominal": seen} if seen is not None else {}),
             },
         )
+
+
+def component_of(file: SystemFile, unit: str) -> str:
+    """Return the component that a unit is."""
+    return file.unit[unit].component or unit
 
 
 def _shown(outputs: Sequence[Message]) -> dict[str, tuple[int, str]] | None:

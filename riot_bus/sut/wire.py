@@ -12,6 +12,7 @@ import msgpack  # type: ignore[import-untyped]
 from pydantic import TypeAdapter, ValidationError
 
 from riot_bus.sut.baseline import NominalTrial
+from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.python_report import ThreadStack
 from riot_bus.sut.system import RunPace
 from riot_bus.sut.system_trial import SystemTrial
@@ -39,10 +40,10 @@ __all__ = [
 _T = TypeVar("_T")
 _MOST_KNOWN = 8
 """Logs that a worker keeps in memory; a chain works with one or two at a time."""
-Trial = UnitTrial | IdleTrial | SystemTrial
+Trial = UnitTrial | PersistentTrial | IdleTrial | SystemTrial
 """What a worker can do with a test case."""
 
-_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, IdleTrial, SystemTrial)}
+_TRIALS: dict[str, type[Trial]] = {kind.__name__: kind for kind in (UnitTrial, PersistentTrial, IdleTrial, SystemTrial)}
 _ERRORS = {name: getattr(errors, name) for name in errors.__all__ if name.endswith("Error")}
 _LARGE_INT = 1
 """Extension type of numbers that 64 bits do not hold."""
@@ -133,7 +134,7 @@ class TrialBatch:
 
 
 def _log_of(trial: Trial) -> tuple[Message, ...]:
-    return trial.baseline.log if isinstance(trial, UnitTrial) else ()
+    return trial.baseline.log if isinstance(trial, UnitTrial | PersistentTrial) else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.persistent import PersistentTrial, end_kept
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.supervisor import IGNORED
 from riot_bus.sut.wire import TrialAnswer, TrialRequest, pack_answer, pack_failure
@@ -27,6 +28,7 @@ from riot_bus.zenoh.session import prepare_runtime
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from contextlib import AbstractContextManager
 
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
@@ -51,6 +53,7 @@ class TrialWorker:
         self._system, self._launcher = system, launcher
         self._known: dict[bytes, tuple[Trial, Sequence[Message]]] = {}
         self._imports: dict[str, Sequence[str]] = {}
+        self._kept: list[AbstractContextManager[object]] = []
 
     @cached_property
     def _context(self) -> Context:
@@ -64,7 +67,9 @@ class TrialWorker:
             request = TrialRequest.read(data, self._known)
             self._imports.update(request.imports)
             before = set(self._imports)
-            place = TrialPlace(self._context, self._launcher, request.directory, self._imports)
+            place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
+            if not isinstance(request.trial, PersistentTrial):
+                end_kept(place)
             outcome = request.trial.run(request.case, place)
             learnt = {name: modules for name, modules in self._imports.items() if name not in before}
             return pack_answer(TrialAnswer(outcome, learnt))

@@ -65,7 +65,7 @@ SLEEPS = BEGUN + "threading.Thread(target=ready.wait).start()\nprint(flush=True)
 @pytest.mark.skipif(os.uname().machine not in ("x86_64", "aarch64"), reason="nothing is certain elsewhere")
 def test_a_program_that_waits_is_at_rest_and_one_that_sleeps_is_not() -> None:
     with program(WAITS) as waits, program(SLEEPS) as sleeps:
-        assert wait_until(lambda: is_at_rest(waits, since=Activity({}), window=0.03), 30.0)
+        assert wait_until(lambda: not waits.busy() and is_at_rest(waits, since=Activity({}), window=0.03), 30.0)
         assert wait_until(lambda: not sleeps.busy(), 30.0)
         assert not is_at_rest(sleeps, since=Activity({}), window=0.03)
         before = sleeps.activity()

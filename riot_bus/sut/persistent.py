@@ -1,0 +1,171 @@
+"""Trials of a unit whose process goes on over trials, which costs no start; failures are repeated with a fresh one.
+
+After each trial the probe of the verdict tells whether the unit is as before. A process is ended after a failure, when
+it has grown, and after a number of trials. What fails is executed again at once with a process of its own, and that
+outcome counts: so no failure comes of the history alone. What comes of it is told beside a trial that passes.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from riot_bus.sut.baseline import UNKNOWN, Baseline, growth_of
+from riot_bus.sut.scarce import held
+from riot_bus.sut.signs import Feeder
+from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.unit_trial import UnitTrial, component_of
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, Verdict
+
+if TYPE_CHECKING:
+    from riot_bus.sut.stage import TrialPlace
+    from riot_bus.vocabulary.trial import TestCase
+
+__all__ = ["LiveUnit", "PersistentTrial"]
+
+_MOST_TRIALS = 100
+"""Of one process, and so test cases of a history: a start then costs less than a hundredth of the time."""
+_CPU_SHARE = 0.5
+"""Of the time of a processor that a component may have: a limit is for one trial."""
+
+
+@dataclass(frozen=True, slots=True)
+class PersistentTrial:
+    """Runs test cases against a unit whose process goes on; `unit` and `baseline` are those of `UnitTrial`.
+
+    The outcome of a case that failed after others, and passed with a process of its own, has in its statistics
+    `history`: the `violations` (monitor, signature, detail), and the digests of the cases `before` it, the first one
+    first.
+    """
+
+    unit: str
+    baseline: Baseline = UNKNOWN
+
+    def run(self, case: TestCase, place: TrialPlace) -> Outcome:
+        """Play the case to the unit as it is after earlier cases; if it fails, to a fresh one."""
+        live = next((each for each in place.kept if isinstance(each, LiveUnit) and each.fits(self, case)), None)
+        if live is None:
+            end_kept(place)
+        try:
+            if live is None:
+                live = LiveUnit(self, case, place)
+                place.kept.append(live.__enter__())
+            outcome = live.play(case)
+        except EnvironmentFaultError as error:
+            outcome = Outcome(Verdict.ERROR, detail=str(error))
+        before = [] if live is None else live.before
+        if outcome.verdict is Verdict.PASS and live is not None:
+            if live.is_spent():
+                end_kept(place)
+            return outcome
+        end_kept(place)
+        fresh = UnitTrial(self.unit, self.baseline).run(case, place)
+        if outcome.verdict is not Verdict.FAIL or fresh.verdict is not Verdict.PASS or not before:
+            return fresh
+        seen = [[each.monitor, each.component, each.signature, each.detail] for each in outcome.violations]
+        return replace(fresh, statistics={**fresh.statistics, "history": {"violations": seen, "before": before}})
+
+
+def end_kept(place: TrialPlace) -> None:
+    """End what goes on over trials: the next one needs the place for itself."""
+    while place.kept:
+        place.kept.pop().__exit__(None, None, None)
+
+
+class LiveUnit:
+    """A unit that runs, and what it has got so far; a context manager.
+
+    Args:
+        trial: Says which unit, and what it does in nominal trials.
+        case: The first test case.
+        place: Where it runs.
+
+    Attributes:
+        before: Digests of the cases that it had before the last one.
+    """
+
+    def __init__(self, trial: PersistentTrial, case: TestCase, place: TrialPlace) -> None:
+        self.before: list[str] = []
+        self._had: list[str] = []
+        self._kind, self._trial = trial, UnitTrial(trial.unit, trial.baseline)
+        self._place, self._file = place, place.context.file
+        self._name = component_of(self._file, trial.unit)
+        component = self._file.components[self._name]
+        self._seeded = any("{seed}" in text for text in (*component.command, *component.env.values()))
+        self._limits = component.limits
+        self._first = case
+        self._keys = {each.key for each in (*case.messages, *trial.baseline.probe)}
+        self._stack = ExitStack()
+        self._stage: TrialSetup
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(held(self._file, [self._name]))
+            folder = Path(tempfile.mkdtemp(prefix="persistent-", dir=self._place.directory.parent))
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            self._stage = stack.enter_context(
+                TrialSetup(
+                    self._place.context,
+                    self._place.launcher,
+                    folder,
+                    segments=[self._file.segment_of(self._file.components[self._name])],
+                    stall=self._file.unit[self._trial.unit].settle.timeout,
+                    imports=self._place.imports,
+                )
+            )
+            self._trial.start(self._stage, self._first)
+            self._stage.sample_resources([self._name])
+            self._born = self._stage.samples(self._name)[0]
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def fits(self, trial: PersistentTrial, case: TestCase) -> bool:
+        """Return whether a case can be played to it: it runs as trial and case have it, and reads what is in that."""
+        same = trial is self._kind or trial == self._kind
+        seeded = self._seeded and case.seed != self._first.seed
+        return same and not seeded and self._keys >= {each.key for each in case.messages}
+
+    def play(self, case: TestCase) -> Outcome:
+        """Reset the unit, if riot.toml says how, and play a case to it.
+
+        Raises:
+            EnvironmentFaultError: The machine is too busy to tell.
+        """
+        self.before = list(self._had)
+        self._had.append(case.digest())
+        if self.before:
+            self._reset()
+            self._stage.renew()
+        outcome = self._trial.play(self._stage, case)
+        started = f"persistent, {outcome.statistics['started']}"
+        return replace(outcome, statistics={**outcome.statistics, "started": started})
+
+    def _reset(self) -> None:
+        unit = self._file.unit[self._trial.unit]
+        if unit.reset is None:
+            return
+        (key,) = self._place.context.topics(unit.reset.topic)
+        message = Message(time.time_ns(), key, unit.reset.payload.encode(), encoding=unit.reset.encoding)
+        Feeder(self._stage, self._name, unit, self._trial.baseline).feed([message])
+
+    def is_spent(self) -> bool:
+        """Return whether it has to be replaced: it has grown, has run for long, or has had many cases."""
+        if len(self._had) >= _MOST_TRIALS:
+            return True
+        last = self._stage.samples(self._name)[-1]
+        if self._trial.baseline.grown(growth_of([self._born, last]), messages=0, input_bytes=0):
+            return True
+        if self._limits == "off" or not self._limits.cpu:
+            return False
+        ran = sum(times[0] for times in self._stage.activity([self._name]).threads.values()) / 1e9
+        return ran > _CPU_SHARE * self._limits.cpu
