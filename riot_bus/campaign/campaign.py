@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import repeat_in_order
 from riot_bus.campaign.effects import Effects
+from riot_bus.campaign.history import AfterOthers, add_history
 from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -49,6 +50,7 @@ class CampaignResult:
         undecided: Things that failed together, and that the budget did not tell apart.
         coverable: How many there are to try.
         effects: What the injections did.
+        after_others: Failures that came after other cases in the same process, and not with one of their own.
     """
 
     trials: int
@@ -62,17 +64,22 @@ class CampaignResult:
     undecided: Sequence[Variation] = ()
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
+    after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class _Campaign:
     runner: Runner
+    explorer: Runner
     found: Callable[[Failure], object]
     ordered: bool
     failures: dict[str, Failure] = field(default_factory=dict)
     failing: int = 0
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
+    usual: list[Outcome] = field(default_factory=list)
+    asked: dict[str, TestCase] = field(default_factory=dict)
+    after_others: dict[str, AfterOthers] = field(default_factory=dict)
     unseen: dict[str, list[str]] = field(default_factory=dict)
     started: str = ""
     effects: Effects = field(default_factory=Effects)
@@ -97,7 +104,8 @@ class _Campaign:
                 name, _, reason = str(line).partition(": ")
                 self.unseen.setdefault(name, []).append(reason)
             if case.injections:
-                self.effects.add(case, outcome, self.nominal)
+                self.effects.add(case, outcome, self.usual)
+                add_history(self.after_others, case, outcome, asked=self.asked)
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
@@ -135,9 +143,24 @@ class _Campaign:
             more = {-number: self.case(log, seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
             outcomes += self.runner.run(list(more.values()))
             cases |= more
-        self.nominal = outcomes
+        self.nominal = self.usual = outcomes
         self.judge(cases, outcomes)
         return len(outcomes)
+
+    def explore(self, cases: Mapping[int, TestCase]) -> Sequence[Outcome]:
+        """Run injected trials, after some of the nominal log if these are carried out otherwise than nominal ones."""
+        if self.explorer is not self.runner:
+            if self.usual is self.nominal:
+                first = replace(next(iter(cases.values())), injections=())
+                usual = [self._asked(replace(first, again=number)) for number in range(1, _NOMINAL + 1)]
+                self.usual = list(self.explorer.run(usual))
+            for case in cases.values():
+                self._asked(case)
+        return self.explorer.run(list(cases.values()))
+
+    def _asked(self, case: TestCase) -> TestCase:
+        self.asked[case.digest()] = case
+        return case
 
 
 def run_campaign(
@@ -153,6 +176,7 @@ def run_campaign(
     covered: bool = False,
     progress: Progress | None = None,
     found: Callable[[Failure], object] = lambda _: None,
+    explorer: Runner | None = None,
 ) -> CampaignResult:
     """Run trials until the budget ends; each failure is repeated with fresh processes before it counts.
 
@@ -171,9 +195,10 @@ def run_campaign(
         covered: Whether to end when all that `covering` has to try was tried.
         progress: Told after each batch.
         found: Called with each failure as soon as it is confirmed.
+        explorer: Executes injected trials in its own way, such as many with one process; None for `runner`.
     """
     log = tuple(messages)
-    work = _Campaign(runner, found, ordered)
+    work = _Campaign(runner, explorer or runner, found, ordered)
     nominal = work.check_nominal(log, seed)
     done, started = 0, time.monotonic()
     hopeless = work.failing == nominal
@@ -188,7 +213,7 @@ def run_campaign(
             else work.case(log, seed, schedule.injections(trial))
             for trial, chosen in together.items()
         }
-        outcomes = runner.run(list(cases.values()))
+        outcomes = work.explore(cases)
         work.judge(cases, outcomes)
         for chosen, outcome in zip(together.values(), outcomes, strict=True):
             if covering and chosen:
@@ -218,6 +243,7 @@ def run_campaign(
         undecided=covering.undecided if covering else (),
         coverable=covering.total if covering else 0,
         effects=work.effects,
+        after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
     )
 
 

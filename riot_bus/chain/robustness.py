@@ -16,6 +16,7 @@ from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id, severity
+from riot_bus.chain.histories import shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.events import CampaignFinished, FindingWritten
@@ -40,11 +41,14 @@ if TYPE_CHECKING:
     from riot_bus.campaign.covering import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
+    from riot_bus.sut.baseline import Baseline
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["test_unit", "tested"]
 
 _LOG = logging.getLogger(__name__)
+_MOST_HISTORIES = 5
+"""Each may take some hundred trials."""
 
 
 def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None, covered: bool) -> list[Path]:
@@ -97,8 +101,11 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             covered=covered,
             progress=step.progress,
             found=lambda failure: _save(step, unit, failure, log),
+            explorer=step.unit_runner(unit, persistent=True) if settings.isolation == "persistent" else None,
         )
         saved = [_save(step, unit, failure, log) for failure in result.failures.values()]
+        traced, untraced = _after_others(step, unit, result, baseline)
+        saved += [_save(step, unit, failure, failure.case.messages) for failure in traced]
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
         record = CampaignRecord(
@@ -107,7 +114,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             failing=result.failing,
             tested=result.trials,
             findings=tuple(folder.name for folder in folders),
-            unconfirmed=tuple(_unconfirmed(each) for each in result.unconfirmed.values()),
+            unconfirmed=(*map(_unconfirmed, result.unconfirmed.values()), *untraced),
             notes=dict(result.notes),
             ordered=baseline.ordered,
             started=result.started,
@@ -122,8 +129,9 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seconds=step.seconds,
         )
         record.save(workspace.out)
-        found = map(_told, result.failures.values())
-        lines = [*found, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
+        found = map(_told, [*result.failures.values(), *traced])
+        after = [f"not confirmed: {each.signature}: depends on what came before" for each in untraced]
+        lines = [*found, *after, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         step.end("\n".join([_summary(unit, log, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
@@ -140,6 +148,33 @@ def tested(workspace: Workspace, unit: str) -> list[Path] | None:
     if (record.unit, record.fingerprint, record.seed) != (unit, workspace.fingerprint, workspace.seed):
         return None
     return [workspace.findings / name for name in record.findings]
+
+
+def _after_others(
+    step: StepRun, unit: str, result: CampaignResult, baseline: Baseline
+) -> tuple[list[Failure], list[UnconfirmedRecord]]:
+    """Look for logs with which a fresh process fails as one did after other cases; return these, and what has none."""
+    traced, untraced = [], []
+    if result.after_others:
+        runner, registry = step.unit_runner(unit), step.workspace.context.registry
+    for number, each in enumerate(sorted(result.after_others.values(), key=lambda each: len(each.before))):
+        shrunk = None
+        if number < _MOST_HISTORIES:
+            shrunk = shrink_history(each, runner, registry=registry, probe=baseline.probe, progress=step.progress)
+        if shrunk is not None:
+            traced.append(shrunk)
+            continue
+        untraced.append(
+            UnconfirmedRecord(
+                signature=each.violation.signature,
+                details=(each.violation.detail,),
+                occurrences=each.occurrences,
+                repeats=1,
+                history=len(each.before),
+                injections=tuple(one.row() for one in each.case.injections),
+            )
+        )
+    return traced, untraced
 
 
 def _unconfirmed(failure: Failure) -> UnconfirmedRecord:

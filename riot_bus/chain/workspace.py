@@ -67,9 +67,11 @@ class StepRun:
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
 
-    def unit_runner(self, unit: str) -> StoredRunner:
-        """Return a runner for trials of a unit alone."""
-        return self._stored(self.workspace.runners.unit(unit, lambda: self.workspace.unit_log(unit)), {"unit": unit})
+    def unit_runner(self, unit: str, *, persistent: bool = False) -> StoredRunner:
+        """Return a runner for trials of a unit alone; `persistent` ones that pass may share a process."""
+        workspace, scope = self.workspace, {"persistent": True} if persistent else {}
+        runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
+        return self._stored(runner, {"unit": unit, **scope})
 
     def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
         """Return a runner for runs of the whole system."""

@@ -171,12 +171,16 @@ class EffectsRecord(_Model):
 
 
 class UnconfirmedRecord(_Model):
-    """A failure that was seen, and that none of so many fresh trials has shown again: chance, or too rare to tell."""
+    """A failure that was seen, and that none of so many fresh trials has shown again: chance, or too rare to tell.
+
+    With a `history`, its process had had so many test cases before, and it may depend on them.
+    """
 
     signature: str
     details: tuple[str, ...] = ()
     occurrences: int = 1
     repeats: int = 0
+    history: int = 0
     injections: tuple[dict[str, Any], ...] = ()
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
-__all__ = ["FAULTY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
+__all__ = ["FAULTY", "HISTORY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -93,6 +93,9 @@ max = 0
 ORDER = "order_of_two"
 """Fails on a bad command while the mode is 1, and has a thread for each topic."""
 
+HISTORY = "after_sixty"
+"""Fails on a bad command after sixty others, which is more than a trial has; its process goes on over trials."""
+
 ROBUST = (
     "slow",
     "chatty",
@@ -105,6 +108,7 @@ ROBUST = (
     "sums",
 )
 
+PERSISTENT = 'isolation = "persistent"\n'
 _MESSAGES = 30
 _STEP_NS = 10_000_000
 
@@ -169,7 +173,8 @@ def write(folder: Path) -> Path:
         f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}{limited if kind in LIMITED else ''}"
         f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
         f"{'mined = false' if kind in MEASURED else ''}\n"
-        for kind in (*FAULTY, *ROBUST, ORDER)
+        f"{PERSISTENT if kind == HISTORY else ''}"
+        for kind in (*FAULTY, *ROBUST, ORDER, HISTORY)
     ]
     path = folder / "riot.toml"
     path.write_text("\n".join(parts) + MONITORS)

@@ -161,7 +161,7 @@ class Machine:
     executed: list[TestCase] = field(default_factory=list)
     closed: bool = False
 
-    def unit(self, unit: str, log: object) -> PureRunner:
+    def unit(self, unit: str, log: object, *, persistent: bool = False) -> PureRunner:
         assert unit == "drive"
         return PureRunner(self.play)
 

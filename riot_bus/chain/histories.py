@@ -1,0 +1,78 @@
+"""What failed only after other test cases in the same process: is there one log with which a fresh process fails so?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.confirm import repeat
+from riot_bus.campaign.triage import Failure
+from riot_bus.generalize.minimize import minimize
+from riot_bus.inject.apply import inject_log
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.campaign.history import AfterOthers
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Progress, Runner
+
+__all__ = ["join_logs", "shrink_history"]
+
+_GAP_NS = 1_000_000
+
+
+def join_logs(logs: Sequence[Sequence[Message]]) -> tuple[Message, ...]:
+    """Return logs as one, each a millisecond after the end of the one before."""
+    joined: list[Message] = []
+    for log in logs:
+        if not log:
+            continue
+        shift = joined[-1].time + _GAP_NS - log[0].time if joined else 0
+        joined += [message.with_(time=message.time + shift) for message in log]
+    return tuple(joined)
+
+
+def shrink_history(
+    found: AfterOthers,
+    runner: Runner,
+    *,
+    registry: TypeRegistry,
+    probe: Sequence[Message],
+    progress: Progress | None = None,
+) -> Failure | None:
+    """Return the failure with the fewest earlier cases that a fresh process needs for it; None if it does not fail so.
+
+    Its case has one log: those cases as they were injected, each with the probe that came after it, and the last one.
+
+    Args:
+        found: What failed, and what came before.
+        runner: Executes trials, each with a process of its own.
+        registry: Names topics.
+        probe: What the unit got after each case.
+        progress: Told of the search.
+    """
+    *before, last = (
+        inject_log(case.messages, case.injections, registry=registry, seed=case.seed)[0]
+        for case in (*found.before, found.case)
+    )
+    signature = found.violation.signature
+
+    def case_of(kept: Sequence[int]) -> TestCase:
+        messages = join_logs([*(part for number in kept for part in (before[number], probe)), last])
+        return TestCase(messages, seed=found.case.seed, ordered=found.case.ordered)
+
+    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        return [outcome.failed_as(signature) for outcome in runner.run([case_of(kept) for kept in questions])]
+
+    everything = tuple(range(len(before)))
+    if not ask([everything])[0]:
+        return None
+    minimal = minimize(len(before), ask, parallelism=runner.parallelism, progress=progress)
+    case = case_of(minimal.kept)
+    outcome = Outcome(Verdict.FAIL, (found.violation,))
+    failure = Failure(found.violation, case, 0, outcome, len(minimal.kept) + 1, occurrences=found.occurrences)
+    failure.details.append(f"{found.violation.detail} (after {len(minimal.kept)} earlier test cases)")
+    failure.rate = repeat(case, signature, runner)
+    return failure if failure.confirmed else None

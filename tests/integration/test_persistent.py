@@ -1,0 +1,52 @@
+"""Trials of a unit whose process goes on, with real processes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.chain.robustness import test_unit as run_campaign
+from riot_bus.chain.workspace import Workspace
+from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.log.reader import LogReader
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.trial import TestCase, Verdict
+from tests.systems.misbehaviour.catalogue import HISTORY, write
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(240)]
+
+BAD = Injection("cmd", "x", 1e9, first=3, last=3)
+
+
+def test_a_process_goes_on_until_it_fails_and_failures_are_those_of_a_fresh_one(tmp_path: Path) -> None:
+    with Workspace(write(tmp_path), tmp_path / "out", jobs=1) as workspace:
+        log = workspace.unit_log("raises")
+        runner = workspace.runners.unit("raises", lambda: log, persistent=True)
+        passing = [TestCase(log, seed=number) for number in range(3)]
+        outcomes = runner.run([*passing, TestCase(log, (BAD,)), TestCase(log, seed=3)])
+        assert [one.verdict for one in outcomes] == ["pass", "pass", "pass", "fail", "pass"]
+        started = [str(one.statistics["started"]) for one in outcomes]
+        assert started[1].startswith("persistent") and started[3] == "forked" and started[4] == "persistent, forked"
+        assert outcomes[3].violations[0].signature == 'crash in raises: misbehave: raise ValueError("bad")'
+        assert "history" not in outcomes[3].statistics  # a fresh process fails so, too
+        states = [one.statistics["shown"]["state"] for one in outcomes[:3]]
+        assert len({count for count, _ in states}) == 1 and len({digest for _, digest in states}) == 3  # it counts on
+        assert not list((tmp_path / "out" / "trials").glob("trial-*"))
+
+
+def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path) -> None:
+    with Workspace(write(tmp_path), tmp_path / "out", jobs=1) as workspace:
+        (folder,) = run_campaign(workspace, HISTORY, trials=16, seconds=None, covered=False)
+        finding = FindingRecord.load(folder)
+        assert finding.signature == f'crash in {HISTORY}: handle: raise ValueError("bad after sixty others")'
+        assert finding.rate is not None and finding.rate.value == 1.0
+        assert "after 1 earlier test cases" in finding.details[0]
+        with LogReader(folder / "failure.mcap") as reader:
+            commands = [json.loads(each.payload) for each in reader.messages() if each.key == "cmd"]
+        assert len(commands) > 60
+        record = CampaignRecord.load(workspace.out)
+        assert record.started.endswith("forked") and not record.unconfirmed
+        log = workspace.unit_log(HISTORY)
+        assert workspace.runners.unit(HISTORY, lambda: log).run([TestCase(log, (BAD,))])[0].verdict is Verdict.PASS
