@@ -28,11 +28,14 @@ def test_a_process_goes_on_until_it_fails_and_failures_are_those_of_a_fresh_one(
         outcomes = runner.run([*passing, TestCase(log, (BAD,)), TestCase(log, seed=3)])
         assert [one.verdict for one in outcomes] == ["pass", "pass", "pass", "fail", "pass"]
         started = [str(one.statistics["started"]) for one in outcomes]
-        assert started[1].startswith("persistent") and started[3] == "forked" and started[4] == "persistent, forked"
+        assert started[1].startswith("persistent")
+        assert started[3] == "forked"
+        assert started[4] == "persistent, forked"
         assert outcomes[3].violations[0].signature == 'crash in raises: misbehave: raise ValueError("bad")'
         assert "history" not in outcomes[3].statistics  # a fresh process fails so, too
         states = [one.statistics["shown"]["state"] for one in outcomes[:3]]
-        assert len({count for count, _ in states}) == 1 and len({digest for _, digest in states}) == 3  # it counts on
+        assert len({count for count, _ in states}) == 1
+        assert len({digest for _, digest in states}) == 3
         assert not list((tmp_path / "out" / "trials").glob("trial-*"))
 
 
@@ -41,12 +44,14 @@ def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path)
         (folder,) = run_campaign(workspace, HISTORY, trials=16, seconds=None, covered=False)
         finding = FindingRecord.load(folder)
         assert finding.signature == f'crash in {HISTORY}: handle: raise ValueError("bad after sixty others")'
-        assert finding.rate is not None and finding.rate.value == 1.0
+        assert finding.rate is not None
+        assert finding.rate.value == 1.0
         assert "after 1 earlier test cases" in finding.details[0]
         with LogReader(folder / "failure.mcap") as reader:
             commands = [json.loads(each.payload) for each in reader.messages() if each.key == "cmd"]
         assert len(commands) > 60
         record = CampaignRecord.load(workspace.out)
-        assert record.started.endswith("forked") and not record.unconfirmed
+        assert record.started.endswith("forked")
+        assert not record.unconfirmed
         log = workspace.unit_log(HISTORY)
         assert workspace.runners.unit(HISTORY, lambda: log).run([TestCase(log, (BAD,))])[0].verdict is Verdict.PASS
