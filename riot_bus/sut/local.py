@@ -17,6 +17,7 @@ from multiprocessing.connection import Pipe, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from riot_bus.sut.persistent import KEPT
 from riot_bus.sut.wire import TrialBatch, read_answer, remember
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus.zenoh.session import environment_of_others
@@ -65,8 +66,8 @@ class _Task:
 class _Worker:
     """A `worker` process, as seen from here."""
 
-    def __init__(self, system: Path, slot: int) -> None:
-        self.slot = slot
+    def __init__(self, system: Path, slot: int, keep: Path) -> None:
+        self.slot, self._keep = slot, keep
         self.link, theirs = Pipe()
         with theirs:
             self.process = subprocess.Popen(
@@ -87,6 +88,9 @@ class _Worker:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
+        finally:
+            for folder in self._keep.glob(KEPT.format(self.process.pid) + "*"):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 class Pool:
@@ -187,7 +191,7 @@ class Pool:
             try:
                 if worker is None:
                     slot = min(set(range(self.jobs)) - {each.slot for each in self._workers})
-                    worker = _Worker(self._system, slot)
+                    worker = _Worker(self._system, slot, self.keep)
                     self._workers.append(worker)
                 self._give(task, worker)
             except Exception as error:  # the disk is full, there is no process to be had: whoever asked is told

@@ -7,6 +7,7 @@ outcome counts: so no failure comes of the history alone. What comes of it is to
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import time
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
     from riot_bus.sut.stage import TrialPlace
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["LiveUnit", "PersistentTrial"]
+__all__ = ["KEPT", "LiveUnit", "PersistentTrial", "end_kept"]
 
+KEPT = "persistent-{}-"
+"""How the folder of a process that goes on begins, with the number of the worker."""
 _MOST_TRIALS = 100
 """Of one process, and so test cases of a history: a start then costs less than a hundredth of the time."""
 _CPU_SHARE = 0.5
@@ -61,11 +64,11 @@ class PersistentTrial:
         except EnvironmentFaultError as error:
             outcome = Outcome(Verdict.ERROR, detail=str(error))
         before = [] if live is None else live.before
-        if outcome.verdict is Verdict.PASS and live is not None:
-            if live.is_spent():
-                end_kept(place)
+        passed = outcome.verdict is Verdict.PASS and live is not None
+        if not passed or (live is not None and live.is_spent()):
+            end_kept(place)
+        if passed:
             return outcome
-        end_kept(place)
         fresh = UnitTrial(self.unit, self.baseline).run(case, place)
         if outcome.verdict is not Verdict.FAIL or fresh.verdict is not Verdict.PASS or not before:
             return fresh
@@ -108,7 +111,7 @@ class LiveUnit:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(held(self._file, [self._name]))
-            folder = Path(tempfile.mkdtemp(prefix="persistent-", dir=self._place.directory.parent))
+            folder = Path(tempfile.mkdtemp(prefix=KEPT.format(os.getpid()), dir=self._place.directory.parent))
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             self._stage = stack.enter_context(
                 TrialSetup(
@@ -159,8 +162,11 @@ class LiveUnit:
         Feeder(self._stage, self._name, unit, self._trial.baseline).feed([message])
 
     def is_spent(self) -> bool:
-        """Return whether it has to be replaced: it has grown, has run for long, or has had many cases."""
-        if len(self._had) >= _MOST_TRIALS:
+        """Return whether it has to be replaced: it has grown, has run for long, or has had many cases.
+
+        One that needs what there is only so much of does not keep that from others.
+        """
+        if len(self._had) >= _MOST_TRIALS or self._file.components[self._name].resources:
             return True
         last = self._stage.samples(self._name)[-1]
         if self._trial.baseline.grown(growth_of([self._born, last]), messages=0, input_bytes=0):
