@@ -63,10 +63,11 @@ def own_others() -> Threads:
 
 def wait_sent(senders: Threads, *, timeout: float) -> bool:
     """Wait until none of Zenoh's threads that send wants the processor: what was put is on its way."""
-    deadline = time.monotonic() + timeout
+    deadline, new = time.monotonic() + timeout, True
     while time.monotonic() < deadline:
-        if not senders.busy():
+        if not senders.busy(new=new):
             return True
+        new = False
         time.sleep(_SENT_POLL)
     return False
 

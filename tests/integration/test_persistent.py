@@ -21,7 +21,9 @@ BAD = Injection("cmd", "x", 1e9, first=3, last=3)
 
 
 def test_a_process_goes_on_until_it_fails_and_failures_are_those_of_a_fresh_one(tmp_path: Path) -> None:
-    with Workspace(write(tmp_path), tmp_path / "out", jobs=1) as workspace:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("[unit.raises]\n", "[unit.raises]\nmined = false\n"))
+    with Workspace(path, tmp_path / "out", jobs=1) as workspace:
         log = workspace.unit_log("raises")
         runner = workspace.runners.unit("raises", lambda: log, persistent=True)
         passing = [TestCase(log, seed=number) for number in range(3)]
@@ -41,7 +43,7 @@ def test_a_process_goes_on_until_it_fails_and_failures_are_those_of_a_fresh_one(
 
 def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path) -> None:
     with Workspace(write(tmp_path), tmp_path / "out", jobs=1) as workspace:
-        (folder,) = run_campaign(workspace, HISTORY, trials=16, seconds=None, covered=False)
+        (folder,) = run_campaign(workspace, HISTORY, trials=8, seconds=None, covered=False)
         finding = FindingRecord.load(folder)
         assert finding.signature == f'crash in {HISTORY}: handle: raise ValueError("bad after sixty others")'
         assert finding.rate is not None

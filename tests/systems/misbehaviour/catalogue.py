@@ -108,7 +108,7 @@ ROBUST = (
     "sums",
 )
 
-PERSISTENT = 'isolation = "persistent"\n'
+PERSISTENT = 'isolation = "persistent"\nmined = false\n'
 _MESSAGES = 30
 _STEP_NS = 10_000_000
 
