@@ -57,3 +57,16 @@ def test_what_fails_after_other_cases_alone_is_shrunk_to_one_log(tmp_path: Path)
         assert not record.unconfirmed
         log = workspace.unit_log(HISTORY)
         assert workspace.runners.unit(HISTORY, lambda: log).run([TestCase(log, (BAD,))])[0].verdict is Verdict.PASS
+
+
+def test_a_reset_makes_the_process_as_it_was(tmp_path: Path) -> None:
+    path, head = write(tmp_path), f"[unit.{HISTORY}]\n"
+    reset = """reset = { topic = "cmd", payload = '{"reset": 1}' }\n"""
+    path.write_text(path.read_text().replace(head, head + reset))
+    with Workspace(path, tmp_path / "out", jobs=1) as workspace:
+        log = workspace.unit_log(HISTORY)
+        runner = workspace.runners.unit(HISTORY, lambda: log, persistent=True)
+        outcomes = runner.run([TestCase(log, (BAD,), seed=number) for number in range(4)])
+        assert {str(one.statistics["started"]) for one in outcomes[1:]} == {"persistent, forked"}
+        assert {one.verdict for one in outcomes} == {Verdict.PASS}
+        assert not any("history" in one.statistics for one in outcomes)

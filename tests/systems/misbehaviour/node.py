@@ -229,8 +229,11 @@ def on_mode(sample):
 
 
 def on_command(sample):
+    global count
     command = document(sample)
-    if KIND == "order_of_two":
+    if "reset" in command:
+        count = 0
+    elif KIND == "order_of_two":
         handle(command)
     elif not muted:
         inbox.put(command)

@@ -57,6 +57,7 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', "resources = { sim = 3 }\n[resources]\nsim = 2", 7, ("3 are more than there are", "has 2")),
         ("[unit.one]", '[resources]\n"a/b" = 1', 9, ("a/b",)),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
+        ("[unit.one]", '[unit.one]\nreset = { topic = "x" }', 10, ("goes on is reset", 'isolation = "persistent"')),
         ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 10, ("rang", "did you mean 'range'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nfeild = "x:y"', 11, ("feild", "did you mean 'field'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nmin = 1', 9, ("'field' is missing",)),
