@@ -100,8 +100,11 @@ def verdicts(unit: str, way: str, cases: int, jobs: int) -> tuple[list[str], int
         with Workspace(set_way(write(folder), unit, way), folder / "out", jobs=jobs) as workspace:
             log = workspace.unit_log(unit)
             runner = workspace.runners.unit(unit, lambda: log, persistent=way == "persistent")
+            ordered = workspace.runners.baseline(unit, lambda: log).ordered
             asked = [
-                TestCase(log, (Injection("cmd", "x", VALUES[number % len(VALUES)], first=at, last=at),))
+                TestCase(
+                    log, (Injection("cmd", "x", VALUES[number % len(VALUES)], first=at, last=at),), ordered=ordered
+                )
                 for number in range(cases)
                 for at in [number * 7 % 30]
             ]
