@@ -42,7 +42,8 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
             to the unit.
 
     Raises:
-        InconclusiveError: It fails in some trials and passes in others, or fails in another way.
+        InconclusiveError: It fails in some trials and passes in others, or fails in another way; or runs of the whole
+            system cannot tell.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -53,7 +54,10 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
             raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
         path = folder / "activation.mcap"
         messages = read_log(path)
-        runner = workspace.runners.system(workspace.context.file.system.trial_run)
+        judged, why = workspace.judged_in_system(finding)
+        if why:
+            raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
+        runner = workspace.runners.system(workspace.context.file.system.trial_run, judged=judged)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages

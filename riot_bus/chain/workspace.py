@@ -15,6 +15,7 @@ from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, Ste
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
+from riot_bus.sut.nominal_system import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.records import Artefact
     from riot_bus.findings.steps import ChainStep
+    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
@@ -71,10 +73,13 @@ class StepRun:
         """Return a runner for trials of a unit alone."""
         return self._stored(self.workspace.runners.unit(unit, lambda: self.workspace.unit_log(unit)), {"unit": unit})
 
-    def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
-        """Return a runner for runs of the whole system."""
-        runner = self.workspace.runners.system(pace, observe=observe)
-        return self._stored(runner, {"observe": list(observe), **pace.model_dump()})
+    def system_runner(
+        self, *, observe: Sequence[str], pace: RunPace, judged: tuple[str, Baseline] | None = None
+    ) -> StoredRunner:
+        """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
+        runner = self.workspace.runners.system(pace, observe=observe, judged=judged)
+        scope = {"observe": list(observe), **pace.model_dump()}
+        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope)
 
     def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
         scope = {"system": self.workspace.fingerprint, **scope}
@@ -231,6 +236,21 @@ class Workspace:
         file = self.context.file
         recorded = (self.out / "nominal.mcap").is_file()
         return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
+
+    def judged_in_system(self, finding: FindingRecord) -> tuple[tuple[str, Baseline] | None, str]:
+        """Return what tells a finding in runs of the whole system, and why nothing can; both may be nothing.
+
+        Args:
+            finding: The finding. Its unit is measured in nominal runs if its monitor asks for that.
+
+        Raises:
+            EnvironmentFaultError: The system does not start.
+        """
+        if not needs_baseline(finding.monitor):
+            return None, ""
+        unit, pace = finding.unit, self.context.file.system.trial_run
+        baseline = self.runners.in_system(unit, lambda: self.unit_log(unit), pace)
+        return (unit, baseline), why_not_told(baseline, finding.monitor, finding.signature)
 
     @property
     def findings(self) -> Path:

@@ -161,6 +161,8 @@ class FindingView:
         reached = [TextPart("; the outside world influences it through "), *names]
         if activation is None:
             return [*reached, TextPart(", not driven to the failure yet")]
+        if not activation.runs:
+            return [*reached, TextPart(f"; whether it fails there was {clean(activation.text, limit=400)}")]
         return [*reached, TextPart(f", but {plural(activation.runs, 'system run')} did not make it fail")]
 
 
