@@ -98,6 +98,7 @@ class Workspace:
         seed: Seed of everything random.
         listeners: Are told of everything that happens.
         runners: Gives the runners that the steps ask; processes of this machine by default.
+        fresh: Whether nominal trials are measured anew, though an earlier command has left what they show.
     """
 
     def __init__(
@@ -109,6 +110,7 @@ class Workspace:
         seed: int = 0,
         listeners: Iterable[Listener] = (),
         runners: RunnerFactory | None = None,
+        fresh: bool = False,
     ) -> None:
         self.context: Context = open_system(system)
         self.out = out
@@ -117,7 +119,9 @@ class Workspace:
         self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / TrialStore.NAME)
-        self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=self.jobs, keep=out / "trials")
+        self.runners: RunnerFactory = runners or LocalRunners(
+            self.context, jobs=self.jobs, keep=out / "trials", fresh=fresh
+        )
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import shutil
 import threading
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.sut.baseline import UNKNOWN
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
+from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.nominal import measure_baseline
 from riot_bus.sut.nominal_system import measure_in_system
@@ -94,11 +96,12 @@ class LocalRunners:
     Args:
         context: The system.
         jobs: Trials at once.
-        keep: Folder under which the files of failing trials are kept.
+        keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
+        fresh: Whether the latter is measured anew instead of read there.
     """
 
-    def __init__(self, context: Context, *, jobs: int, keep: Path) -> None:
-        self._context, self._jobs, self._keep = context, jobs, keep
+    def __init__(self, context: Context, *, jobs: int, keep: Path, fresh: bool = False) -> None:
+        self._context, self._jobs, self._keep, self._fresh = context, jobs, keep, fresh
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
         self._in_system: dict[tuple[str, str], Baseline] = {}
@@ -110,6 +113,13 @@ class LocalRunners:
         if self._started is None:
             self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
         return self._started
+
+    @cached_property
+    def _kept(self) -> KeptBaselines:
+        return KeptBaselines(self._keep / "baselines", self._context.fingerprint())
+
+    def _measured(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
+        return measure() if self._fresh else self._kept.get(unit, where, log, measure)
 
     def unit(self, unit: str, log: Callable[[], Sequence[Message]]) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
@@ -123,7 +133,10 @@ class LocalRunners:
         """Return what a unit does in nominal trials; see `RunnerFactory.baseline`."""
         with self._measuring:
             if unit not in self._baselines:
-                self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log())
+                messages = log()
+                self._baselines[unit] = self._measured(
+                    unit, "alone", messages, lambda: measure_baseline(self._context, unit, self._pool, messages)
+                )
             return self._baselines[unit]
 
     def in_system(self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace) -> Baseline:
@@ -131,7 +144,9 @@ class LocalRunners:
         alone, key = self.baseline(unit, log), (unit, pace.model_dump_json())
         with self._measuring:
             if key not in self._in_system:
-                self._in_system[key] = measure_in_system(self._context, unit, self._pool, alone, pace)
+                self._in_system[key] = self._measured(
+                    unit, key[1], alone.log, lambda: measure_in_system(self._context, unit, self._pool, alone, pace)
+                )
             return self._in_system[key]
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
