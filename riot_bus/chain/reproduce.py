@@ -9,6 +9,7 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
@@ -83,7 +84,7 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     if failed == 0 and not others:
         return Reproduction("fixed", 0, len(outcomes), path.name)
     raise InconclusiveError(
-        f"{failed} of {len(outcomes)} trials of {path.name} fail as before"
+        f"{failed} of {counted(len(outcomes), 'trial')} of {path.name} fail as before"
         + (f", others fail differently: {', '.join(others)}" if others else ""),
         hint="repeat with --times for a clearer picture",
     )

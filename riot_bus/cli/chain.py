@@ -242,10 +242,11 @@ def reproduce(
     from dataclasses import asdict
 
     from riot_bus.chain.reproduce import reproduce as run_again
+    from riot_bus.vocabulary.counting import counted
 
     with _of_finding(finding, jobs, form, system, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
-    line = f"{result.answer}: {result.failed} of {result.trials} trials of {result.log} fail"
+    line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
     _show(asdict(result), form, [line + (f" ({result.detail})" if result.detail else "")])
     if result.failed:
         raise typer.Exit(FAULTS)

@@ -98,8 +98,11 @@ class FindingView:
 
     @property
     def next_step(self) -> str | None:
-        """The first step that has not finished."""
-        return next((step.name for step, record in self.steps if record is None), None)
+        """The first step that has not finished, and that there is something for."""
+        outside = self.finding.external
+        return next(
+            (step.name for step, record in self.steps if record is None and (outside or not step.whole_system)), None
+        )
 
     @property
     def severity(self) -> Severity:

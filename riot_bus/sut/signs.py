@@ -18,7 +18,7 @@ from riot_bus.vocabulary.clock import SystemClock
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.sut.activity import Activity
+    from riot_bus.sut.activity import Activity, Idle
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.sut.stage import TrialSetup
     from riot_bus.sut.system import Unit
@@ -71,19 +71,22 @@ class Feeder:
         return self._stage.launcher.alive(self._process)
 
     def feed(self, messages: Sequence[Message]) -> bool:
-        """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline.
+        """Publish messages and wait until the unit has come to rest or died; see `rest`."""
+        before = self._publish(messages)
+        window, timeout = self._settle.window, self._settle.timeout
+        since = before if messages else None
+        return self.rest([self._name], window=window, timeout=timeout, idle=self._baseline.idle, since=since)
 
-        That is not waited for where it hangs as it did before.
+    def rest(
+        self, names: Sequence[str], *, window: float, timeout: float, idle: Idle, since: Activity | None = None
+    ) -> bool:
+        """Wait until components, of which the unit is one, have come to rest; see `TrialSetup.settle`.
+
+        Returns:
+            False if they were busy to the deadline. That is not waited for where the unit hangs as it did before.
         """
-        before, self._fed = self._publish(messages), time.monotonic()
-        settled = self._stage.settle(
-            [self._name],
-            window=self._settle.window,
-            timeout=self._settle.timeout,
-            idle=self._baseline.idle,
-            since=before if messages else None,
-            hangs=self._watch,
-        )
+        self._fed = time.monotonic()
+        settled = self._stage.settle(names, window=window, timeout=timeout, idle=idle, since=since, hangs=self._watch)
         if settled and self.alive:
             self._watch.went_on()
         return settled

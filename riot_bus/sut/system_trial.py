@@ -155,7 +155,8 @@ class SystemTrial:
                 self._play(messages, stage)
             else:
                 self._drive(outside, inside, stage, case.seed)
-            settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            rest = probe.feeder.rest if probe else stage.settle
+            settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
             if settled:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
@@ -168,7 +169,7 @@ class SystemTrial:
         judged = judge(view, context.monitors)
         violations = judged.violations
         if probe and alone:
-            violations += probe.judge(alone)
+            violations += probe.judge(alone, seconds=time.monotonic() - started)
         keep = violations and not self.record and not case.messages
         log = str(place.directory / _LOG) if keep else None
         if log:
@@ -262,6 +263,7 @@ class _Probe:
 
     Attributes:
         name: The component.
+        feeder: Plays the probe; there is one after `begin`.
         statistics: What of it the outcome of a nominal trial has.
     """
 
@@ -274,6 +276,7 @@ class _Probe:
         self._segment = context.file.segment_of(component)
         self._baseline = trial.baseline
         self._given: list[Message] = []
+        self.feeder: Feeder
         self.statistics: dict[str, object] = {}
         stage.watch_outputs(sorted(trial.baseline.log_answers), segment=self._segment)
         if trial.baseline.mined.rules:
@@ -287,6 +290,7 @@ class _Probe:
             idle = self._stage.measure_idle([self.name], seconds=_WATCH)
             self._baseline = replace(self._baseline, idle=idle)
             self.statistics = {"switches": idle.switches, "ran": idle.ran}
+        self.feeder = Feeder(self._stage, self.name, self._unit, self._baseline, ordered=self._baseline.ordered)
 
     def end(self, outside: Sequence[str], *, settled: bool) -> TrialView:
         """End external components, play the probe, and return what is seen of the component.
@@ -295,12 +299,10 @@ class _Probe:
             outside: The external components.
             settled: Whether all others have come to rest.
         """
-        stage, baseline = self._stage, self._baseline
+        stage, feeder, signs = self._stage, self.feeder, NO_SIGNS
         stage.end(outside)
-        feeder = Feeder(stage, self.name, self._unit, baseline, ordered=baseline.ordered)
-        signs = NO_SIGNS
         if self._trial.nominal:
-            seen = feeder.nominal(baseline.probe)
+            seen = feeder.nominal(self._baseline.probe)
             settled = settled or feeder.works(seen)
         else:
             signs, settled = feeder.signs(settled=settled)
@@ -310,9 +312,15 @@ class _Probe:
             self.statistics["nominal"] = replace(seen, outputs=tuple(view.outputs), probed=view.probed)
         return view
 
-    def judge(self, view: TrialView) -> tuple[Violation, ...]:
-        """Return what is wrong with the component."""
+    def judge(self, view: TrialView, *, seconds: float) -> tuple[Violation, ...]:
+        """Return what is wrong with the component.
+
+        Args:
+            view: What is seen of it.
+            seconds: How long the trial took.
+        """
         found = judge(view, [monitor() for monitor in LIVENESS]).violations
+        self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
         return (*found, *self._baseline.mined.judge(view))
 
 
