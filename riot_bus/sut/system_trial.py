@@ -71,8 +71,8 @@ class SystemTrial:
     A case without messages lets the system's own external components drive it, with injections applied to what they
     publish; a case with messages plays those instead of starting the external components.
 
-    With a baseline, one component is judged as a unit alone is: when the run is over, external components are ended,
-    and it gets its probe where it is, among the others.
+    With a baseline, one component is judged as a unit alone is: when the run is over and external components are ended,
+    it gets its probe where it is, among the others.
 
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
@@ -155,17 +155,23 @@ class SystemTrial:
                 self._play(messages, stage)
             else:
                 self._drive(outside, inside, stage, case.seed)
+            driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
+            stage.end(outside)
             rest = probe.feeder.rest if probe else stage.settle
             settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            others = [name for name in inside if not probe or name != probe.name]
+            rested = settled
+            if probe and others and not settled:
+                rested = stage.settle(others, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
             if settled:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
-            view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
+            view = stage.view(others, settled=rested, waited=_SETTLE_TIMEOUT)
+            components = [*view.components, *driven.components]
+            view = replace(view, components=components, stalled=[*view.stalled, *driven.stalled])
             external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
             inner = tuple(seen)
-            alone = probe.end(outside, settled=settled) if probe else None
-        if probe and alone:
-            view = replace(view, components=[each for each in view.components if each.name != probe.name])
+            alone = probe.end(settled=settled) if probe else None
         judged = judge(view, context.monitors)
         violations = judged.violations
         if probe and alone:
@@ -292,15 +298,9 @@ class _Probe:
             self.statistics = {"switches": idle.switches, "ran": idle.ran}
         self.feeder = Feeder(self._stage, self.name, self._unit, self._baseline, ordered=self._baseline.ordered)
 
-    def end(self, outside: Sequence[str], *, settled: bool) -> TrialView:
-        """End external components, play the probe, and return what is seen of the component.
-
-        Args:
-            outside: The external components.
-            settled: Whether all others have come to rest.
-        """
+    def end(self, *, settled: bool) -> TrialView:
+        """Play the probe, and return what is seen of the component; `settled` says whether the system is at rest."""
         stage, feeder, signs = self._stage, self.feeder, NO_SIGNS
-        stage.end(outside)
         if self._trial.nominal:
             seen = feeder.nominal(self._baseline.probe)
             settled = settled or feeder.works(seen)

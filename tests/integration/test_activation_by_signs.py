@@ -30,11 +30,13 @@ SIGNATURES = {"exit": "exit of pump: status 0", "silent": "silent of pump: nothi
 
 
 def write(folder: Path, fault: str) -> Path:
-    """Copy the pump into a folder; return its riot.toml."""
+    """Copy the pump into a folder; return its riot.toml. With one fault the dial does not end by itself."""
     shutil.copy(PUMP / "node.py", folder)
     path = folder / "riot.toml"
     text = (PUMP / "riot.toml").read_text().replace("FAULT", fault)
-    path.write_text(text if fault == "exit" else text + "mined = false\n")  # once is enough
+    if fault == "silent":
+        text = text.replace('"{duration}"', '"1000"') + "mined = false\n"  # once is enough
+    path.write_text(text)
     return path
 
 
