@@ -21,6 +21,7 @@ from riot_bus.findings.records import (
 )
 from riot_bus.findings.steps import ACTIVATE
 from riot_bus.generalize.rules import Variable, learn_rule
+from tests.tiers import chosen
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
@@ -73,7 +74,7 @@ def find(workspace: Workspace, fault: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("fault", SIGNATURES)
+@pytest.mark.parametrize("fault", chosen(SIGNATURES, gate=("exit",)))
 def test_a_unit_that_ends_or_falls_silent_does_so_in_the_whole_system(
     tmp_path: Path, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
