@@ -16,6 +16,7 @@ import numpy as np
 
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.proposers import PORTFOLIO, History, proposers
+from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -65,10 +66,10 @@ class Activation:
         """One line for people."""
         if self.found is not None:
             values = ", ".join(f"{name} = {value:g}" for name, value in self.found.items())
-            return f"activated after {self.runs} runs with {values}"
+            return f"activated after {counted(self.runs, 'run')} with {values}"
         if self.best_distance is None:
-            return f"not activated in {self.runs} runs: the internal fields were never seen"
-        near = f"not activated in {self.runs} runs: the rule came no nearer than {self.best_distance:g}"
+            return f"not activated in {counted(self.runs, 'run')}: the internal fields were never seen"
+        near = f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
         return f"{near}; another field may gate the effect, see permeability and relevance"
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.sut.baseline import Baseline
 
 __all__ = ["activation", "least_distance"]
 
@@ -71,7 +72,7 @@ def least_distance(rule: Rule, observed: Mapping[str, Series], scale: Mapping[st
 class _System:
     """Runs of the whole system with external fields held at given values."""
 
-    def __init__(self, step: StepRun, folder: Path) -> None:
+    def __init__(self, step: StepRun, folder: Path, judged: tuple[str, Baseline] | None = None) -> None:
         workspace = step.workspace
         self.step = step
         self.folder = folder
@@ -82,6 +83,7 @@ class _System:
         self.runner: StoredRunner = step.system_runner(
             observe=sorted({internal_name(name) for name in self.rule.variables}),
             pace=workspace.context.file.system.trial_run,
+            judged=judged,
         )
         self.points: list[PointRecord] = []
         self.log: str | None = None
@@ -116,6 +118,8 @@ class _System:
 def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = ()) -> ActivationRecord:
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
+    Where runs of the whole system cannot tell the failure, nothing is searched, and the record says why.
+
     Args:
         step: The running step.
         folder: The finding.
@@ -135,7 +139,10 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
             where=str(folder),
             hint="this finding stays at unit level; more runs (--runs) may show weaker effects",
         )
-    system = _System(step, folder)
+    judged, why = step.workspace.judged_in_system(FindingRecord.load(folder))
+    if why:
+        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
+    system = _System(step, folder, judged)
     fields = [_search_field(system.fields[name]) for name in permeable.permeable]
 
     def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:

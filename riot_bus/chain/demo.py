@@ -11,6 +11,7 @@ from riot_bus.chain.analyze import Analysis, analyze
 from riot_bus.chain.robustness import test_unit, tested
 from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
     with workspace.step("record") as step:
         log = workspace.nominal_log()
         count = log_info(log).count
-        step.end(f"nominal run of {workspace.context.file.system.name}: {count} messages")
+        step.end(f"nominal run of {workspace.context.file.system.name}: {counted(count, 'message')}")
     folders = tested(workspace, unit)
     if folders is None:
         folders = test_unit(workspace, unit, trials=trials, seconds=seconds, covered=False)

@@ -9,6 +9,7 @@ from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run,
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
 from riot_bus.chain.logs import internal_name
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection, Signal
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
@@ -70,7 +71,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             for number, plan in enumerate(plans[start : start + runner.parallelism])
         ]
         outcomes += runner.run(cases)
-        step.progress(len(outcomes), runs, f"{len(driven)} external fields perturbed at once")
+        step.progress(len(outcomes), runs, f"{counted(len(driven), 'external field')} perturbed at once")
     result = analyse(
         [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
         alpha=_ALPHA,

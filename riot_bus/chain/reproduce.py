@@ -9,6 +9,7 @@ from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
@@ -42,7 +43,8 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
             to the unit.
 
     Raises:
-        InconclusiveError: It fails in some trials and passes in others, or fails in another way.
+        InconclusiveError: It fails in some trials and passes in others, or fails in another way; or runs of the whole
+            system cannot tell.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -53,7 +55,10 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
             raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
         path = folder / "activation.mcap"
         messages = read_log(path)
-        runner = workspace.runners.system(workspace.context.file.system.trial_run)
+        judged, why = workspace.judged_in_system(finding)
+        if why:
+            raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
+        runner = workspace.runners.system(workspace.context.file.system.trial_run, judged=judged)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages
@@ -79,7 +84,7 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     if failed == 0 and not others:
         return Reproduction("fixed", 0, len(outcomes), path.name)
     raise InconclusiveError(
-        f"{failed} of {len(outcomes)} trials of {path.name} fail as before"
+        f"{failed} of {counted(len(outcomes), 'trial')} of {path.name} fail as before"
         + (f", others fail differently: {', '.join(others)}" if others else ""),
         hint="repeat with --times for a clearer picture",
     )

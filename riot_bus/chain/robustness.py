@@ -33,6 +33,7 @@ from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -190,21 +191,21 @@ def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
 
 def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
     text = (
-        f"{result.trials} trials of {unit} with {len(log)} messages each: {result.failing} failed, "
-        f"{len(result.failures)} distinct finding{'' if len(result.failures) == 1 else 's'}"
+        f"{counted(result.trials, 'trial')} of {unit} with {counted(len(log), 'message')} each: "
+        f"{result.failing} failed, {counted(len(result.failures), 'distinct finding')}"
     )
     if result.coverable:
         text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"
     if result.unconfirmed:
         repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
-        text += f"; {len(result.unconfirmed)} more did not come again in {repeats} fresh trials"
+        text += f"; {len(result.unconfirmed)} more did not come again in {counted(repeats, 'fresh trial')}"
     if result.notes:
         text += f"; monitors that did not judge: {'; '.join(result.notes)[:500]}"
     return text
 
 
 def _told(failure: Failure) -> str:
-    rate = f" ({failure.rate.hits} of {failure.rate.total} fresh trials)" if failure.rate else ""
+    rate = f" ({failure.rate.hits} of {counted(failure.rate.total, 'fresh trial')})" if failure.rate else ""
     return f"found {clean(failure.violation.signature, limit=160)}{rate}"
 
 
@@ -313,6 +314,7 @@ def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], f
         delivered=tuple(failure.outcome.statistics.get("delivered", ())),
         messages=len(prefix),
         modified=len(originals),
+        external=bool(context.file.external.topics),
         seed=workspace.seed,
         trials=step.trials,
         seconds=step.seconds,

@@ -15,6 +15,7 @@ from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, Ste
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
+from riot_bus.sut.nominal_system import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from riot_bus.findings.records import Artefact
     from riot_bus.findings.steps import ChainStep
+    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
@@ -73,10 +75,13 @@ class StepRun:
         runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
         return self._stored(runner, {"unit": unit, **scope})
 
-    def system_runner(self, *, observe: Sequence[str], pace: RunPace) -> StoredRunner:
-        """Return a runner for runs of the whole system."""
-        runner = self.workspace.runners.system(pace, observe=observe)
-        return self._stored(runner, {"observe": list(observe), **pace.model_dump()})
+    def system_runner(
+        self, *, observe: Sequence[str], pace: RunPace, judged: tuple[str, Baseline] | None = None
+    ) -> StoredRunner:
+        """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
+        runner = self.workspace.runners.system(pace, observe=observe, judged=judged)
+        scope = {"observe": list(observe), **pace.model_dump()}
+        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope)
 
     def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
         scope = {"system": self.workspace.fingerprint, **scope}
@@ -95,6 +100,7 @@ class Workspace:
         seed: Seed of everything random.
         listeners: Are told of everything that happens.
         runners: Gives the runners that the steps ask; processes of this machine by default.
+        fresh: Whether nominal trials are measured anew, though an earlier command has left what they show.
     """
 
     def __init__(
@@ -106,6 +112,7 @@ class Workspace:
         seed: int = 0,
         listeners: Iterable[Listener] = (),
         runners: RunnerFactory | None = None,
+        fresh: bool = False,
     ) -> None:
         self.context: Context = open_system(system)
         self.out = out
@@ -114,7 +121,9 @@ class Workspace:
         self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / TrialStore.NAME)
-        self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=self.jobs, keep=out / "trials")
+        self.runners: RunnerFactory = runners or LocalRunners(
+            self.context, jobs=self.jobs, keep=out / "trials", fresh=fresh
+        )
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:
@@ -233,6 +242,21 @@ class Workspace:
         file = self.context.file
         recorded = (self.out / "nominal.mcap").is_file()
         return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
+
+    def judged_in_system(self, finding: FindingRecord) -> tuple[tuple[str, Baseline] | None, str]:
+        """Return what tells a finding in runs of the whole system, and why nothing can; both may be nothing.
+
+        Args:
+            finding: The finding. Its unit is measured in nominal runs if its monitor asks for that.
+
+        Raises:
+            EnvironmentFaultError: The system does not start.
+        """
+        if not needs_baseline(finding.monitor):
+            return None, ""
+        unit, pace = finding.unit, self.context.file.system.trial_run
+        baseline = self.runners.in_system(unit, lambda: self.unit_log(unit), pace)
+        return (unit, baseline), why_not_told(baseline, finding.monitor, finding.signature)
 
     @property
     def findings(self) -> Path:

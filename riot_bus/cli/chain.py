@@ -58,7 +58,9 @@ def register(app: typer.Typer) -> None:
 
 
 @contextmanager
-def _workspace(system: Path, out: Path, jobs: int, seed: int, form: StreamFormat) -> Iterator[Workspace]:
+def _workspace(
+    system: Path, out: Path, jobs: int, seed: int, form: StreamFormat, *, fresh: bool = False
+) -> Iterator[Workspace]:
     from rich.console import Console
 
     from riot_bus.chain.workspace import Workspace
@@ -74,6 +76,7 @@ def _workspace(system: Path, out: Path, jobs: int, seed: int, form: StreamFormat
                 jobs=jobs,
                 seed=seed,
                 listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
+                fresh=fresh,
             ) as workspace:
                 yield workspace
         except KeyboardInterrupt:
@@ -87,13 +90,13 @@ def _interrupt() -> None:
 
 @contextmanager
 def _of_finding(
-    finding: Path, jobs: int, form: StreamFormat, system: Path | None = None
+    finding: Path, jobs: int, form: StreamFormat, system: Path | None = None, *, fresh: bool = False
 ) -> Iterator[tuple[Workspace, Path]]:
     from riot_bus.chain.workspace import open_finding
 
     folder, record = open_finding(finding)
     out = folder.parent.parent
-    with _workspace(system or Path(record.system_file), out, jobs, record.seed, form) as workspace:
+    with _workspace(system or Path(record.system_file), out, jobs, record.seed, form, fresh=fresh) as workspace:
         yield workspace, folder
 
 
@@ -239,10 +242,11 @@ def reproduce(
     from dataclasses import asdict
 
     from riot_bus.chain.reproduce import reproduce as run_again
+    from riot_bus.vocabulary.counting import counted
 
-    with _of_finding(finding, jobs, form, system) as (workspace, folder):
+    with _of_finding(finding, jobs, form, system, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
-    line = f"{result.answer}: {result.failed} of {result.trials} trials of {result.log} fail"
+    line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
     _show(asdict(result), form, [line + (f" ({result.detail})" if result.detail else "")])
     if result.failed:
         raise typer.Exit(FAULTS)

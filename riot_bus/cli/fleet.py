@@ -177,7 +177,7 @@ def run(
     file = system or Path(challenge.system or "riot.toml")
     with (
         ConsoleNarrator(Console(stderr=True)) as narrator,
-        Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator]) as workspace,
+        Workspace(file, out, jobs=jobs, seed=seed, listeners=[narrator], fresh=True) as workspace,
     ):
         name, _ = workspace.unit(unit or challenge.unit)
         options = FleetOptions(times=times, start=start_offset, duration=duration, again=again)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 import typer
 
 from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -77,7 +78,9 @@ class ConsoleNarrator:
         self._stop()
         trials = len(stored_trials(out / "trials" / TrialStore.NAME))
         findings = len(list((out / "findings").glob(f"*/{FindingRecord.FILE}")))
-        text = f"riot: interrupted; kept in {out}: {trials} finished trials, {findings} findings. "
+        text = (
+            f"riot: interrupted; kept in {out}: {counted(trials, 'finished trial')}, {counted(findings, 'finding')}. "
+        )
         text += "Trials under way are not counted. Run the same command again to go on."
         self._console.print(escape_control_chars(text), markup=False, highlight=False, soft_wrap=True)
 

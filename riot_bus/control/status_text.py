@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.status import count_table
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -71,9 +72,9 @@ def _losses(losses: Mapping[str, Any]) -> list[str]:
     lines = []
     if losses["messages"]:
         reasons = ", ".join(f"{reason}: {number}" for reason, number in losses["reasons"].items())
-        lines.append(f"lost: {losses['messages']} messages ({reasons})")
+        lines.append(f"lost: {counted(losses['messages'], 'message')} ({reasons})")
     if losses["recordings"]:
-        lines.append(f"lost: {losses['recordings']} messages were not recorded")
+        lines.append(f"lost: {counted(losses['recordings'], 'message')} not recorded")
     return lines + [
         f"lost: segment {each['segment']}: link to {each['peer']} broke ({each['reason']})" for each in losses["links"]
     ]
@@ -95,7 +96,9 @@ def _interceptor(each: Mapping[str, Any]) -> list[str]:
 def _plan(plan: Mapping[str, Any] | None) -> list[str]:
     if plan is None:
         return []
-    line = f"plan {plan['name']}: {plan['injections']} injections, carried out {plan['hits']} times"
+    line = (
+        f"plan {plan['name']}: {counted(plan['injections'], 'injection')}, carried out {counted(plan['hits'], 'time')}"
+    )
     skipped = f", {plan['skipped']} skipped" if plan["skipped"] else ""
     return [line + skipped, *(f"  {topic}: {problem}" for topic, problem in plan["problems"].items())]
 
@@ -103,7 +106,7 @@ def _plan(plan: Mapping[str, Any] | None) -> list[str]:
 def _recording(recording: Mapping[str, Any] | None) -> str:
     if recording is None:
         return "recording: no"
-    figures = f"{recording['messages']} messages, {recording['lost']} lost, {recording['seconds']:.0f} s"
+    figures = f"{counted(recording['messages'], 'message')}, {recording['lost']} lost, {recording['seconds']:.0f} s"
     problem = f"; {recording['problem']}" if recording.get("problem") else ""
     return f"recording: {recording['file']} ({figures}){problem}"
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
 from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["ComparedFinding", "Comparison", "compare"]
@@ -62,7 +63,7 @@ class Comparison:
             rates = " -> ".join(_said(one) if one else "-" for one in (each.old, each.new))
             yield f"{each.change:<17} {each.signature} (fresh trials: {rates})"
         for name, one in (("old", self.old), ("new", self.new)):
-            yield f"{name}: {one.hits} of {one.total} trials failed, 95 %: {one.low:.1%} to {one.high:.1%}"
+            yield f"{name}: {one.hits} of {counted(one.total, 'trial')} failed, 95 %: {one.low:.1%} to {one.high:.1%}"
 
 
 def _said(rate: ProportionRecord) -> str:

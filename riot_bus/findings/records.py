@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import SEVERITIES
 
@@ -149,9 +150,9 @@ class EffectsRecord(_Model):
         if not self.injections:
             return []
         found = [
-            f"{self.injections} injections: {self.undelivered} changed no message, {self.without_effect} changed "
-            f"messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} in failing "
-            f"ones, of {self.untold} no effect can be told; whether they were read is not told"
+            f"{counted(self.injections, 'injection')}: {self.undelivered} changed no message, {self.without_effect} "
+            f"changed messages but no output, {self.with_effect} were in trials with other outputs, {self.failing} "
+            f"in failing ones, of {self.untold} no effect can be told; whether they were read is not told"
         ]
         for title, many, rates in (("topic", "topics", self.topics), ("field class", "classes", self.classes)):
             failed = {name: one for name, one in rates.items() if one.count}
@@ -229,6 +230,7 @@ class FindingRecord(Artefact):
         nominal: How often trials of the nominal log failed so.
         ordered: Whether its trials keep the order of the log across topics.
         delivered: How many of the messages that were played each of `injections` changed; empty if not known.
+        external: Whether the system names external topics; else the chain ends with the rule.
     """
 
     FILE = "finding.json"
@@ -251,6 +253,7 @@ class FindingRecord(Artefact):
     delivered: tuple[int, ...] = ()
     messages: int = 0
     modified: int = 0
+    external: bool = True
 
     @property
     def rank(self) -> tuple[int, float, int]:
@@ -273,7 +276,7 @@ class MinimalRecord(Artefact):
     def summary(self) -> str:
         """How many messages are needed, and of which topics."""
         needed = ", ".join(self.topics) or "none (it fails without any input)"
-        return f"{self.before} messages -> {len(self.kept)}: {needed} ({self.trials} trials)"
+        return f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed} ({counted(self.trials, 'trial')})"
 
 
 class CertificateRecord(_Model):
@@ -316,7 +319,7 @@ class FieldsRecord(Artefact):
     def summary(self) -> str:
         """Which fields matter."""
         names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
-        return f"{len(self.considered)} fields -> {names} ({self.trials} trials)"
+        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')})"
 
 
 class RuleSample(_Model):
@@ -347,12 +350,12 @@ class RuleRecord(Artefact):
         """The rule, and how well it predicts."""
         failing = self.recall.total
         if 0 < failing < self.checks:
-            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {self.checks} fresh checks"
+            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {counted(self.checks, 'fresh check')}"
         elif self.checks:
-            accuracy = f"half tested: {failing} of {self.checks} fresh checks failed"
+            accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:
             accuracy = "not tested: no fresh checks could be had"
-        return f"fails when {self.text} ({accuracy}, {self.trials} trials)"
+        return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
 class EdgeRecord(_Model):
@@ -384,7 +387,8 @@ class PermeabilityRecord(Artefact):
     def summary(self) -> str:
         """Which external fields reach a relevant one."""
         names = ", ".join(self.permeable) or "none"
-        return f"{len(self.nominal)} external fields in {self.runs} runs of {self.system} -> {names}"
+        fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
+        return f"{fields} in {runs} of {self.system} -> {names}"
 
     @property
     def permeable(self) -> tuple[str, ...]:
@@ -438,7 +442,8 @@ class ActivationRecord(Artefact):
         """How the search ended, how often the failure came again, and in which region it comes."""
         parts = [self.text]
         if self.replays:
-            parts.append(f"{self.replays_failed} of {self.replays} replays of {self.messages} external messages fail")
+            replays, messages = counted(self.replays, "replay"), counted(self.messages, "external message")
+            parts.append(f"{self.replays_failed} of {replays} of {messages} fail")
         if self.region is not None:
             one = self.region
             bounds = f"{one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -31,14 +32,14 @@ def _where(status: Mapping[str, Any]) -> str:
         status["state"],
         f"{status['position']:.1f} of {status['end']:.1f} s",
         speed(status["rate"]),
-        f"{status['published']} messages",
+        counted(status["published"], "message"),
     ]
     if status["loop"]:
         parts.append(f"pass {status['pass']}")
     if status["lost"]:
         parts.append(f"{status['lost']} lost")
     if status["unsettled"]:
-        parts.append(f"{status['unsettled']} times nobody settled in time")
+        parts.append(f"{counted(status['unsettled'], 'time')} nobody settled in time")
     return ", ".join(parts)
 
 
@@ -54,13 +55,13 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
 def result_line(result: PlayResult) -> str:
     """Return the summary."""
     late = result.lateness
-    text = f"played {result.published} messages in {result.seconds:.2f} s"
+    text = f"played {counted(result.published, 'message')} in {result.seconds:.2f} s"
     if result.passes > 1:
         text += f", {result.passes} passes"
     if late["max"]:
         text += f"; {_late(late)}"
     if result.unsettled:
-        text += f"; {result.unsettled} times nobody settled in time"
+        text += f"; {counted(result.unsettled, 'time')} nobody settled in time"
     return f"{text}; stopped before the end" if result.stopped else text
 
 

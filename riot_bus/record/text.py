@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.log.text import size_text
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -24,11 +25,11 @@ def progress_line(status: Mapping[str, Any]) -> str:
     parts = [
         f"{_SIGNS.get(status['state'], '?')} {status['state']}",
         f"{status['seconds']:.0f} s",
-        f"{status['messages']} messages",
+        counted(status["messages"], "message"),
         size_text(status["bytes"]),
     ]
     if "ring" in status:
-        parts.append(f"ring: {status['ring']['messages']} messages, {status['ring']['seconds']:.1f} s")
+        parts.append(f"ring: {counted(status['ring']['messages'], 'message')}, {status['ring']['seconds']:.1f} s")
     if status["lost"]:
         reasons = ", ".join(f"{reason}: {number}" for reason, number in status["reasons"].items() if number)
         parts.append(f"{status['lost']} LOST ({reasons})")
@@ -61,17 +62,20 @@ def result_lines(result: CaptureResult) -> list[str]:
     """Return the summary: files, and a table by topic if something is missing."""
     account = result.account
     recorded = sum(account.recorded.values())
-    lines = [f"recorded {recorded} messages of {len(account.recorded)} topics in {result.seconds:.1f} s"]
+    messages, topics = counted(recorded, "message"), counted(len(account.recorded), "topic")
+    lines = [f"recorded {messages} of {topics} in {result.seconds:.1f} s"]
     for each in result.files:
         if each.deleted:
             continue
         row = each.row()
         lost = f", {row['lost']} lost" if row["lost"] else ""
-        lines.append(f"  {each.path}: {row['messages']} messages, {size_text(each.size)}{lost}")
+        lines.append(f"  {each.path}: {counted(row['messages'], 'message')}, {size_text(each.size)}{lost}")
     gone = [each for each in result.files if each.deleted]
     if gone:
-        messages = sum(sum(each.account.recorded.values()) for each in gone)
-        lines.append(f"  {len(gone)} older files with {messages} messages are deleted (--max-files)")
+        count = sum(sum(each.account.recorded.values()) for each in gone)
+        files = counted(len(gone), "older file")
+        are = "is" if len(gone) == 1 else "are"
+        lines.append(f"  {files} with {counted(count, 'message')} {are} deleted (--max-files)")
     lines += [f"nothing came on {each}" for each in result.silent]
     return [escape_control_chars(line) for line in [*lines, *account_lines(account)]]
 

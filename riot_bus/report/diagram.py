@@ -56,7 +56,8 @@ def links(view: FindingView) -> list[DiagramBox]:
     if view.activation:
         again = f"{view.activation.replays_failed} of {plural(view.activation.replays, 'replay')}"
         runs = plural(view.activation.runs, "system run")
-        done["activate"] = (again if view.activation.found else "not reached", runs)
+        missed = "not reached" if view.activation.runs else "not tested"
+        done["activate"] = (again if view.activation.found else missed, runs)
     done |= {step.name: (_short(clean(record.summary)), "") for step, record in view.further}
     start = DiagramBox(
         "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"

@@ -98,8 +98,11 @@ class FindingView:
 
     @property
     def next_step(self) -> str | None:
-        """The first step that has not finished."""
-        return next((step.name for step, record in self.steps if record is None), None)
+        """The first step that has not finished, and that there is something for."""
+        outside = self.finding.external
+        return next(
+            (step.name for step, record in self.steps if record is None and (outside or not step.whole_system)), None
+        )
 
     @property
     def severity(self) -> Severity:
@@ -161,6 +164,8 @@ class FindingView:
         reached = [TextPart("; the outside world influences it through "), *names]
         if activation is None:
             return [*reached, TextPart(", not driven to the failure yet")]
+        if not activation.runs:
+            return [*reached, TextPart(f"; whether it fails there was {clean(activation.text, limit=400)}")]
         return [*reached, TextPart(f", but {plural(activation.runs, 'system run')} did not make it fail")]
 
 

@@ -8,6 +8,8 @@ import unicodedata
 from collections.abc import Mapping
 from typing import Any
 
+from riot_bus.vocabulary.counting import counted
+
 __all__ = ["clean", "number", "plural", "seconds", "share", "share_interval", "value"]
 
 _KEPT = "\n\t"
@@ -71,9 +73,7 @@ def share_interval(low: float, high: float) -> str:
 
 def plural(count: int, noun: str) -> str:
     """Return `1 message`, `2 messages`, `12 345 messages`."""
-    plain = f"{count:,}".replace(",", "\N{NO-BREAK SPACE}")
-    ending = "" if count == 1 else "s"
-    return f"{plain} {noun}{ending}"
+    return counted(count, noun, mark="\N{NO-BREAK SPACE}")
 
 
 def seconds(duration: float) -> str:

@@ -120,7 +120,7 @@ def _outside(view: FindingView) -> list[Statement]:
         replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
         sure = f"95 %: {share_interval(low, high)} of replays fail" if activation.replays else "seen once"
         found.append(Statement("external inputs alone make the whole system fail", replays, sure))
-    elif activation:
+    elif activation and activation.runs:
         found.append(
             Statement(
                 "no external inputs were found that make the whole system fail",
@@ -152,6 +152,8 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
             f"{plural(len(view.permeability.pruned), 'external field')} not driven, for want of a path to the unit "
             "on the bus: " + ", ".join(clean(name, limit=80) for name in view.permeability.pruned[:12])
         )
+    if view.activation and not view.activation.runs:
+        gaps.append(f"Runs of the whole system: {clean(view.activation.text, limit=400)}.")
     if view.activation and view.activation.region:
         gaps.append(
             "The crash region is a box in two external fields: failures outside of it, or by others, may exist."

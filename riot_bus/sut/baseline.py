@@ -91,6 +91,7 @@ class Baseline:
         mute: Monitors that stayed silent on each trial's copy that was to violate them, and why.
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
         mined: What answers to the probe have in common.
+        alarms: Signatures that nominal trials have shown that were judged by it.
     """
 
     idle: Idle = STILL
@@ -107,6 +108,7 @@ class Baseline:
     mute: tuple[str, ...] = ()
     ordered: bool = False
     mined: Mined = NO_RULES
+    alarms: tuple[str, ...] = ()
 
     @property
     def untold(self) -> tuple[str, ...]:

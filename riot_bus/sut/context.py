@@ -48,15 +48,19 @@ class Context:
     def monitors_of(self, name: str) -> tuple[Monitor, ...]:
         """Return the monitors that can judge a component alone: all but those of what others publish."""
         own = self.file.components[name].outputs
-        others = {topic for part in self.file.components.values() for topic in part.outputs} - set(own)
 
         def is_elsewhere(monitor: Monitor) -> bool:
             topics = getattr(monitor, "topics", ())
             return bool(topics) and all(
-                self._matches(topic, others) and not self._matches(topic, own) for topic in topics
+                self.others_publish(topic, name) and not self._matches(topic, own) for topic in topics
             )
 
         return tuple(monitor for monitor in self.monitors if not is_elsewhere(monitor))
+
+    def others_publish(self, topic: str, name: str) -> bool:
+        """Return whether a topic is a declared output of other components than this one."""
+        parts = self.file.components.items()
+        return self._matches(topic, {each for other, part in parts if other != name for each in part.outputs})
 
     def _matches(self, topic: str, known: Iterable[str]) -> bool:
         return any(self.registry.matches(topic, self.registry.key_expression(each)) or topic == each for each in known)

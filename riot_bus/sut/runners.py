@@ -5,12 +5,15 @@ from __future__ import annotations
 import shutil
 import threading
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from riot_bus.sut.baseline import UNKNOWN
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
+from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.sut.local import LocalRunner, Pool
 from riot_bus.sut.nominal import measure_baseline
+from riot_bus.sut.nominal_system import measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
@@ -48,6 +51,16 @@ class RunnerFactory(Protocol):
         """Return what a unit does in nominal trials, which are run for it once; arguments as of `unit`."""
         ...
 
+    def in_system(self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace) -> Baseline:
+        """Return what a unit does in nominal runs of the whole system, which are carried out for it once.
+
+        Args:
+            unit: Its name.
+            log: Returns its nominal log.
+            pace: How long external components run, and how fast.
+        """
+        ...
+
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         """Repeat a failing case until it fails so again, and keep what that trial leaves in a folder.
 
@@ -56,13 +69,21 @@ class RunnerFactory(Protocol):
         """
         ...
 
-    def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> Runner:
+    def system(
+        self,
+        pace: RunPace,
+        *,
+        observe: Sequence[str] = (),
+        record: Path | None = None,
+        judged: tuple[str, Baseline] | None = None,
+    ) -> Runner:
         """Return a runner for runs of the whole system.
 
         Args:
             pace: How long external components run, and how fast.
             observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
             record: File that gets every message of a run; None for none.
+            judged: The unit that is held against what it does in nominal runs, and that (from `in_system`).
         """
         ...
 
@@ -77,13 +98,15 @@ class LocalRunners:
     Args:
         context: The system.
         jobs: Trials at once.
-        keep: Folder under which the files of failing trials are kept.
+        keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
+        fresh: Whether the latter is measured anew instead of read there.
     """
 
-    def __init__(self, context: Context, *, jobs: int, keep: Path) -> None:
-        self._context, self._jobs, self._keep = context, jobs, keep
+    def __init__(self, context: Context, *, jobs: int, keep: Path, fresh: bool = False) -> None:
+        self._context, self._jobs, self._keep, self._fresh = context, jobs, keep, fresh
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
+        self._in_system: dict[tuple[str, str], Baseline] = {}
         self._measuring = threading.Lock()
 
     @property
@@ -92,6 +115,13 @@ class LocalRunners:
         if self._started is None:
             self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
         return self._started
+
+    @cached_property
+    def _kept(self) -> KeptBaselines:
+        return KeptBaselines(self._keep / "baselines", self._context.fingerprint())
+
+    def _measured(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
+        return measure() if self._fresh else self._kept.get(unit, where, log, measure)
 
     def unit(self, unit: str, log: Callable[[], Sequence[Message]], *, persistent: bool = False) -> LocalRunner:
         """Return a runner for trials of a unit alone; what the unit does in nominal trials is measured once."""
@@ -106,8 +136,21 @@ class LocalRunners:
         """Return what a unit does in nominal trials; see `RunnerFactory.baseline`."""
         with self._measuring:
             if unit not in self._baselines:
-                self._baselines[unit] = measure_baseline(self._context, unit, self._pool, log())
+                messages = log()
+                self._baselines[unit] = self._measured(
+                    unit, "alone", messages, lambda: measure_baseline(self._context, unit, self._pool, messages)
+                )
             return self._baselines[unit]
+
+    def in_system(self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace) -> Baseline:
+        """Return what a unit does in nominal runs of the whole system; see `RunnerFactory.in_system`."""
+        alone, key = self.baseline(unit, log), (unit, pace.model_dump_json())
+        with self._measuring:
+            if key not in self._in_system:
+                self._in_system[key] = self._measured(
+                    unit, key[1], alone.log, lambda: measure_in_system(self._context, unit, self._pool, alone, pace)
+                )
+            return self._in_system[key]
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""
@@ -135,9 +178,17 @@ class LocalRunners:
         if any(texts):
             (folder / "backtrace.txt").write_text("\n".join(texts) + "\n", encoding="utf-8")
 
-    def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> LocalRunner:
+    def system(
+        self,
+        pace: RunPace,
+        *,
+        observe: Sequence[str] = (),
+        record: Path | None = None,
+        judged: tuple[str, Baseline] | None = None,
+    ) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
-        trial = SystemTrial(pace, tuple(observe), record and record.resolve())
+        unit, baseline = judged or ("", UNKNOWN)
+        trial = SystemTrial(pace, tuple(observe), record and record.resolve(), unit=unit, baseline=baseline)
         return LocalRunner(lambda: trial, self._pool)
 
     def close(self) -> None:

@@ -16,9 +16,9 @@ from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.sut.activity import Activity
+    from riot_bus.sut.activity import Activity, Idle
     from riot_bus.sut.python_report import ThreadStack
     from riot_bus.sut.stage import TrialSetup
     from riot_bus.sut.system import Unit
@@ -71,9 +71,7 @@ class Feeder:
         return self._stage.launcher.alive(self._process)
 
     def feed(self, messages: Sequence[Message], *, expected: Mapping[str, int] | None = None) -> bool:
-        """Publish messages and wait until the unit has come to rest or died; False if it was busy to the deadline.
-
-        That is not waited for where it hangs as it did before.
+        """Publish messages and wait until the unit has come to rest or died; see `rest`.
 
         Args:
             messages: What is published.
@@ -82,21 +80,41 @@ class Feeder:
         """
         stage, begin = self._stage, len(self._stage.outputs)
         start, own = stage.activity([self._name]), stage.others.activity()
-        before, self._fed = self._publish(messages), time.monotonic()
+        before = self._publish(messages)
 
         def rests() -> bool:
             return not Counter(expected) - self._answers(begin) and stage.is_at_rest(
                 self._name, since=start, own=own, window=self._settle.window
             )
 
-        settled = self._stage.settle(
+        window, timeout = self._settle.window, self._settle.timeout
+        return self.rest(
             [self._name],
-            window=self._settle.window,
-            timeout=self._settle.timeout,
+            window=window,
+            timeout=timeout,
             idle=self._baseline.idle,
             since=before if messages else None,
-            hangs=self._watch,
             rests=rests if expected else None,
+        )
+
+    def rest(
+        self,
+        names: Sequence[str],
+        *,
+        window: float,
+        timeout: float,
+        idle: Idle,
+        since: Activity | None = None,
+        rests: Callable[[], bool] | None = None,
+    ) -> bool:
+        """Wait until components, of which the unit is one, have come to rest; see `TrialSetup.settle`.
+
+        Returns:
+            False if they were busy to the deadline. That is not waited for where the unit hangs as it did before.
+        """
+        self._fed = time.monotonic()
+        settled = self._stage.settle(
+            names, window=window, timeout=timeout, idle=idle, since=since, hangs=self._watch, rests=rests
         )
         if settled and self.alive:
             self._watch.went_on()

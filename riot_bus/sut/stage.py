@@ -43,6 +43,8 @@ __all__ = ["TrialPlace", "TrialSetup"]
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
 _POLL = 0.002
+_KILLED_WITHIN = 10.0
+"""Seconds; a process that waits for a disk or a device dies late."""
 _MEASURE = 0.15
 """Longer than 0.1 s, after which each of Zenoh's threads for callbacks in Python wakes up."""
 _LITTLE = 0.03
@@ -116,6 +118,7 @@ class TrialSetup:
         self.python = PythonReport(directory)
         self._samples: dict[str, list[ResourceSample]] = {}
         self._published: set[str] = set()
+        self._watched: list[str] = []
         self._started: dict[str, float] = {}
         self._folders: dict[str, Path] = {}
         self.idle = STILL
@@ -136,10 +139,8 @@ class TrialSetup:
 
     def __exit__(self, *_: object) -> None:
         try:
-            for name, process in self.processes.items():
-                if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
-                    self.launcher.interrupt(process, signal.SIGTERM)
-                    self.launcher.wait([process], timeout=3.0)
+            for name in self.processes:
+                self._terminate(name)
             self.launcher.kill_all()
             for threads in self._families.values():
                 threads.close()
@@ -203,6 +204,27 @@ class TrialSetup:
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
+
+    def end(self, names: Iterable[str]) -> None:
+        """End components, as `stop` in riot.toml asks for.
+
+        Raises:
+            EnvironmentFaultError: One cannot be ended.
+        """
+        for name in names:
+            self._terminate(name)
+            process = self.processes[name]
+            if self.launcher.alive(process):
+                self.launcher.interrupt(process, signal.SIGKILL)
+            if not self.launcher.wait([process], timeout=_KILLED_WITHIN):
+                raise EnvironmentFaultError(f"component {name!r} cannot be killed")
+
+    def _terminate(self, name: str) -> None:
+        """Give a component time to end by itself, if riot.toml says so."""
+        process = self.processes[name]
+        if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
+            self.launcher.interrupt(process, signal.SIGTERM)
+            self.launcher.wait([process], timeout=3.0)
 
     @functools.cached_property
     def _free_port(self) -> int:
@@ -357,9 +379,16 @@ class TrialSetup:
             self.launcher.wait(processes, timeout=timeout)  # all have closed their sessions, so they are ending
 
     def watch_outputs(self, topics: Iterable[str], *, segment: str) -> None:
-        """Collect the messages of some topics for the monitors."""
+        """Collect the messages of some topics for the monitors, each once though several of the topics have it."""
         for expression in self.context.topics(*topics):
-            self.bus.subscribe(segment, expression, lambda message: self.outputs.append(message))
+            earlier = tuple(self._watched)
+
+            def take(message: Message, earlier: Sequence[str] = earlier) -> None:
+                if not any(self.context.registry.matches(each, message.key) for each in earlier):
+                    self.outputs.append(message)
+
+            self._watched.append(expression)
+            self.bus.subscribe(segment, expression, take)
 
     def watch_all_outputs(self, *, segment: str, inputs: Iterable[str]) -> None:
         """Collect whatever is published on a segment, but for some topics."""

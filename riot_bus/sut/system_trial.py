@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,9 +12,12 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.inject.interceptor import Injector
 from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
-from riot_bus.monitors.model import judge
+from riot_bus.monitors.liveness import LIVENESS
+from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.pipeline.runner import Pipeline
+from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.scarce import held
+from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
 from riot_bus.vocabulary.clock import SystemClock
@@ -26,11 +29,12 @@ from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from riot_bus.monitors.model import TrialView
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import TrialPlace
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import TestCase
+    from riot_bus.vocabulary.trial import TestCase, Violation
 
 __all__ = ["SystemTrial", "write_log"]
 
@@ -41,6 +45,8 @@ _TICK = 0.02
 _PATIENCE = 3.0
 _GRACE = 10.0
 _STALL = 60.0
+_WATCH = 0.5
+"""Seconds in which it is measured what a unit does before the outside drives the system, as in `IdleTrial`."""
 
 
 class _Tap:
@@ -65,15 +71,25 @@ class SystemTrial:
     A case without messages lets the system's own external components drive it, with injections applied to what they
     publish; a case with messages plays those instead of starting the external components.
 
+    With a baseline, one component is judged as a unit alone is: when the run is over and external components are ended,
+    it gets its probe where it is, among the others.
+
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
         pace: How long external components run, and how fast.
         record: File that gets every message of the run; None for none.
+        unit: The unit that is judged so; empty for none.
+        baseline: What it does in nominal runs of the whole system.
+        nominal: Whether that is to be measured: then `nominal` in the outcome's statistics is the `NominalTrial`, and
+            `switches` and `ran` are the attributes of its `Idle`.
     """
 
     pace: RunPace
     observe: tuple[str, ...] = ()
     record: Path | None = None
+    unit: str = ""
+    baseline: Baseline = UNKNOWN
+    nominal: bool = False
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
@@ -121,6 +137,7 @@ class SystemTrial:
                 for expression in context.topics(*sorted(set(file.external.topics) - injected)):
                     stage.bus.subscribe(home, expression, tap.observe)
             stage.watch_outputs(context.watched, segment=home)
+            probe = _Probe(self, stage) if self.unit else None
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
@@ -131,19 +148,34 @@ class SystemTrial:
             for name in inside:
                 stage.start(name, seed=case.seed, pace=self.pace)
             stage.wait_ready(inside)
+            if probe:
+                probe.begin()
             if case.messages:
                 messages, _ = inject_log(case.messages, case.injections, registry=registry, seed=case.seed)
                 self._play(messages, stage)
             else:
                 self._drive(outside, inside, stage, case.seed)
-            settled = stage.settle(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
+            stage.end(outside)
+            rest = probe.feeder.rest if probe else stage.settle
+            settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            others = [name for name in inside if not probe or name != probe.name]
+            rested = settled
+            if probe and others and not settled:
+                rested = stage.settle(others, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
             if settled:
                 stage.linger(inside, seconds=Settle().linger, timeout=_SETTLE_TIMEOUT)
             stage.bus.drain(_SETTLE_TIMEOUT)
-            view = stage.view([*inside, *outside], settled=settled, waited=_SETTLE_TIMEOUT)
+            view = stage.view(others, settled=rested, waited=_SETTLE_TIMEOUT)
+            components = [*view.components, *driven.components]
+            view = replace(view, components=components, stalled=[*view.stalled, *driven.stalled])
+            external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
+            inner = tuple(seen)
+            alone = probe.end(settled=settled) if probe else None
         judged = judge(view, context.monitors)
         violations = judged.violations
-        external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
+        if probe and alone:
+            violations += probe.judge(alone, seconds=time.monotonic() - started)
         keep = violations and not self.record and not case.messages
         log = str(place.directory / _LOG) if keep else None
         if log:
@@ -153,9 +185,9 @@ class SystemTrial:
             violations,
             seconds=time.monotonic() - started,
             detail="; ".join(judged.broken),
-            observed=self._observed([*external, *seen], begin, registry) if self.observe else {},
+            observed=self._observed([*external, *inner], begin, registry) if self.observe else {},
             log=log,
-            statistics={"external_messages": len(external)},
+            statistics={"external_messages": len(external), **(probe.statistics if probe else {})},
         )
 
     def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: TrialSetup, seed: int) -> None:
@@ -226,6 +258,70 @@ class SystemTrial:
                     times[f"{topic}:{path}"].append((message.time - begin) / 1e9)
                     values[f"{topic}:{path}"].append(float(value))
         return {text: Series(tuple(times[text]), tuple(values[text])) for text in self.observe}
+
+
+class _Probe:
+    """Judges one component of a running system as a unit alone is judged: by its threads, and by its probe at the end.
+
+    Args:
+        trial: The trial.
+        stage: Where it runs; nothing is started on it yet.
+
+    Attributes:
+        name: The component.
+        feeder: Plays the probe; there is one after `begin`.
+        statistics: What of it the outcome of a nominal trial has.
+    """
+
+    def __init__(self, trial: SystemTrial, stage: TrialSetup) -> None:
+        context = stage.context
+        self._trial, self._stage = trial, stage
+        self._unit = context.file.unit[trial.unit]
+        self.name = self._unit.component or trial.unit
+        component = context.file.components[self.name]
+        self._segment = context.file.segment_of(component)
+        self._baseline = trial.baseline
+        self._given: list[Message] = []
+        self.feeder: Feeder
+        self.statistics: dict[str, object] = {}
+        stage.watch_outputs(sorted(trial.baseline.log_answers), segment=self._segment)
+        if trial.baseline.mined.rules:
+            for expression in context.topics(*component.inputs):
+                stage.bus.subscribe(self._segment, expression, self._given.append)
+
+    def begin(self) -> None:
+        """Note what the component has of the machine, and measure what it does, before anything comes from outside."""
+        self._stage.sample_resources([self.name])
+        if self._trial.nominal:
+            idle = self._stage.measure_idle([self.name], seconds=_WATCH)
+            self._baseline = replace(self._baseline, idle=idle)
+            self.statistics = {"switches": idle.switches, "ran": idle.ran}
+        self.feeder = Feeder(self._stage, self.name, self._unit, self._baseline, ordered=self._baseline.ordered)
+
+    def end(self, *, settled: bool) -> TrialView:
+        """Play the probe, and return what is seen of the component; `settled` says whether the system is at rest."""
+        stage, feeder, signs = self._stage, self.feeder, NO_SIGNS
+        if self._trial.nominal:
+            seen = feeder.nominal(self._baseline.probe)
+            settled = settled or feeder.works(seen)
+        else:
+            signs, settled = feeder.signs(settled=settled)
+        view = stage.view([self.name], settled=settled, waited=self._unit.settle.timeout, signs={self.name: signs})
+        view = replace(view, probed=feeder.probed, inputs=[*self._given, *view.inputs])
+        if self._trial.nominal:
+            self.statistics["nominal"] = replace(seen, outputs=tuple(view.outputs), probed=view.probed)
+        return view
+
+    def judge(self, view: TrialView, *, seconds: float) -> tuple[Violation, ...]:
+        """Return what is wrong with the component.
+
+        Args:
+            view: What is seen of it.
+            seconds: How long the trial took.
+        """
+        found = judge(view, [monitor() for monitor in LIVENESS]).violations
+        self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
+        return (*found, *self._baseline.mined.judge(view))
 
 
 def write_log(path: Path, messages: Iterable[Message], *, context: Context, metadata: Mapping[str, str]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgpack  # type: ignore[import-untyped]
 from pydantic import TypeAdapter, ValidationError
 
-from riot_bus.sut.baseline import NominalTrial
+from riot_bus.sut.baseline import Baseline, NominalTrial
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.python_report import ThreadStack
 from riot_bus.sut.system import RunPace
@@ -32,8 +32,10 @@ __all__ = [
     "TrialRequest",
     "nominal_of",
     "pack_answer",
+    "pack_baseline",
     "pack_failure",
     "read_answer",
+    "read_baseline",
     "remember",
 ]
 
@@ -242,3 +244,22 @@ def nominal_of(outcome: Outcome) -> NominalTrial:
     """Return what a trial with `UnitTrial.nominal` has shown."""
     found: NominalTrial = _adapter(NominalTrial).validate_python(outcome.statistics["nominal"])
     return found
+
+
+def pack_baseline(key: str, baseline: Baseline) -> bytes:
+    """Return a baseline as bytes, with what it is bound to."""
+    return _pack({"key": key, "baseline": _plain(baseline)})
+
+
+def read_baseline(data: bytes) -> tuple[str, Baseline]:
+    """Return what a baseline is bound to, and the baseline.
+
+    Raises:
+        ValueError: This is none.
+    """
+    try:
+        found = _unpack(data)
+        baseline: Baseline = _adapter(Baseline).validate_python(found["baseline"])
+        return str(found["key"]), baseline
+    except (ValueError, KeyError, TypeError, ValidationError, msgpack.UnpackException) as wrong:
+        raise ValueError(f"it holds no baseline: {wrong}") from None

@@ -58,6 +58,10 @@ class FailingRunner:
         """Return that nothing is known: nothing is played."""
         return UNKNOWN
 
+    def in_system(self, *_: Any) -> Baseline:
+        """Return that nothing is known: nothing is run."""
+        return UNKNOWN
+
     def keep_evidence(self, *_: Any, **__: Any) -> bool:
         """Keep nothing."""
         return False

@@ -235,7 +235,7 @@ def test_commands_of_the_command_line(router: RouterProcess, tmp_path: Path) -> 
         (["counts"], "topic"),
         (["intercept", "add", "/odom", "b"], "intercepted: cut/**, /odom, b"),
         (["intercept", "remove", "/odom"], "intercepted: cut/**, b"),
-        (["plan", "load", str(plan)], "plan plan.toml: 1 injections, carried out 0 times"),
+        (["plan", "load", str(plan)], "plan plan.toml: 1 injection, carried out 0 times"),
         (["plan", "clear"], "no plan"),
         (["record", "start", "x.mcap"], f"recording: {tmp_path / 'x.mcap'}"),
         (["record", "split"], f"recording: {tmp_path / 'x-2.mcap'}"),

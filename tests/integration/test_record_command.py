@@ -195,7 +195,7 @@ def test_a_ring_is_written_on_sigusr1_and_on_command(router: str, tmp_path: Path
         assert ctl(router, "dump", "by-name.mcap", "--recorder=ring") == {"dumped": str(tmp_path / "by-name.mcap")}
         code, out, err = riot("ctl", "record", "status", "-e", router)
         assert code == 0, err
-        assert "ring: 1 messages" in out
+        assert "ring: 1 message," in out
         ctl(router, "stop", "--recorder=ring")
         code, result, err = ended(process)
     assert code == 0, err

@@ -149,6 +149,8 @@ class Machine:
         broken: Whether a trial cannot be carried out.
         system_fails: As `fails`, in runs of the whole system.
         system_wrong: As `wrong`, likewise.
+        known: What the drive does in nominal runs of the whole system.
+        judged: The units that runs of the whole system judge, in the order in which their runners were asked for.
     """
 
     folder: Path
@@ -158,7 +160,9 @@ class Machine:
     broken: Callable[[TestCase], bool] = never
     system_fails: Callable[[Sequence[Message]], int | None] = hangs
     system_wrong: Callable[[TestCase], bool] = never
+    known: Baseline = field(default_factory=lambda: Baseline(trials=4))
     executed: list[TestCase] = field(default_factory=list)
+    judged: list[str] = field(default_factory=list)
     closed: bool = False
 
     def unit(self, unit: str, log: object, *, persistent: bool = False) -> PureRunner:
@@ -167,6 +171,9 @@ class Machine:
 
     def baseline(self, unit: str, log: object) -> Baseline:
         return UNKNOWN
+
+    def in_system(self, unit: str, log: object, pace: RunPace) -> Baseline:
+        return self.known
 
     def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
         return False
@@ -180,7 +187,15 @@ class Machine:
             case, (place is not None) != self.wrong(case), statistics={"played": played, "modified": modified}
         )
 
-    def system(self, pace: RunPace, *, observe: Sequence[str] = (), record: Path | None = None) -> PureRunner:
+    def system(
+        self,
+        pace: RunPace,
+        *,
+        observe: Sequence[str] = (),
+        record: Path | None = None,
+        judged: tuple[str, Baseline] | None = None,
+    ) -> PureRunner:
+        self.judged += [judged[0]] if judged else []
         return PureRunner(lambda case: self.drive(case, observe, record))
 
     def drive(self, case: TestCase, observe: Sequence[str], record: Path | None) -> Outcome:

@@ -9,6 +9,7 @@ from riot_bus.chain.activation import _axes, activation, least_distance
 from riot_bus.findings.records import (
     ActivationRecord,
     EdgeRecord,
+    FindingRecord,
     PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
@@ -17,6 +18,8 @@ from riot_bus.findings.steps import find_step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import Variable, learn_rule
 from riot_bus.log.reader import read_log
+from riot_bus.report.page import write_report
+from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.trial import Series
 from tests.unit.chain.machine import (
@@ -168,3 +171,23 @@ def test_a_search_method_that_does_not_exist_is_named_before_anything_is_read(tm
         activation(nothing, tmp_path, search=["simplx"])
     assert "--search: unknown search method 'simplx'" in str(raised.value)
     assert "did you mean 'simplex'" in str(raised.value)
+
+
+def test_what_runs_of_the_system_cannot_tell_is_said_and_not_searched(tmp_path: Path, slow: dict[str, Any]) -> None:
+    one = ready(tmp_path, slow, known=Baseline(mute=("2 of 4 nominal runs of the whole system did not pass: x",)))
+    record = one.workspace.carry_out(find_step("activate"), one.folder)
+    assert isinstance(record, ActivationRecord)
+    assert (record.found, record.runs, one.machine.executed) == (None, 0, [])
+    assert record.summary == "not tested: 2 of 4 nominal runs of the whole system did not pass: x"
+    told = write_report(one.folder).read_text()
+    assert "whether it fails there was not tested: 2 of 4 nominal runs" in told
+    assert "no external inputs were found" not in told
+
+
+def test_the_unit_is_judged_where_its_monitor_asks_for_nominal_runs(tmp_path: Path, slow: dict[str, Any]) -> None:
+    one = ready(tmp_path, slow, ("panel:heat", 0.9), system_fails=never_hangs)
+    activation(one.run(), one.folder, budget=4)
+    FindingRecord.load(one.folder).model_copy(update={"monitor": "crash"}).save(one.folder)
+    activation(one.run(), one.folder, budget=4)
+    assert one.machine.judged == ["drive"]
+    assert len(one.machine.executed) == 1 + 4 + 4  # the nominal run; answers of the one are none of the other

@@ -8,8 +8,9 @@ from riot_bus.chain.reproduce import reproduce
 from riot_bus.events import TrialFinished
 from riot_bus.findings.records import ActivationRecord
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
-from tests.unit.chain.machine import Bench, bench, command, panel, said, write_finding, write_minimal
+from tests.unit.chain.machine import HANG, Bench, bench, command, panel, said, write_finding, write_minimal
 
 
 def test_a_finding_that_fails_each_time_is_still_failing(tmp_path: Path) -> None:
@@ -90,3 +91,14 @@ def test_without_an_activation_the_whole_system_has_nothing_to_get(tmp_path: Pat
     (one.folder / "activation.mcap").unlink()
     with pytest.raises(ConfigError, match=r"no activation\.mcap"):
         reproduce(one.workspace, one.folder, whole_system=True)
+
+
+def test_what_runs_of_the_system_cannot_tell_is_not_fixed(tmp_path: Path) -> None:
+    one = bench(tmp_path, known=Baseline(trials=4, alarms=(HANG.signature,)))
+    write_minimal(one)
+    ActivationRecord(found={"panel:knob": 1.0}, runs=1, best_distance=0.0).save(one.folder)
+    with LogWriter(one.folder / "activation.mcap") as log:
+        log.write(panel(0)[0])
+    with pytest.raises(InconclusiveError, match=r"not tested in the whole system: nominal runs .* show the same"):
+        reproduce(one.workspace, one.folder, whole_system=True)
+    assert one.machine.executed == []

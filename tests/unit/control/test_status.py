@@ -115,14 +115,14 @@ def test_status_in_lines_says_all_and_obeys_nothing() -> None:
         "bypass: a way around the router is used",
         "hint: set this",
         "lost: 2 messages (no room: 2)",
-        "lost: 1 messages were not recorded",
+        "lost: 1 message not recorded",
         "lost: segment unit: link to 1f broke (stalled)",
         "segment unit (control): tcp/127.0.0.1:1",
         "interceptor mine select=cut/** last=7",
         "  blocked",
         "errors: 1, last at",
-        "plan p.toml: 1 injections, carried out 0 times",
-        "recording: x.mcap (1 messages, 0 lost, 2 s)",
+        "plan p.toml: 1 injection, carried out 0 times",
+        "recording: x.mcap (1 message, 0 lost, 2 s)",
     ):
         assert part in text, text
     assert "recording: no" in status_lines(status(recording=None, plan=None, counts={}))
@@ -134,7 +134,7 @@ def test_answers_in_lines() -> None:
     assert answer_lines({"intercepted": ["a"], "plan": None, "former": None}) == ["intercepted: a", "no plan"]
     assert answer_lines({"former": "a.mcap", "file": "b.mcap"}) == ["finished: a.mcap", "recording: b.mcap"]
     assert answer_lines({"file": "b.mcap", "messages": 1, "lost": 0, "seconds": 1.0}) == [
-        "recorded: b.mcap (1 messages, 0 lost, 1 s)"
+        "recorded: b.mcap (1 message, 0 lost, 1 s)"
     ]
     assert counts_lines({"counts": {}, "losses": loss_rows(Losses())})[0].startswith("topic")
     assert escape_control_chars("a\nb") == "a\\nb"

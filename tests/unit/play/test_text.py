@@ -25,7 +25,7 @@ def test_speed():
 def test_progress():
     assert progress_line(STATUS) == "⏸ paused, 1.2 of 10.0 s, 0.5x, 3 messages"
     more = {**STATUS, "state": "playing", "loop": True, "pass": 2, "lost": 4, "unsettled": 1}
-    expected = "▶ playing, 1.2 of 10.0 s, 0.5x, 3 messages, pass 2, 4 lost, 1 times nobody settled in time"
+    expected = "▶ playing, 1.2 of 10.0 s, 0.5x, 3 messages, pass 2, 4 lost, 1 time nobody settled in time"
     assert progress_line(more) == expected
 
 

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.report.format import clean, number, plural, seconds, share, value
 from riot_bus.report.text import summary
 from riot_bus.vocabulary.errors import ConfigError
+from tests.unit.report.conftest import rover
 
 
 def test_whole_chain(finding: Path) -> None:
@@ -30,6 +32,17 @@ def test_prefix_names_the_next_step(finding: Path, steps: dict[str, str], done: 
     lines = summary(finding).splitlines()
     assert lines[-1] == f"  next      riot {list(steps.values())[done]} {finding}"
     assert ("[permeable]" in lines[0]) == (done == 5)
+
+
+def test_without_an_outside_the_rule_is_the_last_step(finding: Path, steps: dict[str, str]) -> None:
+    for name in list(steps)[3:]:
+        (finding / name).unlink()
+    FindingRecord.load(finding).model_copy(update={"external": False}).save(finding)
+    assert summary(finding).splitlines()[-1] == f"  next      riot rules {finding}"
+    for record in rover():
+        if isinstance(record, RuleRecord):
+            record.save(finding)
+    assert summary(finding).splitlines()[-1] == f"  again     riot reproduce {finding}"
 
 
 def test_nothing_permeable(finding: Path) -> None:

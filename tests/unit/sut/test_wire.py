@@ -127,6 +127,7 @@ BASELINE = Baseline(
     mute=("m",),
     ordered=True,
     mined=Mined((MinedRule("value", "a", "x", (1.0, float("-inf")), (2.0, 3.0), 1000),), 6, 1, 8, ("d",)),
+    alarms=("exit of u: status 0",),
 )
 
 
@@ -137,6 +138,7 @@ BASELINE = Baseline(
         UnitTrial("u"),
         UnitTrial("u", BASELINE, nominal=True, evidence=Path("/e"), before=("gdb", "-q")),
         SystemTrial(RunPace(duration=3.0, speed=2.0), ("a:x", "b"), Path("/r.mcap")),
+        SystemTrial(RunPace(duration=3.0), unit="u", baseline=BASELINE, nominal=True),
     ],
 )
 def test_a_trial_crosses_as_it_is(trial: Trial) -> None:

@@ -1,0 +1,88 @@
+"""What units do in nominal trials, kept in the output folder: the next command does not measure it anew."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.baseline import probe_of
+from riot_bus.sut.wire import pack_baseline, read_baseline
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from riot_bus.sut.baseline import Baseline
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["KeptBaselines"]
+
+_LOG = logging.getLogger(__name__)
+_MOST = 16 << 20
+"""Bytes of a file that are read: a rule of each number of each answer to a probe takes 100 or so."""
+
+
+class KeptBaselines:
+    """Baselines in a folder, each a file that is bound to code, settings and nominal log.
+
+    Args:
+        folder: Where they are; made when the first one is kept.
+        fingerprint: Of the system's code and riot.toml.
+    """
+
+    def __init__(self, folder: Path, fingerprint: str) -> None:
+        self._folder, self._fingerprint = folder, fingerprint
+
+    def get(self, unit: str, where: str, log: Sequence[Message], measure: Callable[[], Baseline]) -> Baseline:
+        """Return the baseline that is kept, or one that is measured now, and keep it if its trials have passed.
+
+        Args:
+            unit: The unit.
+            where: `alone`, or how the whole system runs.
+            log: The nominal log of the unit.
+            measure: Measures the baseline.
+        """
+        path, key = self._path(unit, where), self._key(unit, where, log)
+        found = self._read(path, key)
+        if found is not None:
+            return replace(found, log=tuple(log), probe=probe_of(log))
+        measured = measure()
+        if measured.trials:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            partial = path.with_suffix(".partial")
+            partial.write_bytes(pack_baseline(key, replace(measured, log=(), probe=())))
+            os.replace(partial, path)
+        return measured
+
+    def _read(self, path: Path, key: str) -> Baseline | None:
+        try:
+            with path.open("rb") as stream:
+                data = stream.read(_MOST + 1)
+            if len(data) > _MOST:
+                raise ValueError(f"it has more than {_MOST >> 20} MiB")
+            bound, found = read_baseline(data)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            _LOG.warning("nominal trials are measured anew: %s cannot be used: %s", path, str(error).splitlines()[0])
+            return None
+        if bound != key:
+            _LOG.info("nominal trials are measured anew: %s is of other code, settings or another nominal log", path)
+            return None
+        return found
+
+    def _path(self, unit: str, where: str) -> Path:
+        name = f"{unit} {where}"
+        plain = re.sub(r"[^A-Za-z0-9]+", "-", unit)[:40]
+        return self._folder / f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}.baseline"
+
+    def _key(self, unit: str, where: str, log: Sequence[Message]) -> str:
+        digest = hashlib.sha256(json.dumps([self._fingerprint, unit, where]).encode())
+        for message in log:
+            digest.update(message.digest())
+        return digest.hexdigest()
