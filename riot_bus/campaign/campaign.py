@@ -109,20 +109,20 @@ class _Campaign:
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
                 fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
-        for failure in fresh.values():
+        for failure in [each for each in fresh.values() if not each.confirmed]:
             self.confirm(failure)
+            if failure.confirmed:
+                self.found(failure)
 
     def confirm(self, failure: Failure) -> None:
-        """Repeat a failure that is not confirmed yet, unless it has been repeated often enough, or this very case."""
-        if failure.confirmed or failure.attempts >= _ATTEMPTS or failure.trial in failure.tried:
+        """Repeat a failure, unless it has been repeated often enough, or this very case."""
+        if failure.attempts >= _ATTEMPTS or failure.trial in failure.tried:
             return
         failure.attempts += 1
         failure.tried.add(failure.trial)
         signature = failure.violation.signature
         failure.nominal = proportion(sum(one.failed_as(signature) for one in self.nominal), len(self.nominal))
         failure.case, failure.rate = repeat_in_order(failure.case, signature, self.runner)
-        if failure.rate.hits:
-            self.found(failure)
 
     def simplify(self, failure: Failure) -> None:
         """Let the simplest case stand for a failure if it fails as often."""

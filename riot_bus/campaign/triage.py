@@ -15,6 +15,8 @@ __all__ = ["Failure", "finding_id", "group", "severity"]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
 _MOST_DETAILS = 5
+_MINED_ALARMS = 0.01
+"""Rules that are mined from nominal trials may fire by chance in so many of them (docs/verdicts.md)."""
 
 
 @dataclass(slots=True)
@@ -47,8 +49,10 @@ class Failure:
 
     @property
     def confirmed(self) -> bool:
-        """Whether fresh trials have failed so again."""
-        return self.rate is not None and self.rate.hits > 0
+        """Whether fresh trials have failed so again; by a mined rule, more often than it may fire by chance."""
+        if self.rate is None or not self.rate.hits:
+            return False
+        return self.violation.monitor != "mined" or self.rate.low > _MINED_ALARMS
 
     @property
     def played(self) -> int:

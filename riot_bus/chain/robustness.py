@@ -198,7 +198,10 @@ def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
         text += f"; {len(result.tried)} of {result.coverable} values and message faults tried"
     if result.unconfirmed:
         repeats = sum(each.rate.total if each.rate else 0 for each in result.unconfirmed.values())
-        text += f"; {len(result.unconfirmed)} more did not come again in {counted(repeats, 'fresh trial')}"
+        hits = sum(each.rate.hits if each.rate else 0 for each in result.unconfirmed.values())
+        again = f"came again in {hits} of" if hits else "did not come again in"
+        text += f"; {len(result.unconfirmed)} more {again} {counted(repeats, 'fresh trial')}"
+        text += ", which may be chance" if hits else ""
     if result.notes:
         text += f"; monitors that did not judge: {'; '.join(result.notes)[:500]}"
     return text

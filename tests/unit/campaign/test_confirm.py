@@ -3,6 +3,8 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.campaign.confirm import repeat, repeat_in_order
+from riot_bus.campaign.triage import Failure
+from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.campaign.test_campaign import CRASH, Pure
@@ -61,3 +63,13 @@ def test_one_topic_has_no_order_to_keep() -> None:
     pure = runner(0.4)
     assert not repeat_in_order(TestCase(TWO[:1]), CRASH.signature, pure)[0].ordered
     assert not any(case.ordered for case in pure.executed)
+
+
+@pytest.mark.parametrize(
+    ("monitor", "hits", "confirmed"),
+    [("crash", 0, False), ("crash", 1, True), ("mined", 0, False), ("mined", 1, False), ("mined", 3, True)],
+)
+def test_a_mined_rule_must_fire_more_often_than_by_chance(monitor: str, hits: int, *, confirmed: bool) -> None:
+    violation = Violation(monitor, "part", "it")
+    failure = Failure(violation, TestCase(), 0, Outcome(Verdict.FAIL), 0, rate=proportion(hits, 20))
+    assert failure.confirmed is confirmed
