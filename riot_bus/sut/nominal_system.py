@@ -53,7 +53,8 @@ def measure_in_system(context: Context, unit: str, pool: Pool, alone: Baseline, 
     name = context.file.unit[unit].component or unit
     own = [topic for topic in alone.log_answers if not context.others_publish(topic, name)]
     answers = {topic: alone.log_answers[topic] for topic in own}
-    start = Baseline(probe=alone.probe, ordered=alone.ordered, log_answers=answers)
+    expected = {topic: count for topic, count in alone.probe_answers.items() if topic in answers}
+    start = Baseline(probe=alone.probe, ordered=alone.ordered, log_answers=answers, probe_answers=expected)
     runs = pool.map(
         SystemTrial(pace, unit=unit, baseline=start, nominal=True), [TestCase(seed=number) for number in range(_RUNS)]
     )
