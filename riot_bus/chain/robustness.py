@@ -131,7 +131,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
         )
         record.save(workspace.out)
         found = map(_told, [*result.failures.values(), *traced])
-        after = [f"not confirmed: {each.signature}: depends on what came before" for each in untraced]
+        after = [_after(each) for each in untraced]
         lines = [*found, *after, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         step.end("\n".join([_summary(unit, log, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
@@ -187,6 +187,11 @@ def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
         repeats=repeats,
         injections=tuple(each.row() for each in failure.case.injections),
     )
+
+
+def _after(each: UnconfirmedRecord) -> str:
+    cases = counted(each.history, "other test case")
+    return f"not confirmed: {clean(each.signature, limit=160)}: seen after {cases} in one process, not in a fresh one"
 
 
 def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
