@@ -21,7 +21,7 @@ from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.unit_trial import UnitTrial, component_of
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
@@ -124,6 +124,7 @@ class LiveUnit:
                 )
             )
             self._trial.start(self._stage, self._first)
+            self._check_reset()
             self._stage.sample_resources([self._name])
             self._born = self._stage.samples(self._name)[0]
             self._stack = stack.pop_all()
@@ -152,6 +153,20 @@ class LiveUnit:
         outcome = self._trial.play(self._stage, case)
         started = f"persistent, {outcome.statistics['started']}"
         return replace(outcome, statistics={**outcome.statistics, "started": started})
+
+    def _check_reset(self) -> None:
+        """Raise ConfigError if the message that is to reset the unit does not reach it."""
+        unit = self._file.unit[self._trial.unit]
+        if unit.reset is None:
+            return
+        segment = self._file.segment_of(self._file.components[self._name])
+        keys = self._place.context.topics(unit.reset.topic)
+        if self._stage.bus.wait_subscribed(segment, keys, timeout=unit.settle.timeout):
+            raise ConfigError(
+                f"the unit has not subscribed to {unit.reset.topic}",
+                where=f"{self._file.path}: [unit.{self._trial.unit}] reset",
+                hint="name a topic that resets it, or leave `reset` out",
+            )
 
     def _reset(self) -> None:
         unit = self._file.unit[self._trial.unit]

@@ -10,6 +10,7 @@ from riot_bus.chain.robustness import test_unit as run_campaign
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.log.reader import LogReader
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import TestCase, Verdict
 from tests.systems.misbehaviour.catalogue import HISTORY, write
@@ -70,3 +71,12 @@ def test_a_reset_makes_the_process_as_it_was(tmp_path: Path) -> None:
         assert {str(one.statistics["started"]) for one in outcomes[1:]} == {"persistent, forked"}
         assert {one.verdict for one in outcomes} == {Verdict.PASS}
         assert not any("history" in one.statistics for one in outcomes)
+
+
+def test_a_reset_that_does_not_reach_the_unit_is_an_error(tmp_path: Path) -> None:
+    path, head = write(tmp_path), f"[unit.{HISTORY}]\n"
+    path.write_text(path.read_text().replace(head, f"""{head}reset = {{ topic = "comand", payload = '1' }}\n"""))
+    with Workspace(path, tmp_path / "out", jobs=1) as workspace:
+        log = workspace.unit_log(HISTORY)
+        with pytest.raises(ConfigError, match="has not subscribed to comand"):
+            workspace.runners.unit(HISTORY, lambda: log, persistent=True).run([TestCase(log)])
