@@ -96,7 +96,7 @@ class Workspace:
     Args:
         system: Path of riot.toml.
         out: Folder for everything that is written.
-        jobs: Trials at once; 0 for one per processor.
+        jobs: Trials at once; 0 for one on each processor, and more where trials wait.
         seed: Seed of everything random.
         listeners: Are told of everything that happens.
         runners: Gives the runners that the steps ask; processes of this machine by default.
@@ -121,9 +121,7 @@ class Workspace:
         self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / TrialStore.NAME)
-        self.runners: RunnerFactory = runners or LocalRunners(
-            self.context, jobs=self.jobs, keep=out / "trials", fresh=fresh
-        )
+        self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=jobs, keep=out / "trials", fresh=fresh)
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:

@@ -41,7 +41,10 @@ class StreamFormat(StrEnum):
 System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file.", show_default=True)]
 Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folder for everything that is written.")]
 Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor.")
+    int,
+    typer.Option(
+        "--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor, more where they wait."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]

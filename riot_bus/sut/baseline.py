@@ -92,6 +92,7 @@ class Baseline:
         ordered: Whether trials keep the order of the log across topics, if riot.toml leaves it open.
         mined: What answers to the probe have in common.
         alarms: Signatures that nominal trials have shown that were judged by it.
+        busy: Seconds of a processor that nominal trials took, per second; 0 if that is not known.
     """
 
     idle: Idle = STILL
@@ -109,6 +110,7 @@ class Baseline:
     ordered: bool = False
     mined: Mined = NO_RULES
     alarms: tuple[str, ...] = ()
+    busy: float = 0.0
 
     @property
     def untold(self) -> tuple[str, ...]:

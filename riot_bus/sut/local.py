@@ -41,12 +41,13 @@ _MOST_BATCHES = 4
 
 @dataclass(eq=False, slots=True)
 class _Task:
-    """A case that is to be executed, and who is told."""
+    """A case that is to be executed, who is told, and how many trials may run at once then."""
 
     batch: TrialBatch
     case: TestCase
     ended: Callable[[Outcome], None]
     future: Future[Outcome] = field(default_factory=Future)
+    most: int = 1
     directory: Path | None = None
     deaths: int = 0
 
@@ -101,7 +102,7 @@ class Pool:
 
     Args:
         system: Path of riot.toml.
-        jobs: Trials at once.
+        jobs: Trials at once, if nothing else is said with them.
         keep: Folder under which the files of failing trials are kept.
     """
 
@@ -138,14 +139,20 @@ class Pool:
         return self.map(trial, [case])[0]
 
     def map(
-        self, trial: Trial, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None] = lambda *_: None
+        self,
+        trial: Trial,
+        cases: Sequence[TestCase],
+        ended: Callable[[int, Outcome], None] = lambda *_: None,
+        *,
+        most: int = 0,
     ) -> Sequence[Outcome]:
-        """Run many trials, as many at once as there are jobs; outcomes in the order of the cases.
+        """Run many trials; outcomes in the order of the cases.
 
         Args:
             trial: Executes each.
             cases: All of them.
             ended: Called with the number of a case and its outcome as it ends, on a thread that no signal interrupts.
+            most: How many run at once; 0 for as many as there are jobs.
 
         Raises:
             RiotError: A trial raised it; the others are not waited for.
@@ -160,7 +167,8 @@ class Pool:
             if batch is None:
                 batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
-            tasks = [_Task(batch, case, partial(ended, number)) for number, case in enumerate(cases)]
+            most = most or self.jobs
+            tasks = [_Task(batch, case, partial(ended, number), most=most) for number, case in enumerate(cases)]
             self._waiting.extend(tasks)
             self._wake.send_bytes(b"")
         for done in as_completed([task.future for task in tasks]):
@@ -185,12 +193,12 @@ class Pool:
         """Give waiting cases to workers that have none."""
         while self._waiting:
             worker = next((each for each in self._workers if each.task is None), None)
-            if worker is None and len(self._workers) == self.jobs:
+            if sum(each.task is not None for each in self._workers) >= self._waiting[0].most:
                 return
             task = self._waiting.popleft()
             try:
                 if worker is None:
-                    slot = min(set(range(self.jobs)) - {each.slot for each in self._workers})
+                    slot = min(set(range(len(self._workers) + 1)) - {each.slot for each in self._workers})
                     worker = _Worker(self._system, slot, self.keep)
                     self._workers.append(worker)
                 self._give(task, worker)
@@ -278,21 +286,26 @@ class LocalRunner:
     Args:
         trial: Returns what executes the cases; called when there are some.
         pool: Where they are executed.
+        slots: Returns how many of its trials run at once.
     """
 
-    def __init__(self, trial: Callable[[], Trial], pool: Pool) -> None:
+    def __init__(self, trial: Callable[[], Trial], pool: Pool, slots: Callable[[], int]) -> None:
         self._trial = trial
         self._pool = pool
+        self._slots = slots
 
     @property
     def parallelism(self) -> int:
         """How many trials run at once."""
-        return self._pool.jobs
+        return self._slots()
 
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
         """Execute all cases and return their outcomes in the same order."""
-        return self._pool.map(self._trial(), cases) if cases else []
+        return self.each(cases, lambda *_: None)
 
     def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]:
         """Execute all cases likewise; `ended` is called with the number of each and its outcome as it ends."""
-        return self._pool.map(self._trial(), cases, ended) if cases else []
+        if not cases:
+            return []
+        most = self._slots() if len(cases) > self._pool.jobs else self._pool.jobs
+        return self._pool.map(self._trial(), cases, ended, most=most)

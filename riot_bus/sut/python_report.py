@@ -62,6 +62,7 @@ class PythonReport:
         self._events = directory / "python.events"
         self._stacks = directory / "python.stacks"
         self._imports = directory / "python.imports"
+        self._known: tuple[int, list[dict[str, object]]] = 0, []
 
     def environment(self, given: Mapping[str, str], *, imports: bool = False) -> dict[str, str]:
         """Return the variables that make the hook work, for a component with these.
@@ -139,16 +140,20 @@ class PythonReport:
 
     def _read(self) -> list[dict[str, object]]:
         try:
+            size = self._events.stat().st_size
+            if size == self._known[0]:  # it only grows, and a trial looks often
+                return self._known[1]
             with self._events.open("rb") as stream:
-                lines = stream.read(_LARGEST).splitlines()
+                data = stream.read(_LARGEST)
         except OSError:
             return []
         found = []
-        for line in lines:
+        for line in data.splitlines():
             with suppress(ValueError):
                 event = json.loads(line)
                 if isinstance(event, dict):
                     found.append(event)
+        self._known = len(data), found
         return found
 
 

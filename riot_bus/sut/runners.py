@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
-from riot_bus.sut.baseline import UNKNOWN
+from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
 from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.sut.local import LocalRunner, Pool
@@ -17,21 +18,33 @@ from riot_bus.sut.nominal_system import measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
     from riot_bus.sut.system import RunPace
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Runner, TestCase
+    from riot_bus.vocabulary.trial import Runner
 
 __all__ = ["LocalRunners", "RunnerFactory"]
 
 _EVIDENCE_TRIALS = 5
+_MOST_SLOTS = 4
+"""Trials at once for each processor: more of them cost memory, and wake up at the same time."""
+
+
+def slots_for(busy: float, processors: int) -> int:
+    """Return how many trials run at once where each takes a share of a processor: at least one on each processor.
+
+    Args:
+        busy: Seconds of a processor that a trial takes, per second; 0 if that is not known.
+        processors: How many there are.
+    """
+    return max(processors, min(_MOST_SLOTS * processors, int(processors / busy))) if busy > 0 else processors
 
 
 class RunnerFactory(Protocol):
@@ -97,13 +110,15 @@ class LocalRunners:
 
     Args:
         context: The system.
-        jobs: Trials at once.
+        jobs: Trials at once; 0 for one on each processor, and more where trials wait.
         keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
         fresh: Whether the latter is measured anew instead of read there.
     """
 
     def __init__(self, context: Context, *, jobs: int, keep: Path, fresh: bool = False) -> None:
-        self._context, self._jobs, self._keep, self._fresh = context, jobs, keep, fresh
+        self._context, self._keep, self._fresh = context, keep, fresh
+        self._processors, self._spread = jobs or os.cpu_count() or 1, not jobs and not fresh
+        self._slots_in_system = 0
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
         self._in_system: dict[tuple[str, str], Baseline] = {}
@@ -113,7 +128,7 @@ class LocalRunners:
     def _pool(self) -> Pool:
         """The processes that run trials, started when first needed."""
         if self._started is None:
-            self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
+            self._started = Pool(self._context.file.path, self._processors, keep=self._keep)
         return self._started
 
     @cached_property
@@ -130,7 +145,10 @@ class LocalRunners:
         def trial() -> Trial:
             return kind(unit, self.baseline(unit, log))
 
-        return LocalRunner(trial, self._pool)
+        def slots() -> int:
+            return slots_for(self.baseline(unit, log).busy if self._spread else 0.0, self._processors)
+
+        return LocalRunner(trial, self._pool, slots)
 
     def baseline(self, unit: str, log: Callable[[], Sequence[Message]]) -> Baseline:
         """Return what a unit does in nominal trials; see `RunnerFactory.baseline`."""
@@ -189,7 +207,22 @@ class LocalRunners:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
         trial = SystemTrial(pace, tuple(observe), record and record.resolve(), unit=unit, baseline=baseline)
-        return LocalRunner(lambda: trial, self._pool)
+        return LocalRunner(lambda: trial, self._pool, self._in_system_at_once)
+
+    def _in_system_at_once(self) -> int:
+        """Return how many runs of the whole system go at once, as a short nominal one tells, which is kept."""
+        if not self._spread:
+            return self._processors
+        with self._measuring:
+            if not self._slots_in_system:
+                found = self._measured("", "busy", (), self._busy_in_system)
+                self._slots_in_system = slots_for(found.busy, self._processors)
+            return self._slots_in_system
+
+    def _busy_in_system(self) -> Baseline:
+        outcome = self._pool.execute(SystemTrial(self._context.file.system.trial_run), TestCase())
+        passed = outcome.verdict is Verdict.PASS
+        return Baseline(trials=1, busy=float(outcome.statistics["busy"])) if passed else UNKNOWN
 
     def close(self) -> None:
         """Kill what still runs."""

@@ -11,8 +11,10 @@ import queue
 import signal
 import sys
 import threading
+import time
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -61,6 +63,10 @@ class TrialWorker:
         prepare_runtime(2 * len(context.file.components) + _SPARE_RECEIVERS)
         return context
 
+    def _cpu(self) -> float:
+        """Return the seconds of processors that this process and components that have ended took."""
+        return time.process_time() + self._launcher.cpu()
+
     def answer(self, data: bytes) -> bytes:
         """Execute what a request asks for; what that raises is an answer, too."""
         try:
@@ -70,7 +76,10 @@ class TrialWorker:
             place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
             if not isinstance(request.trial, PersistentTrial):
                 end_kept(place)
+            began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)
+            busy = (self._cpu() - used) / (time.monotonic() - began)
+            outcome = replace(outcome, statistics={**outcome.statistics, "busy": round(busy, 3)})
             learnt = {name: modules for name, modules in self._imports.items() if name not in before}
             return pack_answer(TrialAnswer(outcome, learnt))
         except Exception as error:  # whatever it is, the process that asked has to know

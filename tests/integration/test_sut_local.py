@@ -74,6 +74,17 @@ def test_workers_killed_at_random_moments_lose_nothing_and_count_nothing_twice(t
     assert not [*(tmp_path / "trials").iterdir()]
 
 
+def test_more_trials_than_jobs_run_at_once_where_that_is_asked_for(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    with Pool(path, 1, keep=tmp_path / "trials") as pool:
+        cases = [TestCase(seed=number) for number in range(4)]
+        assert {each.verdict for each in pool.map(IdleTrial("echoes"), cases)} == {Verdict.PASS}
+        assert len(workers(tmp_path)) == 1
+        outcomes = pool.map(IdleTrial("echoes"), cases, most=3)
+        assert len(workers(tmp_path)) == 3
+    assert all(0 < one.statistics["busy"] < 2 for one in outcomes)
+
+
 KILLS = """
 import os
 class Kills:

@@ -54,6 +54,9 @@ def pool(system: Path, tmp_path: Path) -> Iterator[Pool]:
 class NoLauncher:
     """Starts nothing."""
 
+    def cpu(self) -> float:
+        return 0.0
+
 
 def answer(worker: TrialWorker, tmp_path: Path, unit: str) -> TrialAnswer:
     batch = TrialBatch(IdleTrial(unit), ())
