@@ -21,6 +21,7 @@ from tests.integration.agent_tools import Cable, Process, agent, fleet
 from tests.integration.play_tools import BEGIN, MS, Listener, numbered, write
 from tests.integration.router_process import riot
 from tests.integration.zenoh_process import ZenohProcess
+from tests.tiers import chosen
 
 pytestmark = pytest.mark.integration
 
@@ -79,7 +80,7 @@ def test_a_log_is_replayed_while_the_link_to_the_controller_is_cut_and_restored(
     assert (status["state"], status["result"]["published"], status["lost"]) == ("ended", COUNT, 0)
 
 
-@pytest.mark.parametrize("side", ["robot", "controller"])
+@pytest.mark.parametrize("side", chosen(["robot", "controller"], gate=["controller"]))
 def test_a_controller_that_is_away_for_long_makes_the_robot_pause_and_then_go_on(
     bus: str, hub: str, logs: Path, side: str
 ) -> None:
@@ -153,7 +154,7 @@ def test_a_controller_gives_up_within_a_bound_and_says_so(bus: str, hub: str, lo
         assert "r7 was not heard for 3 s" in "".join(controller.err)
 
 
-@pytest.mark.parametrize("side", ["robot", "controller"])
+@pytest.mark.parametrize("side", chosen(["robot", "controller"], gate=["robot"]))
 def test_a_link_that_hangs_is_noticed_and_hangs_nobody(bus: str, hub: str, logs: Path, side: str) -> None:
     with Cable(hub) as cable, Listener(bus, "a/*") as listener:
         ends = {"robot": hub, "controller": hub, side: cable.endpoint}
@@ -369,7 +370,7 @@ def test_an_agent_that_ends_stops_what_it_plays(bus: str, hub: str, logs: Path) 
         assert controller.end() == 4
 
 
-@pytest.mark.parametrize("hanging", ["fleet", "bus"])
+@pytest.mark.parametrize("hanging", chosen(["fleet", "bus"], gate=["bus"]))
 def test_an_agent_ends_in_time_though_a_link_hangs(bus: str, hub: str, logs: Path, hanging: str) -> None:
     with Cable(hub if hanging == "fleet" else bus) as cable, Listener(bus, "a/*") as listener:
         ends = {"fleet": hub, "bus": bus, hanging: cable.endpoint}

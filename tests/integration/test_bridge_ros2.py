@@ -243,6 +243,7 @@ def test_what_has_arrived_crosses_though_the_bridge_is_ended(start: Any) -> None
     assert [read(each) for each in listener.do("wait", "/chatter", count=800)] == values
 
 
+@pytest.mark.nightly
 def test_servers_may_take_their_time(start: Any) -> None:
     seconds = 11.0  # by default, Zenoh waits for answers for 10 s
     system = start("--intercept-services=/watched")

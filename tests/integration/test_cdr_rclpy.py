@@ -79,6 +79,7 @@ def test_hashes_from_files_are_the_official_ones(installed, official):
     assert {name: files.type_hash(name) for name in official} == official
 
 
+@pytest.mark.nightly
 def test_hashes_from_idl_are_the_official_ones(installed, official, tmp_path):
     for file in installed.glob("share/*/*/*.idl"):
         copy = tmp_path / file.parent.parent.name / file.parent.name / file.name

@@ -30,6 +30,7 @@ from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import ENVIRONMENT, RIOT, RouterProcess, riot
 from tests.integration.zenoh_process import ZenohProcess
+from tests.tiers import scaled
 
 pytestmark = pytest.mark.integration
 
@@ -150,7 +151,7 @@ def test_files_that_may_not_be_larger_are_followed_by_others(router: str, tmp_pa
 
 def test_killed_at_any_moment_the_file_holds_all_but_the_last_chunk(router: str, tmp_path: Path) -> None:
     draw = random.Random(4)
-    for number in range(4):
+    for number in range(scaled(4, gate=2)):
         path, key = tmp_path / f"{number}.mcap", f"kill/{number}"
         options = ["-o", str(path), "--chunk-duration=100ms", "--no-control", "--no-graph"]
         with recorder(key, "-e", router, *options) as process, Puppet(router) as source, Puppet(router) as sink:

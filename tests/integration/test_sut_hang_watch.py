@@ -84,7 +84,7 @@ def test_a_hang_that_was_seen_is_told_sooner_with_the_same_signature(tmp_path: P
         assert all(outcome.seconds < first.seconds for outcome in others)
 
 
-@pytest.mark.parametrize("kind", chosen(("slow", "timers", "restarts_thread"), gate=("slow",)))
+@pytest.mark.parametrize("kind", chosen(("slow", "timers", "restarts_thread"), gate=()))
 @pytest.mark.usefixtures("busy_machine")
 def test_a_unit_that_is_slow_where_it_is_told_to_have_hung_is_given_its_time(tmp_path: Path, kind: str) -> None:
     for outcome in outcomes(tmp_path, kind, ["1.0", "1e9", "null"], known=["handle", "main", "<module>"]):
