@@ -89,8 +89,9 @@ def main(url, folder):
     report["climbs"] = until_number(proxy, "status VFR_HUD", r"VFR_HUD \{.*climb : (-?[\d.]+)", lambda climb: climb > 1)
     proxy.ask("mode LAND", r"Mode LAND")
     report["lost"] = proxy.ask("link", r"\((\d+) packets.* (\d+) lost")[2]
-    proxy.end()
+    # Its threads may raise while it ends: it closes their queues and links before it has joined them.
     report["tracebacks"] = [part[:2000] for part in proxy.text.split("Traceback")[1:]]
+    proxy.end()
     print(json.dumps(report), flush=True)
 
 
