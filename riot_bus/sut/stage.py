@@ -23,8 +23,10 @@ from riot_bus.sut.resource_limits import told
 from riot_bus.sut.rest import all_wait, is_at_rest
 from riot_bus.sut.settling import own_others, own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Qos
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
@@ -195,8 +197,9 @@ class TrialSetup:
             varying = {key for key, value in filled.items() if component.env[key] != value}
             fork = fork_of(argv, env=env, varying=varying, cwd=cwd, modules=self.imports.get(name, ()))
         if component.ready.topic is not None:
-            for expression in self.context.topics(component.ready.topic):
-                self.bus.subscribe(segment, expression, lambda _: self._published.add(name))
+            told = parse_selector(component.ready.topic)
+            for expression in self.context.topics(told.topic):
+                self.bus.subscribe(segment, expression, functools.partial(self._hear, name, told.where))
         limits = None if before or component.limits == "off" else component.limits.model_dump()
         process = self.launcher.start(
             name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork, limits=limits
@@ -291,6 +294,13 @@ class TrialSetup:
         """Have it told where a signal ends components from now on."""
         if cannot := self.launcher.watch([self.processes[name].pid for name in names]):
             _tell_unwatched(cannot)
+
+    def _hear(self, name: str, where: str | None, message: Message) -> None:
+        """Note that a component has published what its `ready` asks for."""
+        kind = self.context.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        with suppress(PayloadError):
+            if where is None or (kind and parse_predicate(where)(lambda path: kind.read(message.payload, path))):
+                self._published.add(name)
 
     def _wait_declared(self, names: Iterable[str]) -> None:
         """Wait for what `ready` in riot.toml asks for."""

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from riot_bus.config.arguments import parse_seconds, parse_size
 from riot_bus.config.router_settings import RouterSettings, router_keys
@@ -14,6 +14,8 @@ from riot_bus.config.toml_file import MistakeError, explained, line_of, place_of
 from riot_bus.monitors.catalogue import build_monitor
 from riot_bus.monitors.model import Invariant
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.predicate import parse_predicate
+from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,16 +64,30 @@ class System(_Table):
     perturbed_run: RunPace = RunPace(duration=30.0)
 
 
+def _messages(text: str) -> str:
+    """Return a selector of whole messages as it is; refuse what is none."""
+    try:
+        selector = parse_selector(text)
+        if selector.where is not None:
+            parse_predicate(selector.where)
+    except ConfigError as error:
+        raise MistakeError(error.message, hint=error.hint) from None
+    if selector.field is not None:
+        raise MistakeError(f"{text!r} names a field", hint=f"write '{selector.topic} where ...' to ask for a value")
+    return text
+
+
 class Ready(_Table):
     """When a component can be fed: it has subscribed to its inputs, and what is given here holds too.
 
-    `line` is part of a line that it prints, `topic` one on which it has published, `port` one of TCP at which it
-    listens on this machine, `after` a time since its start. All of it has to come within `timeout` seconds.
+    `line` is part of a line that it prints, `topic` one on which it has published (a selector may say what), `port` one
+    of TCP at which it listens on this machine, `after` a time since its start. All of it has to come within `timeout`
+    seconds.
     """
 
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
-    topic: str | None = Field(default=None, min_length=1)
+    topic: Annotated[str, AfterValidator(_messages)] | None = None
     port: Annotated[int, Field(ge=1, le=65_535)] | Literal["{free_port}"] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
 

@@ -28,7 +28,8 @@ while sys.argv[2] == "never":
     time.sleep(1)
 time.sleep(0.5)
 server = socket.create_server(("127.0.0.1", int(sys.argv[3])))
-session.put("told", "1")
+for state in "inactive", "active":
+    session.put("told", json.dumps({"state": state}))
 print("now it is ready", flush=True)
 time.sleep(3600)
 """
@@ -53,7 +54,16 @@ def stage(tmp_path: Path, launcher: Launcher, ready: str, when: str, port: int) 
     return TrialSetup(open_system(path), launcher, tmp_path, segments=["system"])
 
 
-@pytest.mark.parametrize("ready", ['line = "it is ready"', 'topic = "told"', "port = PORT", "after = 0.7"])
+READY = [
+    'line = "it is ready"',
+    'topic = "told"',
+    "topic = \"told where state == 'active'\"",
+    "port = PORT",
+    "after = 0.7",
+]
+
+
+@pytest.mark.parametrize("ready", READY)
 def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
     port = free_port()
     text = f"timeout = 60, {ready.replace('PORT', str(port))}"
@@ -71,6 +81,7 @@ def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
     [
         ('line = "it is ready"', "has not printed 'it is ready' within 5 s"),
         ('topic = "told"', "has not published on told within 5 s"),
+        ("topic = \"told where state == 'active'\"", "has not published on told where state == 'active' within 5 s"),
         ("port = PORT", "does not listen on port"),
     ],
 )

@@ -56,6 +56,8 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', "resources = { sin = 1 }\n[resources]\nsim = 2", 7, ("'sin' is not described", "'sim'")),
         ('segment = "a"', "resources = { sim = 3 }\n[resources]\nsim = 2", 7, ("3 are more than there are", "has 2")),
         ("[unit.one]", '[resources]\n"a/b" = 1', 9, ("a/b",)),
+        ('segment = "a"', 'ready = { topic = "x where state is 3" }', 5, ("state is 3",)),
+        ('segment = "a"', 'ready = { topic = "x:state" }', 5, ("names a field", "x where ...")),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
         ("[unit.one]", '[unit.one]\nreset = { topic = "x" }', 10, ("goes on is reset", 'isolation = "persistent"')),
         ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 10, ("rang", "did you mean 'range'")),
