@@ -29,7 +29,7 @@ WAITING_WORKERS = 6  # integration tests mostly wait, so that more of them than 
 
 
 def environment() -> None:
-    """Create or refresh .venv with the project, all extras and the development tools."""
+    """Create or refresh .venv with the project, its extras and the development tools."""
     files = (ROOT / "pyproject.toml").read_bytes() + LOCK.read_bytes()
     wanted = hashlib.sha256(files + sys.version.encode()).hexdigest()
     if STAMP.is_file() and STAMP.read_text() == wanted:

@@ -22,6 +22,10 @@ LOCK = ROOT / "requirements.lock"
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("x86_64", "aarch64")
 GLIBC = ("manylinux2014", *(f"manylinux_2_{minor}" for minor in range(17, 29)))
+UNLOCKED = (
+    "all",
+    "stl",
+)  # antlr4-python3-runtime 4.7, which rtamt wants, has no wheel; pip resolves for others with wheels only
 BESIDE = ("editables", "pip")  # what hatchling needs for an editable installation, and what installs it
 HEAD = """\
 # What bootstrap.py installs, for Python 3.11 to 3.13 on Linux, x86_64 and aarch64.
@@ -32,11 +36,11 @@ Target = tuple[str, str]
 
 
 def wanted(project: dict[str, Any]) -> list[str]:
-    """Return the requirements of the project, of all its extras and of its development: what bootstrap.py installs."""
+    """Return the requirements of the project, of its extras (but UNLOCKED) and of its development."""
     extras: dict[str, list[str]] = project["project"]["optional-dependencies"]
     groups: dict[str, list[Any]] = project["dependency-groups"]
     texts = [*project["project"]["dependencies"], *project["build-system"]["requires"], *BESIDE]
-    texts += [text for name, each in extras.items() if name != "all" for text in each]
+    texts += [text for name, each in extras.items() if name not in UNLOCKED for text in each]
     texts += [text for each in groups["dev"] for text in groups[each["include-group"]]]
     return sorted(set(texts))
 

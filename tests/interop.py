@@ -111,7 +111,9 @@ LIBRARIES = Environment(
 FOXGLOVE = Environment(
     "foxglove", ("@mcap/core@2.2.2", "@foxglove/rosmsg@5.0.5", "@foxglove/rosmsg2-serialization@3.1.0", "fzstd@0.1.1")
 )
-ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE)
+RTAMT = Environment("rtamt", ("rtamt==0.4.10",), "import rtamt", pythons=("3.11", "3.12"))
+"""Its parser has no wheel, so requirements.lock cannot have it; tests put its folder on their own path (`stl_env`)."""
+ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT)
 
 
 def require(environment: Environment) -> Path:

@@ -8,6 +8,7 @@ import pytest
 
 from riot_bus.plugins import MONITORS
 from riot_bus.testing.monitors import MonitorConformance, trial_view
+from tests.stl_env import need_rtamt
 
 SAMPLES = {
     "range": ({"field": "a:x", "max": 2.0}, [("a", {"x": 1.0})], [("a", {"x": 3.0})]),
@@ -22,6 +23,7 @@ SAMPLES = {
         trial_view([("a", {})], inputs=[("in", {})] * 2),
     ),
     "log": ({}, trial_view([], errors="fine"), trial_view([], errors="ERROR: bad")),
+    "stl": ({"formula": "always (x < 2)", "signals": {"x": "a:x"}}, [("a", {"x": 1})], [("a", {"x": 3})]),
     "sometimes": ({"when": "a where x > 2"}, [("a", {"x": 3})], [("a", {"x": 1})]),
     "answered": (
         {"request": "ask", "answer": "say", "within": 0.15},
@@ -51,6 +53,8 @@ class TestShipped(MonitorConformance):
     @pytest.fixture(autouse=True)
     def _chosen(self, kind: str, request: pytest.FixtureRequest) -> None:
         table, passing, failing = SAMPLES[kind]
+        if kind == "stl":
+            need_rtamt()
         if kind == "rate":
             failing = [("b", {})] * 3
             if "names_the_topics" in request.node.name or "without_outputs" in request.node.name:

@@ -1,0 +1,264 @@
+"""Formulas of signal temporal logic over fields, judged in dense time by the package rtamt (extra `stl`)."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from riot_bus.monitors.model import why_no_message
+from riot_bus.monitors.selection import field_selector, selected, why_unseen
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
+from riot_bus.vocabulary.trial import Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.monitors.model import TrialView
+    from riot_bus.types.model import MessageType
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Stl"]
+
+_MOST_CHANGES = 10_000  # of all signals: rtamt's time grows with their number times that of operators
+_MOST_AHEAD = 86_400
+_MOST_TRIED = 256
+_NUMBER = re.compile(r"(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
+_OPERATOR = re.compile(
+    "not|and|or|implies|iff|xor|always|eventually|until|historically|once|since|[GFUHOS]|abs|sqrt|exp|pow"
+)  # no other word gets to rtamt: its language can import modules, and takes 500ms for 500000 s
+_OTHER = re.compile(r"[^\s()\[\]:,+*/<>=!&|-]")
+_FUTURE = ("Always", "Eventually", "Until")  # names of rtamt's nodes; Timed... with bounds
+
+_Samples = list[list[float]]
+
+
+@dataclass(frozen=True)
+class Stl:
+    """A formula of signal temporal logic holds; a signal keeps its value until the next message.
+
+    It is judged from when every signal has a value. An outermost `always` is judged up to the last time at which all
+    that it looks ahead to was still watched; any other formula once, at the beginning.
+
+    Attributes:
+        formula: As rtamt takes it; times are seconds: `always ((speed > 0.5) implies (eventually[0:2] (ack >= 1)))`.
+        signals: `topic:field` of each signal of the formula, of outputs; where no output is of it, of inputs.
+    """
+
+    formula: Annotated[str, Field(max_length=1000)]
+    signals: Annotated[dict[str, str], Field(min_length=1, max_length=16)]
+
+    whole_trial = True
+
+    def __post_init__(self) -> None:
+        for name, text in self.signals.items():
+            field_selector(text)
+            if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII) or _OPERATOR.fullmatch(name):
+                raise ConfigError(f"{name!r} cannot name a signal", hint="use a word that is no operator")
+        words = _NUMBER.sub(" ", self.formula)
+        for word in re.findall(r"[^\W\d]\w*", words):
+            if word not in self.signals and not _OPERATOR.fullmatch(word):
+                hint = f"bind it: signals = {{ {word} = 'topic:field' }}; {did_you_mean(word, self.signals)}"
+                raise ConfigError(f"formula: unknown signal or operator {word!r}", hint=hint)
+        if unused := sorted(set(self.signals) - set(re.findall(r"\w+", words))):
+            raise ConfigError(f"signal {unused[0]!r} is not in the formula", hint="remove it, or mend the formula")
+        if strange := _OTHER.search(re.sub(r"[^\W\d]\w*", " ", words)):
+            hint = "it consists of signals, numbers without units, operators and brackets"
+            raise ConfigError(f"formula: {strange[0]!r} is not understood", hint=hint)
+        if "!=" in self.formula:  # its robustness is never negative
+            hint = "write '(x < 0.5) or (x > 1.5)' instead of 'x != 1'"
+            raise ConfigError("formula: '!=' can never be violated by more than nothing", hint=hint)
+        _ahead(_Parsed(self).node)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics of all signals."""
+        return tuple(dict.fromkeys(field_selector(text).topic for text in self.signals.values()))
+
+    def judge(self, view: TrialView) -> Sequence[Violation]:
+        """Return a violation if the formula does not hold, with the first time at which it does not."""
+        samples, end = self._samples(view)
+        if self._why_short(samples, end) is not None:
+            return []
+        found = self._first_false(samples, end)
+        if found is None:
+            return []
+        first, worst = found
+        values = ", ".join(f"{self.signals[name]} = {_at(each, first):g}" for name, each in samples.items())
+        detail = f"{self.formula}: robustness {worst:g}, first false {first:.3f} s after the first input: {values}"
+        fields = ", ".join(self.signals.values())
+        return [Violation("stl", fields, f"stl {self.formula} of {fields}", detail)]
+
+    def unseen(self, view: TrialView) -> str | None:
+        """Return why the formula could not be judged, or not to the end; None if it was."""
+        for text in self.signals.values():
+            selector = field_selector(text)
+            if why_no_message(view, selector.topic) is None or not list(selected(view, selector, view.inputs)):
+                absent = why_unseen(view, selector)
+                if absent is not None:
+                    return absent
+        samples, end = self._samples(view)
+        broken = next((name for name, each in samples.items() if each and math.isnan(each[-1][1])), None)
+        nan = (
+            f"{self.signals[broken]} is NaN, so nothing is judged from then on (`finite` finds that)"
+            if broken
+            else None
+        )
+        return nan or self._why_short(samples, end)
+
+    def forge(self, view: TrialView) -> TrialView:
+        """Return a copy in which each signal of outputs keeps one value that violates the formula with the others."""
+        samples, end = self._samples(view)
+        own = {
+            name: text
+            for name, text in self.signals.items()
+            if why_no_message(view, field_selector(text).topic) is None
+        }
+        numbers = [float(each) for each in _NUMBER.findall(self.formula)]
+        choices = dict.fromkeys([0.0, 1.0, *(each + step for each in numbers for step in (-1, 1, 0)), -1e6, 1e6])
+        for values in islice(product(choices, repeat=len(own)), _MOST_TRIED):
+            chosen = dict(zip(own, values, strict=True))
+            constant = {name: [[samples[name][0][0], value]] for name, value in chosen.items()}
+            try:
+                if self._first_false(samples | constant, end) is None:
+                    continue
+                forged = self._with(view, {own[name]: value for name, value in chosen.items()})
+                if self.judge(forged):
+                    return forged
+            except PayloadError:
+                continue
+        raise PayloadError("no constant values that were tried for its output fields violate it")
+
+    def _with(self, view: TrialView, values: Mapping[str, float]) -> TrialView:
+        changed: dict[int, Message] = {}
+        for text, value in values.items():
+            selector = field_selector(text)
+            for message, kind in selected(view, selector):
+                now, path = changed.get(id(message), message), selector.field or ""
+                is_whole = isinstance(kind.read(message.payload, path), int) and value.is_integer()
+                changes = {path: type(kind.read(message.payload, path))(value) if is_whole else value}
+                changed[id(message)] = now.with_payload(kind.rebuild(now.payload, changes))  # type: ignore[arg-type]
+        return replace(view, outputs=[changed.get(id(each), each) for each in view.outputs])
+
+    def _samples(self, view: TrialView) -> tuple[dict[str, _Samples], float]:
+        """Return time (seconds after the first input) and value of each change, and until when they may be judged."""
+        found: dict[str, _Samples] = {}
+        end = (view.end - view.start) / 1e9
+        for name, text in self.signals.items():
+            selector = field_selector(text)
+            messages: Iterator[tuple[Message, MessageType]] = selected(view, selector)
+            if why_no_message(view, selector.topic) is not None:
+                messages = selected(view, selector, view.inputs)
+            found[name] = each = []
+            for message, kind in sorted(messages, key=lambda it: it[0].time):
+                value = kind.read(message.payload, selector.field or "")
+                if not isinstance(value, bool | int | float):
+                    continue
+                time = (message.time - view.start) / 1e9
+                if each and each[-1][0] == time:
+                    each.pop()
+                limited = (
+                    max(-sys.float_info.max, min(float(value), sys.float_info.max)) if value == value else math.nan
+                )
+                if not each or each[-1][1] != limited:
+                    each.append([time, limited])
+                if limited != limited:
+                    end = min(end, math.nextafter(time, -math.inf))
+                    break
+        if (count := sum(map(len, found.values()))) > _MOST_CHANGES:
+            raise PayloadError(f"{count} changes of the signals of a formula, at most {_MOST_CHANGES} are judged")
+        return found, end
+
+    def _why_short(self, samples: Mapping[str, _Samples], end: float) -> str | None:
+        if not all(samples.values()):
+            return "a signal has no value"
+        ahead, start = _ahead(_Parsed(self).node), max(each[0][0] for each in samples.values())
+        if end - start >= ahead:
+            return None
+        return f"watched for {max(0.0, end - start):.3f} s with values of all signals, it looks {ahead:g} s ahead"
+
+    def _first_false(self, samples: Mapping[str, _Samples], end: float) -> tuple[float, float] | None:
+        """Return the first time at which it does not hold, and the least robustness; None if it holds."""
+        start = max(each[0][0] for each in samples.values())
+        moved = {
+            name: [[0.0, _at(each, start)], *([time - start, value] for time, value in each if start < time <= end)]
+            for name, each in samples.items()
+        }
+        parsed = _Parsed(self)
+        last = end - start - _ahead(parsed.node) if parsed.is_always else 0.0
+        judged = [(time, value) for time, value in parsed.robustness(moved) if time <= last]
+        if any(math.isnan(value) for _, value in judged):
+            raise PayloadError("the formula has no value: it computes inf - inf or the like")
+        false = [(time, value) for time, value in judged if value < 0]
+        return (start + false[0][0], min(value for _, value in false)) if false else None
+
+
+class _Parsed:
+    """A formula as rtamt has it; made anew for each use, as rtamt keeps what it evaluates.
+
+    Attributes:
+        node: What is evaluated: of an outermost `always`, what has to hold always.
+        is_always: Whether there was one.
+    """
+
+    def __init__(self, monitor: Stl) -> None:
+        try:
+            import rtamt
+        except ImportError as error:
+            if sys.version_info >= (3, 13):
+                text = "the package rtamt, which judges formulas, has no release for Python 3.13 and newer"
+                raise ConfigError(text, hint="use Python 3.11 or 3.12") from error
+            raise MissingExtraError("rtamt", "stl") from error
+        self._spec = rtamt.StlDenseTimeOfflineSpecification()
+        for name in monitor.signals:
+            self._spec.declare_var(name, "float")
+        self._spec.spec = monitor.formula
+        try:
+            self._spec.parse()
+        except RecursionError:
+            raise ConfigError("formula: too deeply nested", hint="make two monitors of it") from None
+        except Exception as error:  # it raises AttributeError for some wrong formulas, besides its own
+            text = str(error).removeprefix("RTAMT Exception: ").partition(" expecting {")[0].strip()
+            hint = "such as: always ((speed > 0.5) implies (eventually[0:2] (ack >= 1)))"
+            raise ConfigError(f"formula: {text} in {monitor.formula!r}", hint=hint) from error
+        if len(self._spec.ast.specs) != 1:
+            raise ConfigError("formula: there is more than one", hint="join them with 'and', or make two monitors")
+        top = self._spec.ast.specs[0]
+        self.is_always = type(top).__name__ == "Always"
+        self.node = top.children[0] if self.is_always else top
+
+    def robustness(self, samples: Mapping[str, _Samples]) -> _Samples:
+        """Return the robustness of the node over time."""
+        self._spec.ast.specs[:] = [self.node]
+        try:
+            found: _Samples = self._spec.evaluate(*([name, each] for name, each in samples.items()))
+        except Exception as error:  # such as ZeroDivisionError, OverflowError
+            raise PayloadError(f"the formula cannot be evaluated: {error}") from error
+        return found
+
+
+def _ahead(node: Any) -> float:
+    """Return how many seconds a node looks ahead; raises ConfigError where that has no end."""
+    inner = max(map(_ahead, node.children), default=0.0)
+    kind = type(node).__name__
+    if kind in _FUTURE and inner:
+        hint = (
+            "let an unbounded operator look at bounded ones only as the outermost 'always'; make two monitors of 'and'"
+        )
+        raise ConfigError(f"formula: bounded operators inside an unbounded {kind.lower()!r}", hint=hint)
+    if hasattr(node, "begin"):
+        if not node.begin <= node.end <= _MOST_AHEAD:
+            hint = f"write it [from:to] in seconds, such as [0:2], at most {_MOST_AHEAD}"
+            raise ConfigError(f"formula: {kind.removeprefix('Timed').lower()!r} has wrong bounds", hint=hint)
+        return inner + (float(node.end) if kind.removeprefix("Timed") in _FUTURE else 0.0)
+    return inner
+
+
+def _at(samples: _Samples, time: float) -> float:
+    return samples[bisect_right(samples, time, key=lambda each: each[0]) - 1][1]

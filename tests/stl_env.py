@@ -1,0 +1,23 @@
+"""The package rtamt for tests of formulas: it is pure Python, and found in an environment of its own."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from importlib.util import find_spec
+
+import pytest
+
+from tests.interop import RTAMT, require
+
+
+def need_rtamt() -> None:
+    """Make rtamt importable; without it the test is skipped, or fails if told so."""
+    if sys.version_info >= (3, 13):
+        pytest.skip("NOT TESTED: monitor stl: rtamt has no release for Python 3.13")
+    if find_spec("rtamt") is None:
+        (folder,) = require(RTAMT).parents[1].glob("lib/python*/site-packages")
+        sys.path.append(str(folder))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its parser imports typing.io
+        import rtamt  # noqa: F401
