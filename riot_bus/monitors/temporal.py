@@ -18,15 +18,15 @@ from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadEr
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
-    from riot_bus.types.model import MessageType
-    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["Stl"]
 
 _MOST_CHANGES = 10_000  # of all signals: rtamt's time grows with their number times that of operators
+_MOST = sys.float_info.max  # infinite signals would differ by NaN
 _MOST_AHEAD = 86_400
 _MOST_TRIED = 256
 _NUMBER = re.compile(r"(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])")
@@ -99,27 +99,19 @@ class Stl:
         """Return why the formula could not be judged, or not to the end; None if it was."""
         for text in self.signals.values():
             selector = field_selector(text)
-            if why_no_message(view, selector.topic) is None or not list(selected(view, selector, view.inputs)):
-                absent = why_unseen(view, selector)
-                if absent is not None:
-                    return absent
+            given = not _is_output(view, text) and list(selected(view, selector, view.inputs))
+            if not given and (absent := why_unseen(view, selector)) is not None:
+                return absent
         samples, end = self._samples(view)
         broken = next((name for name, each in samples.items() if each and math.isnan(each[-1][1])), None)
-        nan = (
-            f"{self.signals[broken]} is NaN, so nothing is judged from then on (`finite` finds that)"
-            if broken
-            else None
-        )
-        return nan or self._why_short(samples, end)
+        if broken is not None:
+            return f"{self.signals[broken]} is NaN, so nothing is judged from then on (`finite` finds that)"
+        return self._why_short(samples, end)
 
     def forge(self, view: TrialView) -> TrialView:
         """Return a copy in which each signal of outputs keeps one value that violates the formula with the others."""
         samples, end = self._samples(view)
-        own = {
-            name: text
-            for name, text in self.signals.items()
-            if why_no_message(view, field_selector(text).topic) is None
-        }
+        own = {name: text for name, text in self.signals.items() if _is_output(view, text)}
         numbers = [float(each) for each in _NUMBER.findall(self.formula)]
         choices = dict.fromkeys([0.0, 1.0, *(each + step for each in numbers for step in (-1, 1, 0)), -1e6, 1e6])
         for values in islice(product(choices, repeat=len(own)), _MOST_TRIED):
@@ -141,9 +133,10 @@ class Stl:
             selector = field_selector(text)
             for message, kind in selected(view, selector):
                 now, path = changed.get(id(message), message), selector.field or ""
-                is_whole = isinstance(kind.read(message.payload, path), int) and value.is_integer()
-                changes = {path: type(kind.read(message.payload, path))(value) if is_whole else value}
-                changed[id(message)] = now.with_payload(kind.rebuild(now.payload, changes))  # type: ignore[arg-type]
+                old: Scalar = kind.read(message.payload, path)
+                whole = int(value) if isinstance(old, int) and value.is_integer() else value
+                new = bool(value) if isinstance(old, bool) else whole
+                changed[id(message)] = now.with_payload(kind.rebuild(now.payload, {path: new}))
         return replace(view, outputs=[changed.get(id(each), each) for each in view.outputs])
 
     def _samples(self, view: TrialView) -> tuple[dict[str, _Samples], float]:
@@ -152,10 +145,9 @@ class Stl:
         end = (view.end - view.start) / 1e9
         for name, text in self.signals.items():
             selector = field_selector(text)
-            messages: Iterator[tuple[Message, MessageType]] = selected(view, selector)
-            if why_no_message(view, selector.topic) is not None:
-                messages = selected(view, selector, view.inputs)
-            found[name] = each = []
+            messages = selected(view, selector, None if _is_output(view, text) else view.inputs)
+            each: _Samples = []
+            found[name] = each
             for message, kind in sorted(messages, key=lambda it: it[0].time):
                 value = kind.read(message.payload, selector.field or "")
                 if not isinstance(value, bool | int | float):
@@ -163,9 +155,7 @@ class Stl:
                 time = (message.time - view.start) / 1e9
                 if each and each[-1][0] == time:
                     each.pop()
-                limited = (
-                    max(-sys.float_info.max, min(float(value), sys.float_info.max)) if value == value else math.nan
-                )
+                limited = float(min(max(value, -_MOST), _MOST)) if value == value else math.nan
                 if not each or each[-1][1] != limited:
                     each.append([time, limited])
                 if limited != limited:
@@ -258,6 +248,10 @@ def _ahead(node: Any) -> float:
             raise ConfigError(f"formula: {kind.removeprefix('Timed').lower()!r} has wrong bounds", hint=hint)
         return inner + (float(node.end) if kind.removeprefix("Timed") in _FUTURE else 0.0)
     return inner
+
+
+def _is_output(view: TrialView, text: str) -> bool:
+    return why_no_message(view, field_selector(text).topic) is None
 
 
 def _at(samples: _Samples, time: float) -> float:

@@ -155,7 +155,7 @@ def test_what_was_not_judged_is_told() -> None:
     below = Stl("always (x < 2)", {"x": "a:x"})
     assert "a:x is NaN" in judge(trial_view(nan), [below]).unseen[0]
     assert judge(trial_view([("a", {"x": 3.0}), *nan]), [below]).violations
-    infinite = [("a", b'{"x": Infinity}'), ("a", b'{"x": -Infinity}')]
+    infinite = [("a", {"x": 10**400}), ("a", b'{"x": Infinity}'), ("a", b'{"x": -Infinity}')]
     assert "robustness -1.79" in judge(trial_view(infinite), [below]).violations[0].detail
     assert "sqrt" in judge(trial_view([("a", {"x": -1.0})]), [Stl("sqrt(x) < 2", {"x": "a:x"})]).broken[0]
     many = [("a", {"x": number}) for number in range(10_001)]
