@@ -145,11 +145,17 @@ class Stl:
         end = (view.end - view.start) / 1e9
         for name, text in self.signals.items():
             selector = field_selector(text)
-            messages = selected(view, selector, None if _is_output(view, text) else view.inputs)
+            is_output = _is_output(view, text)
+            messages = selected(view, selector, None if is_output else view.inputs)
             each: _Samples = []
             found[name] = each
             for message, kind in sorted(messages, key=lambda it: it[0].time):
-                value = kind.read(message.payload, selector.field or "")
+                try:
+                    value = kind.read(message.payload, selector.field or "")
+                except PayloadError:
+                    if is_output:
+                        raise
+                    continue  # such as an input that riot has truncated
                 if not isinstance(value, bool | int | float):
                     continue
                 time = (message.time - view.start) / 1e9

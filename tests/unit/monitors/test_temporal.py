@@ -138,6 +138,16 @@ def test_a_violation_names_fields_robustness_and_the_first_time() -> None:
     )
 
 
+def test_an_input_that_cannot_be_read_changes_nothing() -> None:
+    asked = [("cmd", {"speed": 0.75}), ("cmd", b"{"), ("cmd", {}), ("cmd", {"speed": "text"})]
+    said = [("status", {"ok": True}), *[("status", {"ok": False})] * 40]
+    one, all_of = (trial_view(said, inputs=asked[:count]) for count in (1, 4))
+    monitor = Stl(ANSWERED, BOUND)
+    assert judge(one, [monitor]) == judge(all_of, [monitor])
+    assert judge(one, [monitor]).violations
+    assert "not JSON" in judge(trial_view([*said, ("status", b"{")], inputs=asked), [monitor]).broken[0]
+
+
 def test_an_answer_that_may_still_come_is_not_missed() -> None:
     early = [("status", {"ok": False})] * 25
     view = trial_view([*early, ("status", {"ok": True}), ("status", {"ok": False})], inputs=[("cmd", {"speed": 0.0})])
