@@ -109,35 +109,40 @@ class Stl:
         return self._why_short(samples, end)
 
     def forge(self, view: TrialView) -> TrialView:
-        """Return a copy in which each signal of outputs keeps one value that violates the formula with the others."""
+        """Return a copy in which each signal of outputs keeps one value, and of inputs, too, where that does not do."""
         samples, end = self._samples(view)
-        own = {name: text for name, text in self.signals.items() if _is_output(view, text)}
+        own = [name for name, text in self.signals.items() if _is_output(view, text)]
         numbers = [float(each) for each in _NUMBER.findall(self.formula)]
         choices = dict.fromkeys([0.0, 1.0, *(each + step for each in numbers for step in (-1, 1, 0)), -1e6, 1e6])
-        for values in islice(product(choices, repeat=len(own)), _MOST_TRIED):
-            chosen = dict(zip(own, values, strict=True))
+        tries = (
+            dict(zip(names, values, strict=True))
+            for names in ((own, self.signals) if len(own) < len(self.signals) else (own,))
+            for values in islice(product(choices, repeat=len(names)), _MOST_TRIED)
+        )
+        for chosen in tries:
             constant = {name: [[samples[name][0][0], value]] for name, value in chosen.items()}
             try:
                 if self._first_false(samples | constant, end) is None:
                     continue
-                forged = self._with(view, {own[name]: value for name, value in chosen.items()})
+                forged = self._with(view, {self.signals[name]: value for name, value in chosen.items()})
                 if self.judge(forged):
                     return forged
             except PayloadError:
                 continue
-        raise PayloadError("no constant values that were tried for its output fields violate it")
+        raise PayloadError("no constant values that were tried for its fields violate it")
 
     def _with(self, view: TrialView, values: Mapping[str, float]) -> TrialView:
         changed: dict[int, Message] = {}
         for text, value in values.items():
             selector = field_selector(text)
-            for message, kind in selected(view, selector):
+            for message, kind in selected(view, selector, None if _is_output(view, text) else view.inputs):
                 now, path = changed.get(id(message), message), selector.field or ""
                 old: Scalar = kind.read(message.payload, path)
                 whole = int(value) if isinstance(old, int) and value.is_integer() else value
                 new = bool(value) if isinstance(old, bool) else whole
                 changed[id(message)] = now.with_payload(kind.rebuild(now.payload, {path: new}))
-        return replace(view, outputs=[changed.get(id(each), each) for each in view.outputs])
+        inputs, outputs = ([changed.get(id(it), it) for it in each] for each in (view.inputs, view.outputs))
+        return replace(view, inputs=inputs, outputs=outputs)
 
     def _samples(self, view: TrialView) -> tuple[dict[str, _Samples], float]:
         """Return time (seconds after the first input) and value of each change, and until when they may be judged."""
