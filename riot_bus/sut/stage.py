@@ -23,6 +23,7 @@ from riot_bus.sut.resource_limits import told
 from riot_bus.sut.rest import all_wait, is_at_rest
 from riot_bus.sut.settling import own_others, own_senders, wait_settled
 from riot_bus.sut.surroundings import fixed_environment
+from riot_bus.sut.system import FREE_PORT
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Qos
 from riot_bus.vocabulary.predicate import parse_predicate
@@ -123,6 +124,7 @@ class TrialSetup:
         self._watched: list[str] = []
         self._started: dict[str, float] = {}
         self._folders: dict[str, Path] = {}
+        self._ports: dict[str, int] = {}
         self.idle = STILL
         self.imports = {} if imports is None else imports
         self.senders, self.others = own_senders(), own_others()
@@ -183,8 +185,9 @@ class TrialSetup:
             "{speed}": f"{pace.speed if pace else 1:g}",
             "{slot}": str(self.launcher.slot),
             "{domain}": str(1 + self.launcher.slot % _DOMAINS),
-            "{free_port}": str(self._free_port),
         }
+        for text in (*component.command, *component.env.values(), component.cwd):
+            words |= {word: str(self._free_port(word)) for word in FREE_PORT.findall(text)}
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
         given = {**environment_of_others(), **filled}
@@ -229,14 +232,16 @@ class TrialSetup:
             self.launcher.interrupt(process, signal.SIGTERM)
             self.launcher.wait([process], timeout=3.0)
 
-    @functools.cached_property
-    def _free_port(self) -> int:
-        """A port of TCP that is free, the same in all of the trial."""
-        while True:
+    def _free_port(self, word: str) -> int:
+        """Return a port of TCP and UDP that was free, for each placeholder its own, the same in all of the trial."""
+        while word not in self._ports:
             port = random.SystemRandom().choice(_PORTS)
-            with socket.socket() as probe, suppress(OSError):
-                probe.bind(("", port))
-                return port
+            with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, suppress(OSError):
+                tcp.bind(("", port))
+                udp.bind(("", port))
+                if port not in self._ports.values():
+                    self._ports[word] = port
+        return self._ports[word]
 
     def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
         """Wait until the only component on its segment has subscribed to keys.
@@ -320,7 +325,7 @@ class TrialSetup:
         if ready.topic is not None and name not in self._published:
             return f"has not published on {ready.topic}"
         if ready.port is not None:
-            port = ready.port if isinstance(ready.port, int) else self._free_port
+            port = ready.port if isinstance(ready.port, int) else self._free_port(ready.port)
             with socket.socket() as probe:
                 if probe.connect_ex(("127.0.0.1", port)):
                     return f"does not listen on port {port}"

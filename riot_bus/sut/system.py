@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = [
+    "FREE_PORT",
     "Component",
     "External",
     "Ready",
@@ -35,6 +37,9 @@ __all__ = [
 ]
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+FREE_PORT = re.compile(r"\{free_port(?::\w{1,40})?\}", re.ASCII)
+"""Placeholders of a port: with a name, there is one for each."""
 
 
 class _Table(BaseModel):
@@ -88,7 +93,7 @@ class Ready(_Table):
     timeout: Seconds = 15.0
     line: str | None = Field(default=None, min_length=1, max_length=1000)
     topic: Annotated[str, AfterValidator(_messages)] | None = None
-    port: Annotated[int, Field(ge=1, le=65_535)] | Literal["{free_port}"] | None = None
+    port: Annotated[int, Field(ge=1, le=65_535)] | Annotated[str, Field(pattern=f"^{FREE_PORT.pattern}$")] | None = None
     after: Annotated[float, Field(ge=0, le=86_400)] = 0.0
 
 
@@ -124,7 +129,7 @@ class Component(_Table):
     """`[components.NAME]`: one process.
 
     `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}
-    {speed} {slot} {domain} {free_port}. `resources` says how many of which of `[resources]` it needs.
+    {speed} {slot} {domain} {free_port} {free_port:NAME}. `resources` says how many of which of `[resources]` it needs.
     """
 
     command: tuple[str, ...] = Field(min_length=1)

@@ -96,7 +96,7 @@ def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready:
 
 TELLS = """
 import os, sys, time, socket
-print(os.getcwd(), *sys.argv[1:], os.environ["DOMAIN"], os.environ["PORT"], flush=True)
+print(os.getcwd(), *sys.argv[1:], os.environ["DOMAIN"], os.environ["PORT"], os.environ["OTHER"], flush=True)
 server = socket.create_server(("127.0.0.1", int(sys.argv[2])))
 time.sleep(3600)
 """
@@ -108,8 +108,9 @@ def test_parallel_trials_have_folders_domains_and_ports_of_their_own(tmp_path: P
         (tmp_path / f"work-{slot}").mkdir()
     path = tmp_path / "riot.toml"
     path.write_text(
-        '[components.part]\ncommand = ["{python}", "../part.py", "{slot}", "{free_port}"]\ncwd = "work-{slot}"\n'
-        'env = { DOMAIN = "{domain}", PORT = "{free_port}" }\nready = { port = "{free_port}", timeout = 60 }\n'
+        '[components.part]\ncommand = ["{python}", "../part.py", "{slot}", "{free_port:a}"]\ncwd = "work-{slot}"\n'
+        'env = { DOMAIN = "{domain}", PORT = "{free_port:a}", OTHER = "{free_port}" }\n'
+        'ready = { port = "{free_port:a}", timeout = 60 }\n'
     )
     context, ports = open_system(path), set()
     for slot in (0, 1):
@@ -118,8 +119,8 @@ def test_parallel_trials_have_folders_domains_and_ports_of_their_own(tmp_path: P
         with Launcher(slot) as launcher, TrialSetup(context, launcher, directory, segments=["system"]) as one:
             process = one.start("part", seed=0)
             one.wait_subscribed("part", [])
-            folder, said, port, domain, same = process.printed().split()
+            folder, said, port, domain, same, other = process.printed().split()
             assert (folder, said, domain) == (str(tmp_path / f"work-{slot}"), str(slot), str(slot + 1))
             assert port == same
-            ports.add(port)
-    assert len(ports) == 2
+            ports |= {port, other}
+    assert len(ports) == 4
