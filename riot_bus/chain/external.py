@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.sut.system import SystemFile
+    from riot_bus.vocabulary.message import Message
 
-__all__ = ["ExternalField", "external_fields", "message_rate", "topic_graph"]
+__all__ = ["ExternalField", "external_fields", "external_messages", "message_rate", "system_log", "topic_graph"]
 
 _REACH = 2500.0
 
@@ -71,11 +72,11 @@ def message_rate(times: Iterable[int]) -> float:
     return (len(stamps) - 1) / max(1e-9, (stamps[-1] - stamps[0]) / 1e9) if len(stamps) > 1 else 0.0
 
 
-def external_fields(workspace: Workspace) -> list[ExternalField]:
-    """List all numeric external fields, with their behaviour in the nominal log.
+def external_messages(workspace: Workspace) -> list[Message]:
+    """Return the messages of the nominal log that come from outside.
 
     Raises:
-        ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
+        ConfigError: riot.toml names no external topic.
     """
     file, registry = workspace.context.file, workspace.context.registry
     if not file.external.topics:
@@ -83,14 +84,50 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
             "no external topics", where=f"{file.path}: [external]", hint="list what the outside controls in `topics`"
         )
     log = workspace.nominal_messages()
-    messages = [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
+    return [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
+
+
+def system_log(workspace: Workspace) -> tuple[Message, ...]:
+    """Return what comes from outside in a run as short as those that search the whole system.
+
+    It is the begin of the nominal log, as long as a `trial_run` is in the time of the log.
+
+    Raises:
+        ConfigError: Nothing comes from outside, or external components share the system's segment.
+    """
+    file = workspace.context.file
+    inside = {file.segment_of(one) for one in file.components.values() if not one.external}
+    if inside & {file.segment_of(one) for one in file.components.values() if one.external}:
+        raise ConfigError(
+            "external components share a segment with the system, so nothing can be intercepted",
+            where=f"{file.path}: [components]",
+            hint="give external components a `segment` of their own",
+        )
+    messages = external_messages(workspace)
+    if not messages:
+        raise ConfigError(
+            f"the nominal log holds nothing on {', '.join(file.external.topics)}", where=f"{file.path}: [external]"
+        )
+    pace = file.system.trial_run
+    end = messages[0].time + round(pace.duration / pace.speed * 1e9)
+    return tuple(message for message in messages if message.time <= end)
+
+
+def external_fields(workspace: Workspace) -> list[ExternalField]:
+    """List all numeric external fields, with their behaviour in the nominal log.
+
+    Raises:
+        ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
+    """
+    file, registry = workspace.context.file, workspace.context.registry
+    messages = external_messages(workspace)
     targets = targets_of(messages, registry, leave=file.external.exclude)
     targets = {
         topic: [target for target in fields if target.type not in ("string", "bytes", "bool")]
         for topic, fields in targets.items()
     }
     if not any(targets.values()):
-        present = {registry.topic(one.key) for one in log}
+        present = {registry.topic(one.key) for one in workspace.nominal_messages()}
         raise ConfigError(
             f"the nominal log holds no numeric field of {', '.join(file.external.topics)}",
             where=str(workspace.nominal_log()),

@@ -50,10 +50,11 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     """
     finding = FindingRecord.load(folder)
     registry = workspace.context.registry
+    whole_system = whole_system or finding.whole_system
     if whole_system:
-        if not ActivationRecord.exists(folder) or not (folder / "activation.mcap").is_file():
-            raise ConfigError("no activation.mcap", where=str(folder), hint="run `riot activate` first")
-        path = folder / "activation.mcap"
+        path = folder / ("failure.mcap" if finding.whole_system else "activation.mcap")
+        if not path.is_file() or not (finding.whole_system or ActivationRecord.exists(folder)):
+            raise ConfigError(f"no {path.name}", where=str(folder), hint="run `riot activate` first")
         messages = read_log(path)
         judged, why = workspace.judged_in_system(finding)
         if why:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import logging
+import shutil
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
@@ -16,6 +17,7 @@ from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id, severity
+from riot_bus.chain.external import system_log
 from riot_bus.chain.histories import shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
@@ -29,21 +31,25 @@ from riot_bus.findings.records import (
     UnconfirmedRecord,
 )
 from riot_bus.inject.apply import inject_log
+from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.campaign.covering import Variation
+    from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.sut.baseline import Baseline
     from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome, TestCase
 
 __all__ = ["test_unit", "tested"]
 
@@ -52,7 +58,42 @@ _MOST_HISTORIES = 5
 """Each may take some hundred trials."""
 
 
-def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | None, covered: bool) -> list[Path]:
+@dataclass(frozen=True, slots=True)
+class _Subject:
+    """What a campaign is on: a unit with its nominal log, or the running system with what comes from outside.
+
+    Attributes:
+        name: What it is called.
+        log: Nominal messages that injections are planned on.
+        leave: Patterns of fields that are left alone.
+        include: Patterns of fields that are injected though they would be left alone.
+    """
+
+    unit: str
+    name: str
+    log: tuple[Message, ...]
+    leave: Sequence[str]
+    include: Sequence[str]
+    whole_system: bool = False
+
+
+def _subject(workspace: Workspace, unit: str, *, whole_system: bool) -> _Subject:
+    file = workspace.context.file
+    if whole_system:
+        return _Subject(unit, file.system.name, system_log(workspace), file.external.exclude, (), whole_system=True)
+    settings = file.unit[unit]
+    return _Subject(unit, unit, workspace.unit_log(unit), settings.leave, settings.include)
+
+
+def test_unit(
+    workspace: Workspace,
+    unit: str,
+    *,
+    trials: int,
+    seconds: float | None,
+    covered: bool,
+    whole_system: bool = False,  # noqa: PT028 - it is no test
+) -> list[Path]:
     """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:
@@ -61,38 +102,42 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
         trials: At most so many injected trials.
         seconds: At most so much time; None for no limit.
         covered: Whether to end when all that there is to try was tried.
+        whole_system: Whether trials are runs of the whole system with injections into what comes from outside, instead
+            of a log that is played to the unit; of the other components less can be told than of the unit.
 
     Raises:
         RiotError: The unit does not start, its log holds nothing for it, or nothing can be injected.
     """
     registry = workspace.context.registry
     settings = workspace.context.file.unit[unit]
-    log = workspace.unit_log(unit)
+    subject = _subject(workspace, unit, whole_system=whole_system)
+    log, leave, include = subject.log, subject.leave, subject.include
     dictionary = dictionary_of(workspace, unit)
     everything = targets_of(log, registry, include=["*"])
     for problem in dictionary.unmatched(f"{each.topic}:{each.path}" for found in everything.values() for each in found):
         _LOG.warning("riot: %s", problem)
-    targets = targets_of(log, registry, leave=settings.leave, include=settings.include)
+    targets = targets_of(log, registry, leave=leave, include=include)
     schedule = Schedule(
         with_observed(targets, log, registry),
         dictionary,
         seed=workspace.seed,
-        groups=groups_of(log, registry, dictionary, leave=settings.leave, include=settings.include),
+        groups=groups_of(log, registry, dictionary, leave=leave, include=include),
     )
 
     with workspace.step("test") as step:
-        baseline = workspace.runners.baseline(unit, lambda: log)
+        runner, baseline, untold = _judge_of(step, subject)
+        persistent = settings.isolation == "persistent" and not whole_system
         result = run_campaign(
-            log,
+            () if whole_system else log,
             schedule,
-            step.unit_runner(unit),
+            runner,
             seed=workspace.seed,
             trials=trials,
             covering=Covering(
                 [
                     *schedule.items(),
-                    *message_faults(log, registry, leave=settings.leave),
-                    *malformations(log, registry, leave=settings.leave, include=settings.include),
+                    *message_faults(log, registry, leave=leave),
+                    *malformations(log, registry, leave=leave, include=include),
                 ],
                 positions_of(log, registry),
                 seed=workspace.seed,
@@ -101,12 +146,15 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             seconds=seconds,
             covered=covered,
             progress=step.progress,
-            found=lambda failure: _save(step, unit, failure, log),
-            explorer=step.unit_runner(unit, persistent=True) if settings.isolation == "persistent" else None,
+            found=lambda failure: _save(step, subject, failure, baseline),
+            explorer=step.unit_runner(unit, persistent=True) if persistent else None,
         )
-        saved = [_save(step, unit, failure, log) for failure in result.failures.values()]
+        if isinstance(runner, _Inside):
+            failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
+            untold += tuple(f"whether the system made what drives it fail: {each}" for each in failed)
+        saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         traced, untraced = _after_others(step, unit, result, baseline)
-        saved += [_save(step, unit, failure, failure.case.messages) for failure in traced]
+        saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in traced]
         folders = sorted(saved, key=lambda folder: FindingRecord.load(folder).rank)
         types = {(each.topic, each.path): each.type for found in everything.values() for each in found}
         record = CampaignRecord(
@@ -122,7 +170,8 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
             covered=len(result.tried),
             coverable=result.coverable,
             effects=_effects(result, types),
-            untold=baseline.untold,
+            untold=untold,
+            whole_system=whole_system,
             rate=_rate(proportion(result.failing, result.trials)),
             mined=baseline.mined.row(),
             seed=workspace.seed,
@@ -133,7 +182,7 @@ def test_unit(workspace: Workspace, unit: str, *, trials: int, seconds: float | 
         found = map(_told, [*result.failures.values(), *traced])
         after = [_after(each) for each in untraced]
         lines = [*found, *after, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
-        step.end("\n".join([_summary(unit, log, result), *lines]), folder=workspace.out, record=record)
+        step.end("\n".join([_summary(subject, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
@@ -146,7 +195,11 @@ def tested(workspace: Workspace, unit: str) -> list[Path] | None:
     if not CampaignRecord.exists(workspace.out):
         return None
     record = CampaignRecord.load(workspace.out)
-    if (record.unit, record.fingerprint, record.seed) != (unit, workspace.fingerprint, workspace.seed):
+    if record.whole_system or (record.unit, record.fingerprint, record.seed) != (
+        unit,
+        workspace.fingerprint,
+        workspace.seed,
+    ):
         return None
     return [workspace.findings / name for name in record.findings]
 
@@ -194,9 +247,11 @@ def _after(each: UnconfirmedRecord) -> str:
     return f"not confirmed: {clean(each.signature, limit=160)}: seen after {cases} in one process, not in a fresh one"
 
 
-def _summary(unit: str, log: Sequence[Message], result: CampaignResult) -> str:
+def _summary(subject: _Subject, result: CampaignResult) -> str:
+    messages = counted(len(subject.log), "message")
+    what, each = ("run", f"about {messages} from outside") if subject.whole_system else ("trial", f"{messages} each")
     text = (
-        f"{counted(result.trials, 'trial')} of {unit} with {counted(len(log), 'message')} each: "
+        f"{counted(result.trials, what)} of {subject.name} with {each}: "
         f"{result.failing} failed, {counted(len(result.failures), 'distinct finding')}"
     )
     if result.coverable:
@@ -217,13 +272,60 @@ def _told(failure: Failure) -> str:
     return f"found {clean(failure.violation.signature, limit=160)}{rate}"
 
 
-def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) -> Path:
+class _Inside:
+    """A runner whose outcomes leave out how external components failed: what drives the system is not under test.
+
+    Args:
+        runner: Runs the whole system.
+        external: Names of external components.
+
+    Attributes:
+        failed: Signatures that were left out, and in how many runs.
+    """
+
+    def __init__(self, runner: StoredRunner, external: Collection[str]) -> None:
+        self._runner, self._external = runner, external
+        self.failed = Counter[str]()
+
+    @property
+    def parallelism(self) -> int:
+        """How many run at once."""
+        return self._runner.parallelism
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Return the outcomes of all cases."""
+        return [self._judge(outcome) for outcome in self._runner.run(cases)]
+
+    def _judge(self, outcome: Outcome) -> Outcome:
+        inside = tuple(each for each in outcome.violations if each.component not in self._external)
+        self.failed.update({each.signature for each in outcome.violations} - {each.signature for each in inside})
+        verdict = Verdict.PASS if outcome.verdict is Verdict.FAIL and not inside else outcome.verdict
+        return replace(outcome, violations=inside, verdict=verdict)
+
+
+def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside, Baseline, tuple[str, ...]]:
+    """Return what executes trials, what they are held against, and what cannot be told of them."""
+    workspace, unit = step.workspace, subject.unit
+    if not subject.whole_system:
+        baseline = workspace.runners.baseline(unit, lambda: subject.log)
+        return step.unit_runner(unit), baseline, baseline.untold
+    pace = workspace.context.file.system.trial_run
+    baseline = workspace.runners.in_system(unit, lambda: workspace.unit_log(unit), pace)
+    judged = (unit, baseline) if baseline.trials else None
+    others = f"of components other than {unit}: whether they fall silent, hang or grow"
+    mute = () if judged else tuple(f"whether {unit} still works after a run: {why}" for why in baseline.mute)
+    external = {name for name, each in workspace.context.file.components.items() if each.external}
+    runner = _Inside(step.system_runner(observe=(), pace=pace, judged=judged), external)
+    return runner, baseline, (*mute, others)
+
+
+def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline) -> Path:
     """Write a finding; of one that is there already, only how often it was seen: its rate is that of the log it keeps.
 
     Nothing is deleted.
     """
     workspace = step.workspace
-    name = finding_id(failure.violation)
+    name = finding_id(failure.violation) + ("-system" if subject.whole_system else "")
     folder = workspace.findings / name
     known = FindingRecord.load(folder) if FindingRecord.exists(folder) else None
     told = known is None
@@ -233,7 +335,7 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
     elif known is not None and failure.modified < known.modified and not MinimalRecord.exists(folder):
         known = None  # a simpler case has been found since
     if known is None:
-        record = _write(step, unit, failure, log, folder)
+        record = _write(step, subject, failure, folder)
     else:
         record = known.model_copy(
             update={
@@ -246,7 +348,9 @@ def _save(step: StepRun, unit: str, failure: Failure, log: Sequence[Message]) ->
     record.save(folder)
     write_reproduce(folder)
     if not (folder / EVIDENCE).is_dir():
-        workspace.runners.keep_evidence(unit, failure.case, failure.violation.signature, folder / EVIDENCE)
+        kept = baseline if subject.whole_system else None
+        signature = failure.violation.signature
+        workspace.runners.keep_evidence(subject.unit, failure.case, signature, folder / EVIDENCE, in_system=kept)
     if told:
         workspace.tell(
             FindingWritten(step.name, str(folder), name, failure.violation.signature, occurrences=failure.occurrences)
@@ -291,24 +395,20 @@ def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> Ef
     return EffectsRecord.model_validate(asdict(result.effects) | found | {"undecided": undecided})
 
 
-def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], folder: Path) -> FindingRecord:
+def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> FindingRecord:
     workspace, injections = step.workspace, failure.case.injections
     context = workspace.context
-    numbered = [message.with_(sequence=number) for number, message in enumerate(log)]
-    delivered, touched = inject_log(numbered, injections, registry=context.registry, seed=workspace.seed)
-    prefix = delivered[: failure.played] if failure.played else delivered
-    numbers = {message.sequence for message in prefix}
-    originals = {original.sequence: original for _, original, _ in touched if original.sequence in numbers}
-    changes = {original.sequence: made for _, original, made in touched}
     folder.mkdir(parents=True, exist_ok=True)
-    metadata = {"finding": folder.name, "signature": failure.violation.signature, "seed": str(workspace.seed)}
-    FailingLog(prefix, originals).save(folder / "failure.mcap", context=context, metadata=metadata, changes=changes)
+    if subject.whole_system:
+        messages, modified = _keep_external(failure, folder), failure.modified
+    else:
+        messages, modified = _keep_failing(workspace, subject.log, failure, folder)
     return FindingRecord(
         id=folder.name,
         system=context.file.system.name,
         system_file=str(context.file.path),
         fingerprint=workspace.fingerprint,
-        unit=unit,
+        unit=subject.unit,
         component=failure.violation.component,
         monitor=failure.violation.monitor,
         severity=severity(failure.violation),
@@ -320,10 +420,33 @@ def _write(step: StepRun, unit: str, failure: Failure, log: Sequence[Message], f
         ordered=failure.case.ordered,
         injections=tuple(injection.row() for injection in injections),
         delivered=tuple(failure.outcome.statistics.get("delivered", ())),
-        messages=len(prefix),
-        modified=len(originals),
+        messages=messages,
+        modified=modified,
         external=bool(context.file.external.topics),
+        whole_system=subject.whole_system,
         seed=workspace.seed,
         trials=step.trials,
         seconds=step.seconds,
     )
+
+
+def _keep_external(failure: Failure, folder: Path) -> int:
+    """Keep what came from outside in the failing run, as it was delivered; return the number of messages."""
+    if failure.outcome.log is None:
+        return 0
+    shutil.copyfile(failure.outcome.log, folder / "failure.mcap")
+    return len(read_log(folder / "failure.mcap"))
+
+
+def _keep_failing(workspace: Workspace, log: Sequence[Message], failure: Failure, folder: Path) -> tuple[int, int]:
+    """Keep the log that failed up to the failure; return the number of its messages, and of the modified ones."""
+    context = workspace.context
+    numbered = [message.with_(sequence=number) for number, message in enumerate(log)]
+    delivered, touched = inject_log(numbered, failure.case.injections, registry=context.registry, seed=workspace.seed)
+    prefix = delivered[: failure.played] if failure.played else delivered
+    numbers = {message.sequence for message in prefix}
+    originals = {original.sequence: original for _, original, _ in touched if original.sequence in numbers}
+    changes = {original.sequence: made for _, original, made in touched}
+    metadata = {"finding": folder.name, "signature": failure.violation.signature, "seed": str(workspace.seed)}
+    FailingLog(prefix, originals).save(folder / "failure.mcap", context=context, metadata=metadata, changes=changes)
+    return len(prefix), len(originals)

@@ -17,7 +17,7 @@ from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import Context, open_system
 from riot_bus.sut.nominal_system import needs_baseline, why_not_told
 from riot_bus.sut.runners import LocalRunners, RunnerFactory
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError, did_you_mean
 from riot_bus.vocabulary.trial import Outcome, Runner, TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -149,6 +149,12 @@ class Workspace:
             ConfigError: The step before has not been done.
             InconclusiveError: The step cannot say anything about this finding.
         """
+        if FindingRecord.load(folder).whole_system:
+            raise InconclusiveError(
+                "this was found in runs of the whole system: its log has what came from outside, not what its unit got",
+                where=str(folder),
+                hint="`riot reproduce` plays that log; `riot test` looks for the same in the unit alone",
+            )
         with self.step(step.name) as run:
             found = step.function(run, folder, **options)
             figures = {"seed": self.seed, "trials": run.trials, "seconds": run.seconds}

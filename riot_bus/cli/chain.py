@@ -171,17 +171,20 @@ def run_tests(
     trials: Trials = 100,
     seconds: Seconds = None,
     covered: Covered = False,
+    whole_system: Annotated[
+        bool, typer.Option("--whole-system", help="Run the system and inject into what comes from outside.")
+    ] = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Test one unit with exceptional values and group its failures into findings."""
+    """Test one unit, or the running system, with exceptional values and group failures into findings."""
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
     with _workspace(system, out, jobs, seed, form) as workspace:
         name, _ = workspace.unit(unit)
-        found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered)
+        found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
     notes = CampaignRecord.load(out).notes
     lines = folders or [f"inconclusive: {note}" for note in notes] or ["no finding"]

@@ -199,6 +199,7 @@ class CampaignRecord(Artefact):
         untold: What could not be told of the unit's trials, and why.
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
+        whole_system: Whether trials were runs of the whole system, with injections into what comes from outside.
     """
 
     FILE = "campaign.json"
@@ -218,6 +219,7 @@ class CampaignRecord(Artefact):
     untold: tuple[str, ...] = ()
     rate: ProportionRecord | None = None
     mined: dict[str, Any] = {}
+    whole_system: bool = False
 
 
 class FindingRecord(Artefact):
@@ -231,6 +233,7 @@ class FindingRecord(Artefact):
         ordered: Whether its trials keep the order of the log across topics.
         delivered: How many of the messages that were played each of `injections` changed; empty if not known.
         external: Whether the system names external topics; else the chain ends with the rule.
+        whole_system: Whether it was found in runs of the whole system; then its log has what came from outside.
     """
 
     FILE = "finding.json"
@@ -254,6 +257,7 @@ class FindingRecord(Artefact):
     messages: int = 0
     modified: int = 0
     external: bool = True
+    whole_system: bool = False
 
     @property
     def rank(self) -> tuple[int, float, int]:

@@ -74,8 +74,17 @@ class RunnerFactory(Protocol):
         """
         ...
 
-    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+    def keep_evidence(
+        self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
+    ) -> bool:
         """Repeat a failing case until it fails so again, and keep what that trial leaves in a folder.
+
+        Args:
+            unit: The unit.
+            case: The case.
+            signature: The failure.
+            folder: For what the trial leaves.
+            in_system: What the unit does in nominal runs of the whole system, if trials are such runs.
 
         Returns:
             False if it did not fail so in a few trials; then nothing is kept.
@@ -170,17 +179,23 @@ class LocalRunners:
                 )
             return self._in_system[key]
 
-    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+    def keep_evidence(
+        self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
+    ) -> bool:
         """Keep what a failing trial leaves; see `RunnerFactory.keep_evidence`."""
-        baseline = self._baselines.get(unit, UNKNOWN)
+        baseline, pace = self._baselines.get(unit, UNKNOWN), self._context.file.system.trial_run
         partial = folder.with_suffix(".partial")
         for attempt in range(_EVIDENCE_TRIALS):
             shutil.rmtree(partial, ignore_errors=True)
-            trial = UnitTrial(unit, baseline, evidence=partial.resolve())
+            alone = UnitTrial(unit, baseline, evidence=partial.resolve())
+            whole = SystemTrial(pace, evidence=partial.resolve())
+            if in_system is not None and in_system.trials:
+                whole = replace(whole, unit=unit, baseline=in_system)
+            trial = alone if in_system is None else whole
             outcome = self._pool.execute(trial, replace(case, again=-1 - attempt))
             if outcome.failed_as(signature):
-                if "SIG" in signature and has_debugger():
-                    self._add_backtrace(trial, case, partial)
+                if "SIG" in signature and in_system is None and has_debugger():
+                    self._add_backtrace(alone, case, partial)
                 shutil.rmtree(folder, ignore_errors=True)
                 partial.rename(folder)
                 return True

@@ -16,6 +16,7 @@ from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
@@ -82,6 +83,9 @@ class SystemTrial:
         baseline: What it does in nominal runs of the whole system.
         nominal: Whether that is to be measured: then `nominal` in the outcome's statistics is the `NominalTrial`, and
             `switches` and `ran` are the attributes of its `Idle`.
+        evidence: Folder for what a failing run leaves; None to keep nothing.
+
+    The outcome's statistics have how many messages each injection was applied to (`delivered`), and all (`modified`).
     """
 
     pace: RunPace
@@ -90,6 +94,7 @@ class SystemTrial:
     unit: str = ""
     baseline: Baseline = UNKNOWN
     nominal: bool = False
+    evidence: Path | None = None
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
@@ -115,6 +120,7 @@ class SystemTrial:
             )
         injected = {injection.topic for injection in case.injections} if not case.messages else set()
         tap, seen = _Tap(), list[Message]()
+        injector = Injector(case.injections, seed=case.seed)
         begin = time.time_ns()
         with ExitStack() as stack:
             stack.enter_context(held(file, [*inside, *outside]))
@@ -125,7 +131,7 @@ class SystemTrial:
                     place.directory,
                     segments=file.system.segments,
                     intercept=context.topics(*sorted(injected)),
-                    pipeline=Pipeline([Injector(case.injections, seed=case.seed), tap], registry=registry),
+                    pipeline=Pipeline([injector, tap], registry=registry),
                     stall=_STALL,
                     imports=place.imports,
                 )
@@ -178,6 +184,9 @@ class SystemTrial:
             violations += probe.judge(alone, seconds=time.monotonic() - started)
         keep = violations and not self.record and not case.messages
         log = str(place.directory / _LOG) if keep else None
+        if violations and self.evidence:
+            whole = view if alone is None else replace(alone, components=[*view.components, *alone.components])
+            write_evidence(self.evidence, whole, violations, context=context)
         if log:
             write_log(Path(log), external, context=context, metadata=self._metadata(case, context))
         return Outcome(
@@ -187,7 +196,11 @@ class SystemTrial:
             detail="; ".join(judged.broken),
             observed=self._observed([*external, *inner], begin, registry) if self.observe else {},
             log=log,
-            statistics={"external_messages": len(external), **(probe.statistics if probe else {})},
+            statistics={
+                "external_messages": len(external),
+                **(_delivered(injector, case) if not case.messages else {}),
+                **(probe.statistics if probe else {}),
+            },
         )
 
     def _drive(self, outside: Sequence[str], inside: Sequence[str], stage: TrialSetup, seed: int) -> None:
@@ -258,6 +271,11 @@ class SystemTrial:
                     times[f"{topic}:{path}"].append((message.time - begin) / 1e9)
                     values[f"{topic}:{path}"].append(float(value))
         return {text: Series(tuple(times[text]), tuple(values[text])) for text in self.observe}
+
+
+def _delivered(injector: Injector, case: TestCase) -> dict[str, object]:
+    counts = [injector.hits[number] for number in range(len(case.injections))]
+    return {"delivered": counts, "modified": sum(counts)}
 
 
 class _Probe:

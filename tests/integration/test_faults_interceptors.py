@@ -117,7 +117,7 @@ class Rubbish:
 def test_a_message_of_which_an_interceptor_makes_rubbish_goes_on_as_it_was(recorded: bool) -> None:
     interceptors = pipeline(Rubbish())
     with (
-        Bus(SEGMENTS, intercept=["cut/**"], pipeline=interceptors) as bus,
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=interceptors, budget_s=60) as bus,
         Puppet(bus.endpoint("system")) as source,
         Puppet(bus.endpoint("unit")) as sink,
     ):

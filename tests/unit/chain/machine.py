@@ -175,7 +175,9 @@ class Machine:
     def in_system(self, unit: str, log: object, pace: RunPace) -> Baseline:
         return self.known
 
-    def keep_evidence(self, unit: str, case: TestCase, signature: str, folder: Path) -> bool:
+    def keep_evidence(
+        self, unit: str, case: TestCase, signature: str, folder: Path, *, in_system: Baseline | None = None
+    ) -> bool:
         return False
 
     def play(self, case: TestCase) -> Outcome:
