@@ -158,8 +158,8 @@ class LocalRunners:
         partial = folder.with_suffix(".partial")
         for attempt in range(_EVIDENCE_TRIALS):
             shutil.rmtree(partial, ignore_errors=True)
-            trial = UnitTrial(unit, baseline, evidence=partial.resolve())
-            outcome = self._pool.execute(trial, replace(case, again=-1 - attempt))
+            trial = UnitTrial(unit, baseline, evidence=True)
+            outcome = self._pool.execute(trial, replace(case, again=-1 - attempt), into=partial)
             if outcome.failed_as(signature):
                 if "SIG" in signature and has_debugger():
                     self._add_backtrace(trial, case, partial)
@@ -172,7 +172,7 @@ class LocalRunners:
     def _add_backtrace(self, trial: UnitTrial, case: TestCase, folder: Path) -> None:
         """Run the case once more behind a debugger, and keep the native stacks that it prints."""
         inside = folder / "debugger"
-        self._pool.execute(replace(trial, evidence=inside, before=DEBUGGER), case)
+        self._pool.execute(replace(trial, before=DEBUGGER), case, into=inside)
         texts = [native_backtrace(path.read_text(errors="replace")) for path in inside.glob("*.stdout.txt")]
         shutil.rmtree(inside, ignore_errors=True)
         if any(texts):
@@ -188,8 +188,8 @@ class LocalRunners:
     ) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
-        trial = SystemTrial(pace, tuple(observe), record and record.resolve(), unit=unit, baseline=baseline)
-        return LocalRunner(lambda: trial, self._pool)
+        trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
+        return LocalRunner(lambda: trial, self._pool, into=record)
 
     def close(self) -> None:
         """Kill what still runs."""

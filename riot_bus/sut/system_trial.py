@@ -77,7 +77,7 @@ class SystemTrial:
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
         pace: How long external components run, and how fast.
-        record: File that gets every message of the run; None for none.
+        record: Whether every message of the run is written into the file `TrialPlace.left`.
         unit: The unit that is judged so; empty for none.
         baseline: What it does in nominal runs of the whole system.
         nominal: Whether that is to be measured: then `nominal` in the outcome's statistics is the `NominalTrial`, and
@@ -86,7 +86,7 @@ class SystemTrial:
 
     pace: RunPace
     observe: tuple[str, ...] = ()
-    record: Path | None = None
+    record: bool = False
     unit: str = ""
     baseline: Baseline = UNKNOWN
     nominal: bool = False
@@ -141,7 +141,7 @@ class SystemTrial:
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
-                        self.record, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
+                        place.left, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
                     )
                 )
                 stage.bus.subscribe(home, "**", writer.write)
