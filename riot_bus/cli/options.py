@@ -10,6 +10,7 @@ import typer
 
 __all__ = [
     "EventFormat",
+    "Executor",
     "Finding",
     "Format",
     "Jobs",
@@ -42,6 +43,10 @@ System = Annotated[Path, typer.Option("--system", "-s", envvar="RIOT_SYSTEM", he
 Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folder for everything that is written.")]
 Jobs = Annotated[
     int, typer.Option("--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor.")
+]
+Executor = Annotated[
+    str | None,
+    typer.Option("--executor", envvar="RIOT_EXECUTOR", help="Cluster whose workers execute trials: dask://HOST:PORT."),
 ]
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]

@@ -70,9 +70,14 @@ class WorkerLink(Protocol):
 
     Attributes:
         link: Can be read when there is an answer, or when it has ended.
+        folder: Where trials have their folders, if that is not here.
     """
 
     link: Connection
+
+    @property
+    def folder(self) -> Path | None:  # noqa: D102
+        ...
 
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
         """Have a case executed; `request` holds trial and case."""
@@ -121,12 +126,14 @@ class WorkerSource(Protocol):
         ...
 
     def close(self) -> None:
-        """Give everything back; all workers have been told to end."""
+        """Give everything back, and end what workers do that do not end with their links."""
         ...
 
 
 class _LocalWorker:
     """A `worker` process of this machine."""
+
+    folder = None
 
     def __init__(self, system: Path, slot: int, keep: Path) -> None:
         self.slot, self._keep = slot, keep
@@ -207,7 +214,7 @@ class LocalWorkers:
         return self._slots[free[0]]
 
     def close(self) -> None:
-        """Do nothing: they end by themselves."""
+        """Do nothing: they end with their links."""
 
 
 @dataclass(eq=False, slots=True)
@@ -348,7 +355,7 @@ class Pool:
         imports = {name: each for name, each in self._imports.items() if name not in seat.imports}
         whole = task.batch.digest not in seat.known
         directory = task.make_directory(self.keep)
-        request = task.batch.request(task.case, directory=directory, whole=whole, imports=imports)
+        request = task.batch.request(task.case, directory=seat.worker.folder or directory, whole=whole, imports=imports)
         seat.task = task
         seat.worker.ask(request, task.batch.trial, task.case)
         seat.imports |= imports.keys()
@@ -410,11 +417,11 @@ class Pool:
     def _end(self) -> None:
         with self._lock:
             self._closed = True
+        self._source.close()
         for seat in self._seats:
             seat.worker.link.close()
         for seat in self._seats:
             seat.worker.end()
-        self._source.close()
         for task in (*self._waiting, *(seat.task for seat in self._seats)):
             if task is not None:
                 task.remove_directory()

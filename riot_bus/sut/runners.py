@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
+    from riot_bus.sut.local import WorkerSource
     from riot_bus.sut.system import RunPace
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
@@ -93,17 +94,26 @@ class RunnerFactory(Protocol):
 
 
 class LocalRunners:
-    """Runners that start the components of a system as processes of this machine.
+    """Runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
         context: The system.
         jobs: Trials at once.
+        workers: Returns where trials are executed instead of on this machine, called when first needed.
         keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
         fresh: Whether the latter is measured anew instead of read there.
     """
 
-    def __init__(self, context: Context, *, jobs: int, keep: Path, fresh: bool = False) -> None:
-        self._context, self._jobs, self._keep, self._fresh = context, jobs, keep, fresh
+    def __init__(
+        self,
+        context: Context,
+        *,
+        jobs: int,
+        keep: Path,
+        fresh: bool = False,
+        workers: Callable[[], WorkerSource] | None = None,
+    ) -> None:
+        self._context, self._jobs, self._keep, self._fresh, self._workers = context, jobs, keep, fresh, workers
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
         self._in_system: dict[tuple[str, str], Baseline] = {}
@@ -113,7 +123,8 @@ class LocalRunners:
     def _pool(self) -> Pool:
         """The processes that run trials, started when first needed."""
         if self._started is None:
-            self._started = Pool(self._context.file.path, self._jobs, keep=self._keep)
+            workers = self._workers and self._workers()
+            self._started = Pool(self._context.file.path, self._jobs, keep=self._keep, workers=workers)
         return self._started
 
     @cached_property

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import TestCase, Violation
 
-__all__ = ["SystemTrial", "write_log"]
+__all__ = ["EXTERNAL_LOG", "SystemTrial", "write_log"]
 
-_LOG = "external.mcap"
+EXTERNAL_LOG = "external.mcap"
 _SETTLED = 0.03
 _SETTLE_TIMEOUT = 10.0
 _TICK = 0.02
@@ -177,7 +177,7 @@ class SystemTrial:
         if probe and alone:
             violations += probe.judge(alone, seconds=time.monotonic() - started)
         keep = violations and not self.record and not case.messages
-        log = str(place.directory / _LOG) if keep else None
+        log = str(place.directory / EXTERNAL_LOG) if keep else None
         if log:
             write_log(Path(log), external, context=context, metadata=self._metadata(case, context))
         return Outcome(
