@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import logging
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +66,8 @@ def connect(executor: str) -> Client:
         from distributed import Client, Security
     except ImportError:
         raise MissingExtraError("distributed", "cluster") from None
+    for name in ("distributed", "distributed.client"):  # what matters of it is an error of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     tls = bool(dask.config.get(f"{_TLS}.ca-file", None))
     address = scheduler_of(executor, tls=tls)
     try:

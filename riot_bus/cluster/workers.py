@@ -277,6 +277,7 @@ class _ClusterWorker:
         self._future: Future[Any] | None = None
         self._found: dict[str, Any] = {}
         self._how: str | None = None
+        self._leaving = threading.Lock()
 
     def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
         try:
@@ -303,8 +304,9 @@ class _ClusterWorker:
             self.leave()
 
     def leave(self) -> None:
-        """Tell the pool that it has ended."""
-        self._theirs.close()
+        """Tell the pool that it has ended; called on several threads."""
+        with self._leaving:
+            self._theirs.close()
 
     def cancel(self) -> None:
         """Have what it does ended."""
