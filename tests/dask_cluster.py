@@ -91,6 +91,10 @@ class DaskCluster:
         found = [child for nanny in self.nannies for child in _children(nanny.pid)]
         return [each for each in found if _children(each.pid)]
 
+    def registered(self) -> int:
+        """Return how many workers the scheduler has taken in."""
+        return (self.folder / "scheduler.log").read_text().count("Register worker")
+
     def kill(self) -> None:
         """Kill all of it."""
         processes = [self.scheduler, *self.nannies]
