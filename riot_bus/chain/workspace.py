@@ -6,11 +6,13 @@ import os
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
 from riot_bus.chain.logs import read_messages
+from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
 from riot_bus.log.reader import LogReader
@@ -101,6 +103,7 @@ class Workspace:
         listeners: Are told of everything that happens.
         runners: Gives the runners that the steps ask; processes of this machine by default.
         fresh: Whether nominal trials are measured anew, though an earlier command has left what they show.
+        executor: Where trials are executed: `dask://HOST:PORT`; None for this machine.
     """
 
     def __init__(
@@ -113,6 +116,7 @@ class Workspace:
         listeners: Iterable[Listener] = (),
         runners: RunnerFactory | None = None,
         fresh: bool = False,
+        executor: str | None = None,
     ) -> None:
         self.context: Context = open_system(system)
         self.out = out
@@ -121,7 +125,13 @@ class Workspace:
         self.tell = Listeners(listeners)
         self.fingerprint = self.context.fingerprint()
         self.store = TrialStore(out / "trials" / TrialStore.NAME)
-        self.runners: RunnerFactory = runners or LocalRunners(self.context, jobs=jobs, keep=out / "trials", fresh=fresh)
+        self.runners: RunnerFactory = runners or LocalRunners(
+            self.context,
+            jobs=jobs,
+            keep=out / "trials",
+            fresh=fresh,
+            workers=partial(ClusterWorkers, executor, self.context, jobs) if executor else None,
+        )
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:

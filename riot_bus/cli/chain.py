@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from riot_bus.cli.options import EventFormat, Finding, Jobs, Out, Seed, StreamFormat, System, UnitName
+from riot_bus.cli.options import EventFormat, Executor, Finding, Jobs, Out, Seed, StreamFormat, System, UnitName
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
@@ -59,7 +59,14 @@ def register(app: typer.Typer) -> None:
 
 @contextmanager
 def _workspace(
-    system: Path, out: Path, jobs: int, seed: int, form: StreamFormat, *, fresh: bool = False
+    system: Path,
+    out: Path,
+    jobs: int,
+    seed: int,
+    form: StreamFormat,
+    *,
+    executor: str | None,
+    fresh: bool = False,
 ) -> Iterator[Workspace]:
     from rich.console import Console
 
@@ -77,6 +84,7 @@ def _workspace(
                 seed=seed,
                 listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
                 fresh=fresh,
+                executor=executor,
             ) as workspace:
                 yield workspace
         except KeyboardInterrupt:
@@ -90,13 +98,20 @@ def _interrupt() -> None:
 
 @contextmanager
 def _of_finding(
-    finding: Path, jobs: int, form: StreamFormat, system: Path | None = None, *, fresh: bool = False
+    finding: Path,
+    jobs: int,
+    form: StreamFormat,
+    system: Path | None = None,
+    *,
+    executor: str | None,
+    fresh: bool = False,
 ) -> Iterator[tuple[Workspace, Path]]:
     from riot_bus.chain.workspace import open_finding
 
     folder, record = open_finding(finding)
     out = folder.parent.parent
-    with _workspace(system or Path(record.system_file), out, jobs, record.seed, form, fresh=fresh) as workspace:
+    used = system or Path(record.system_file)
+    with _workspace(used, out, jobs, record.seed, form, executor=executor, fresh=fresh) as workspace:
         yield workspace, folder
 
 
@@ -112,8 +127,8 @@ def _show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
 def _command(step: ChainStep) -> Callable[..., None]:
     """Return the command of a step: `riot NAME [FINDING]` with the step's options."""
 
-    def command(finding: Path, *, jobs: int, form: StreamFormat, **options: Any) -> None:
-        with _of_finding(finding, jobs, form) as (workspace, folder):
+    def command(finding: Path, *, jobs: int, executor: str | None, form: StreamFormat, **options: Any) -> None:
+        with _of_finding(finding, jobs, form, executor=executor) as (workspace, folder):
             given = {name: () if value is None else value for name, value in options.items()}
             record = workspace.carry_out(step, folder, **given)
         _show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
@@ -134,6 +149,7 @@ def _command(step: ChainStep) -> Callable[..., None]:
             for one in step.options
         ),
         inspect.Parameter("jobs", named, default=0, annotation=Jobs),
+        inspect.Parameter("executor", named, default=None, annotation=Executor),
         inspect.Parameter("form", named, default=StreamFormat.TEXT, annotation=EventFormat),
     ]
     command.__doc__ = step.help
@@ -147,6 +163,7 @@ def demo(
     out: Out = DEFAULT_OUT,
     seed: Seed = 0,
     jobs: Jobs = 0,
+    executor: Executor = None,
     budget: Annotated[int, typer.Option("--budget", min=1, help="Budget: injected trials of the unit.")] = 60,
     form: EventFormat = StreamFormat.TEXT,
     system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system than the rover.")] = None,
@@ -156,7 +173,7 @@ def demo(
     from riot_bus.chain.demo import find_example
     from riot_bus.report.text import summary
 
-    with _workspace(system or find_example("rover"), out, jobs, seed, form) as workspace:
+    with _workspace(system or find_example("rover"), out, jobs, seed, form, executor=executor) as workspace:
         figures = run_demo(workspace, trials=budget)
     finding = figures.get("finding")
     lines = [summary(Path(finding)), f"report: {figures['report']}"] if finding else ["no finding"]
@@ -176,13 +193,14 @@ def run_tests(
     ] = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
+    executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Test one unit, or the running system, with exceptional values and group failures into findings."""
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
-    with _workspace(system, out, jobs, seed, form) as workspace:
+    with _workspace(system, out, jobs, seed, form, executor=executor) as workspace:
         name, _ = workspace.unit(unit)
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
@@ -205,6 +223,7 @@ def analyze(
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = 0,
+    executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Run the whole chain on a system; run it again to go on where it stopped."""
@@ -214,7 +233,7 @@ def analyze(
     from riot_bus.report.text import summary
 
     others = [find_step(name) for name in further or ()]
-    with _workspace(system, out, jobs, seed, form) as workspace:
+    with _workspace(system, out, jobs, seed, form, executor=executor) as workspace:
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:
@@ -239,6 +258,7 @@ def reproduce(
     ] = False,
     system: Annotated[Path | None, typer.Option("--system", "-s", help="Another system file than recorded.")] = None,
     jobs: Jobs = 0,
+    executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Does a finding still fail? Exit 0 fixed, 1 still failing, 4 cannot be run, 5 flaky."""
@@ -247,7 +267,7 @@ def reproduce(
     from riot_bus.chain.reproduce import reproduce as run_again
     from riot_bus.vocabulary.counting import counted
 
-    with _of_finding(finding, jobs, form, system, fresh=True) as (workspace, folder):
+    with _of_finding(finding, jobs, form, system, executor=executor, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
     line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
     _show(asdict(result), form, [line + (f" ({result.detail})" if result.detail else "")])

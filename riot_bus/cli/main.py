@@ -36,6 +36,7 @@ COMMANDS = {
     "init": ("init",),
     "doctor": ("doctor", "interceptors"),
     "fleet": ("fleet",),
+    "cluster": ("cluster",),
     "agent": ("agent",),
     "bridge": ("bridge",),
 }

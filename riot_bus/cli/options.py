@@ -10,6 +10,7 @@ import typer
 
 __all__ = [
     "EventFormat",
+    "Executor",
     "Finding",
     "Format",
     "Jobs",
@@ -45,6 +46,10 @@ Jobs = Annotated[
     typer.Option(
         "--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor, more where they wait."
     ),
+]
+Executor = Annotated[
+    str | None,
+    typer.Option("--executor", envvar="RIOT_EXECUTOR", help="Cluster whose workers execute trials: dask://HOST:PORT."),
 ]
 Seed = Annotated[int, typer.Option("--seed", envvar="RIOT_SEED", help="Seed of everything random.")]
 UnitName = Annotated[str | None, typer.Option("--unit", "-u", envvar="RIOT_UNIT", help="Unit to test (if several).")]

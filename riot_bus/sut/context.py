@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -77,12 +78,18 @@ class Context:
 
     def fingerprint(self) -> str:
         """Return a hash of the system file, the system's code and how it is judged; answers hold as long as it does."""
-        digest = hashlib.sha256(self.file.model_dump_json(exclude={"path"}).encode() + _JUDGED)
+        return hashlib.sha256(json.dumps(self.parts()).encode()).hexdigest()[:16]
+
+    def parts(self) -> dict[str, str]:
+        """Return the hashes that the fingerprint is made of: of `riot.toml`, and of each file of code by its path."""
+        judged = self.file.model_dump_json(exclude={"path"}).encode() + _JUDGED
+        found, root = {"riot.toml": hashlib.sha256(judged).hexdigest()}, self.file.root.resolve()
         for path in source_files(self.file):
-            digest.update(os.path.relpath(path, self.file.root).encode())
+            inside = path.resolve().is_relative_to(root)
             with path.open("rb") as stream:
-                digest.update(hashlib.file_digest(stream, "sha256").digest())
-        return digest.hexdigest()[:16]
+                digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            found[os.path.relpath(path.resolve(), root) if inside else str(path)] = digest
+        return found
 
 
 def open_system(path: Path) -> Context:

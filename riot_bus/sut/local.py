@@ -13,11 +13,12 @@ from concurrent.futures import Future, as_completed
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from multiprocessing.connection import Pipe, wait
+from multiprocessing.connection import Connection, Pipe, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from riot_bus.sut.persistent import KEPT
+from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.wire import TrialBatch, read_answer, remember
 from riot_bus.vocabulary.trial import Outcome, Verdict
 from riot_bus.zenoh.session import environment_of_others
@@ -25,10 +26,10 @@ from riot_bus.zenoh.session import environment_of_others
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from riot_bus.sut.wire import Trial
+    from riot_bus.sut.wire import Trial, TrialAnswer
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["LocalRunner", "Pool"]
+__all__ = ["LocalRunner", "LocalWorkers", "Pool", "WorkerLink", "WorkerSource", "how_ended", "start_worker"]
 
 _LOG = logging.getLogger(__name__)
 _ROOM = 64 << 10
@@ -46,6 +47,7 @@ class _Task:
     batch: TrialBatch
     case: TestCase
     ended: Callable[[Outcome], None]
+    into: Path | None = None
     future: Future[Outcome] = field(default_factory=Future)
     most: int = 1
     directory: Path | None = None
@@ -64,34 +66,165 @@ class _Task:
         self.directory = None
 
 
-class _Worker:
-    """A `worker` process, as seen from here."""
+class WorkerLink(Protocol):
+    """A process that executes cases, one at a time, as a pool sees it.
+
+    Attributes:
+        link: Can be read when there is an answer, or when it has ended.
+        folder: Where trials have their folders, if that is not here.
+    """
+
+    link: Connection
+
+    @property
+    def folder(self) -> Path | None:  # noqa: D102
+        ...
+
+    def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
+        """Have a case executed; `request` holds trial and case."""
+        ...
+
+    def receive(self) -> bytes:
+        """Return what has come.
+
+        Raises:
+            EOFError: It has ended.
+            OSError: Likewise.
+        """
+        ...
+
+    def read(self, data: bytes, directory: Path) -> TrialAnswer:
+        """Return the answer that has come, and see to it that what the trial has left is in its folder.
+
+        Raises:
+            Exception: What the trial, or a full disk, has raised.
+        """
+        ...
+
+    def end(self) -> str | None:
+        """End it and what it has started; return how it has ended, None if its case has no part in that."""
+        ...
+
+
+class WorkerSource(Protocol):
+    """Where a pool gets its workers from."""
+
+    @property
+    def jobs(self) -> int:
+        """How many there may be at once."""
+        ...
+
+    def open(self, wake: Callable[[], None]) -> None:
+        """Begin; `wake` is to be called when there is a worker that there was not before."""
+        ...
+
+    def start(self) -> WorkerLink | None:
+        """Return a further worker, None if there is none at the moment.
+
+        Raises:
+            EnvironmentFaultError: There will be none any more.
+        """
+        ...
+
+    def close(self) -> None:
+        """Give everything back, and end what workers do that do not end with their links."""
+        ...
+
+
+class _LocalWorker:
+    """A `worker` process of this machine."""
+
+    folder = None
 
     def __init__(self, system: Path, slot: int, keep: Path) -> None:
         self.slot, self._keep = slot, keep
         self.link, theirs = Pipe()
         with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "riot_bus.sut.worker", str(system.resolve()), str(slot)],
-                stdin=theirs.fileno(),
-                env=environment_of_others(),
-                start_new_session=True,
-            )
-        self.task: _Task | None = None
-        self.known: dict[bytes, None] = {}
-        self.imports: set[str] = set()
+            self.process = start_worker(system, slot, theirs)
 
-    def end(self) -> int:
-        """End it and what it has started; return its exit status."""
+    def ask(self, request: bytes, trial: Trial, case: TestCase) -> None:
+        with suppress(OSError):  # it has died, as its link will tell
+            self.link.send_bytes(request)
+
+    def receive(self) -> bytes:
+        return self.link.recv_bytes()
+
+    def read(self, data: bytes, directory: Path) -> TrialAnswer:
+        return read_answer(data)
+
+    def end(self) -> str:
         self.link.close()
         try:
-            return self.process.wait(_ENDS_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
+            return how_ended(self.process)
         finally:
             for folder in self._keep.glob(KEPT.format(self.process.pid) + "*"):
                 shutil.rmtree(folder, ignore_errors=True)
+
+
+def start_worker(system: Path, slot: int, link: Connection, *, cwd: Path | None = None) -> subprocess.Popen[bytes]:
+    """Start a `worker` process.
+
+    Args:
+        system: Path of riot.toml.
+        slot: A number that no other has at the same time.
+        link: Where it takes requests; it ends when the other end is closed.
+        cwd: Its working folder; None for that of this process.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "riot_bus.sut.worker", str(system.resolve()), str(slot)],
+        stdin=link.fileno(),
+        env=environment_of_others(),
+        start_new_session=True,
+        cwd=cwd,
+    )
+
+
+def how_ended(process: subprocess.Popen[bytes]) -> str:
+    """Wait until a worker has ended whose link is closed, and return how; one that does not is killed."""
+    try:
+        status = process.wait(_ENDS_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        status = process.wait()
+    return f"with signal {-status}" if status < 0 else f"with status {status}"
+
+
+class LocalWorkers:
+    """Worker processes of this machine, each started when there is a case for it.
+
+    Args:
+        system: Path of riot.toml.
+        jobs: How many work at once, if nothing else is said with cases.
+        keep: Folder under which trials have their folders.
+    """
+
+    def __init__(self, system: Path, jobs: int, keep: Path) -> None:
+        self.jobs = jobs
+        self._system, self._keep = system, keep
+        self._slots: dict[int, _LocalWorker] = {}
+
+    def open(self, wake: Callable[[], None]) -> None:
+        """Do nothing: there are always as many as there may be."""
+
+    def start(self) -> WorkerLink | None:
+        """Start a further one in a slot that is free."""
+        taken = {number for number, each in self._slots.items() if not each.link.closed}
+        slot = min(set(range(len(taken) + 1)) - taken)
+        self._slots[slot] = _LocalWorker(self._system, slot, self._keep)
+        return self._slots[slot]
+
+    def close(self) -> None:
+        """Do nothing: they end with their links."""
+
+
+@dataclass(eq=False, slots=True)
+class _Seat:
+    """A worker, what it does, and what it knows already."""
+
+    worker: WorkerLink
+    task: _Task | None = None
+    known: dict[bytes, None] = field(default_factory=dict)
+    imports: set[str] = field(default_factory=set)
 
 
 class Pool:
@@ -104,21 +237,27 @@ class Pool:
         system: Path of riot.toml.
         jobs: Trials at once, if nothing else is said with them.
         keep: Folder under which the files of failing trials are kept.
+        workers: Where they are executed instead of by processes of this machine; `jobs` is then up to that.
     """
 
-    def __init__(self, system: Path, jobs: int, *, keep: Path) -> None:
-        self.jobs = jobs
+    def __init__(self, system: Path, jobs: int, *, keep: Path, workers: WorkerSource | None = None) -> None:
         self.keep = keep.resolve()  # components have working folders of their own
-        self._system = system
+        self._source = workers or LocalWorkers(system, jobs, self.keep)
         self._waiting: deque[_Task] = deque()
-        self._workers: list[_Worker] = []
+        self._seats: list[_Seat] = []
         self._imports: dict[str, Sequence[str]] = {}
         self._batches: deque[TrialBatch] = deque(maxlen=_MOST_BATCHES)
         self._lock = threading.Lock()
         self._closed = False
         self._woken, self._wake = Pipe(duplex=False)
+        self._source.open(self._rouse)
         self._feeder = threading.Thread(target=self._feed, name="riot-trials", daemon=True)
         self._feeder.start()
+
+    @property
+    def jobs(self) -> int:
+        """How many trials run at once."""
+        return self._source.jobs
 
     def __enter__(self) -> Self:
         return self
@@ -134,9 +273,15 @@ class Pool:
                 self._wake.send_bytes(b"")
         self._feeder.join()
 
-    def execute(self, trial: Trial, case: TestCase) -> Outcome:
-        """Run one trial in a folder of its own."""
-        return self.map(trial, [case])[0]
+    def _rouse(self) -> None:
+        """Have the thread look again for workers."""
+        with self._lock:
+            if not self._closed:
+                self._wake.send_bytes(b"")
+
+    def execute(self, trial: Trial, case: TestCase, *, into: Path | None = None) -> Outcome:
+        """Run one trial in a folder of its own; what it leaves as it was asked to is moved to `into`."""
+        return self.map(trial, [case], into=into)[0]
 
     def map(
         self,
@@ -144,6 +289,7 @@ class Pool:
         cases: Sequence[TestCase],
         ended: Callable[[int, Outcome], None] = lambda *_: None,
         *,
+        into: Path | None = None,
         most: int = 0,
     ) -> Sequence[Outcome]:
         """Run many trials; outcomes in the order of the cases.
@@ -152,6 +298,7 @@ class Pool:
             trial: Executes each.
             cases: All of them.
             ended: Called with the number of a case and its outcome as it ends, on a thread that no signal interrupts.
+            into: Where that goes which a case leaves as it is asked to; None to drop it.
             most: How many run at once; 0 for as many as there are jobs.
 
         Raises:
@@ -168,7 +315,7 @@ class Pool:
                 batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
             most = most or self.jobs
-            tasks = [_Task(batch, case, partial(ended, number), most=most) for number, case in enumerate(cases)]
+            tasks = [_Task(batch, case, partial(ended, number), into, most=most) for number, case in enumerate(cases)]
             self._waiting.extend(tasks)
             self._wake.send_bytes(b"")
         for done in as_completed([task.future for task in tasks]):
@@ -180,7 +327,7 @@ class Pool:
         try:
             while not self._closed:
                 self._start_waiting()
-                links = {worker.link: worker for worker in self._workers}
+                links = {seat.worker.link: seat for seat in self._seats}
                 for ready in wait([self._woken, *links]):
                     if ready is self._woken:
                         self._woken.recv_bytes()
@@ -192,61 +339,63 @@ class Pool:
     def _start_waiting(self) -> None:
         """Give waiting cases to workers that have none."""
         while self._waiting:
-            worker = next((each for each in self._workers if each.task is None), None)
-            if sum(each.task is not None for each in self._workers) >= self._waiting[0].most:
+            seat = next((each for each in self._seats if each.task is None), None)
+            if sum(each.task is not None for each in self._seats) >= self._waiting[0].most:
                 return
             task = self._waiting.popleft()
             try:
-                if worker is None:
-                    slot = min(set(range(len(self._workers) + 1)) - {each.slot for each in self._workers})
-                    worker = _Worker(self._system, slot, self.keep)
-                    self._workers.append(worker)
-                self._give(task, worker)
+                if seat is None:
+                    worker = self._source.start()
+                    if worker is None:
+                        self._waiting.appendleft(task)
+                        return
+                    seat = _Seat(worker)
+                    self._seats.append(seat)
+                self._give(task, seat)
             except Exception as error:  # the disk is full, there is no process to be had: whoever asked is told
                 task.remove_directory()
                 task.future.set_exception(error)
 
-    def _give(self, task: _Task, worker: _Worker) -> None:
-        imports = {name: each for name, each in self._imports.items() if name not in worker.imports}
-        whole = task.batch.digest not in worker.known
+    def _give(self, task: _Task, seat: _Seat) -> None:
+        imports = {name: each for name, each in self._imports.items() if name not in seat.imports}
+        whole = task.batch.digest not in seat.known
         directory = task.make_directory(self.keep)
-        request = task.batch.request(task.case, directory=directory, whole=whole, imports=imports)
-        worker.task = task
-        with suppress(OSError):  # it has died, as its link will tell
-            worker.link.send_bytes(request)
-        worker.imports |= imports.keys()
+        request = task.batch.request(task.case, directory=seat.worker.folder or directory, whole=whole, imports=imports)
+        seat.task = task
+        seat.worker.ask(request, task.batch.trial, task.case)
+        seat.imports |= imports.keys()
         if whole:
-            remember(worker.known, task.batch.digest, None)
+            remember(seat.known, task.batch.digest, None)
 
-    def _take_answer(self, worker: _Worker) -> None:
-        task = worker.task
+    def _take_answer(self, seat: _Seat) -> None:
+        task = seat.task
         try:
-            data = worker.link.recv_bytes()
+            data = seat.worker.receive()
         except (EOFError, OSError):
-            self._workers.remove(worker)
-            status = worker.end()
+            self._seats.remove(seat)
+            how = seat.worker.end()
             if task is not None:
-                self._again(task, status)
+                self._again(task, how)
             return
-        worker.task = None
-        if task is None:
+        seat.task = None
+        if task is None or task.directory is None:
             return
         try:
-            answer = read_answer(data)
+            answer = seat.worker.read(data, task.directory)
             self._imports.update(answer.imports)
-            worker.imports |= answer.imports.keys()
+            seat.imports |= answer.imports.keys()
             self._start_waiting()
             self._finish(task, answer.outcome)
         except Exception as error:  # as the trial, or a full disk, has raised it
             task.remove_directory()
             task.future.set_exception(error)
 
-    def _again(self, task: _Task, status: int) -> None:
-        """Have a case executed again whose worker has ended, unless it was not the first one."""
-        task.deaths += 1
-        how = f"with signal {-status}" if status < 0 else f"with status {status}"
-        _LOG.warning("the process of a trial has ended %s", how)
+    def _again(self, task: _Task, how: str | None) -> None:
+        """Have a case executed again whose worker has ended, unless that was the last one that it may cost."""
         task.remove_directory()
+        if how is not None:
+            task.deaths += 1
+            _LOG.warning("the process of a trial has ended %s", how)
         if task.deaths < _DEATHS:
             self._waiting.appendleft(task)
             return
@@ -259,6 +408,12 @@ class Pool:
     def _finish(self, task: _Task, outcome: Outcome) -> None:
         if outcome.verdict is Verdict.FAIL and shutil.disk_usage(self.keep).free < _ROOM:
             outcome = replace(outcome, verdict=Verdict.ERROR, detail=f"the disk is full: {self.keep}")
+        if task.directory is not None:
+            left = task.directory / TrialPlace.LEFT
+            if task.into is not None and left.exists():
+                shutil.move(left, task.into)
+            if outcome.log is not None:  # it was executed in a folder that may have been elsewhere
+                outcome = replace(outcome, log=str(task.directory / Path(outcome.log).name))
         if outcome.log is None:
             task.remove_directory()
         task.ended(outcome)
@@ -267,11 +422,12 @@ class Pool:
     def _end(self) -> None:
         with self._lock:
             self._closed = True
-        for worker in self._workers:
-            worker.link.close()
-        for worker in self._workers:
-            worker.end()
-        for task in (*self._waiting, *(worker.task for worker in self._workers)):
+        self._source.close()
+        for seat in self._seats:
+            seat.worker.link.close()
+        for seat in self._seats:
+            seat.worker.end()
+        for task in (*self._waiting, *(seat.task for seat in self._seats)):
             if task is not None:
                 task.remove_directory()
                 task.future.cancel()
@@ -287,12 +443,16 @@ class LocalRunner:
         trial: Returns what executes the cases; called when there are some.
         pool: Where they are executed.
         slots: Returns how many of its trials run at once.
+        into: Where that goes which a case leaves as it is asked to.
     """
 
-    def __init__(self, trial: Callable[[], Trial], pool: Pool, slots: Callable[[], int]) -> None:
+    def __init__(
+        self, trial: Callable[[], Trial], pool: Pool, slots: Callable[[], int], *, into: Path | None = None
+    ) -> None:
         self._trial = trial
         self._pool = pool
         self._slots = slots
+        self._into = into
 
     @property
     def parallelism(self) -> int:
@@ -308,4 +468,4 @@ class LocalRunner:
         if not cases:
             return []
         most = self._slots() if len(cases) > self._pool.jobs else self._pool.jobs
-        return self._pool.map(self._trial(), cases, ended, most=most)
+        return self._pool.map(self._trial(), cases, ended, into=self._into, most=most)

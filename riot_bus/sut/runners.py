@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.sut.context import Context
+    from riot_bus.sut.local import WorkerSource
     from riot_bus.sut.system import RunPace
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
@@ -115,18 +116,27 @@ class RunnerFactory(Protocol):
 
 
 class LocalRunners:
-    """Runners that start the components of a system as processes of this machine.
+    """Runners that start the components of a system as processes of this machine, or where workers are.
 
     Args:
         context: The system.
         jobs: Trials at once; 0 for one on each processor, and more where trials wait.
+        workers: Returns where trials are executed instead of on this machine, called when first needed.
         keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
         fresh: Whether the latter is measured anew instead of read there.
     """
 
-    def __init__(self, context: Context, *, jobs: int, keep: Path, fresh: bool = False) -> None:
-        self._context, self._keep, self._fresh = context, keep, fresh
-        self._processors, self._spread = jobs or os.cpu_count() or 1, not jobs and not fresh
+    def __init__(
+        self,
+        context: Context,
+        *,
+        jobs: int,
+        keep: Path,
+        fresh: bool = False,
+        workers: Callable[[], WorkerSource] | None = None,
+    ) -> None:
+        self._context, self._keep, self._fresh, self._workers = context, keep, fresh, workers
+        self._processors, self._spread = jobs or os.cpu_count() or 1, not (jobs or fresh or workers)
         self._slots_in_system = 0
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
@@ -137,7 +147,8 @@ class LocalRunners:
     def _pool(self) -> Pool:
         """The processes that run trials, started when first needed."""
         if self._started is None:
-            self._started = Pool(self._context.file.path, self._processors, keep=self._keep)
+            workers = self._workers and self._workers()
+            self._started = Pool(self._context.file.path, self._processors, keep=self._keep, workers=workers)
         return self._started
 
     @cached_property
@@ -155,7 +166,7 @@ class LocalRunners:
             return kind(unit, self.baseline(unit, log))
 
         def slots() -> int:
-            return slots_for(self.baseline(unit, log).busy if self._spread else 0.0, self._processors)
+            return slots_for(self.baseline(unit, log).busy, self._processors) if self._spread else self._pool.jobs
 
         return LocalRunner(trial, self._pool, slots)
 
@@ -187,12 +198,11 @@ class LocalRunners:
         partial = folder.with_suffix(".partial")
         for attempt in range(_EVIDENCE_TRIALS):
             shutil.rmtree(partial, ignore_errors=True)
-            alone = UnitTrial(unit, baseline, evidence=partial.resolve())
-            whole = SystemTrial(pace, evidence=partial.resolve())
+            alone, whole = UnitTrial(unit, baseline, evidence=True), SystemTrial(pace, evidence=True)
             if in_system is not None and in_system.trials:
                 whole = replace(whole, unit=unit, baseline=in_system)
             trial = alone if in_system is None else whole
-            outcome = self._pool.execute(trial, replace(case, again=-1 - attempt))
+            outcome = self._pool.execute(trial, replace(case, again=-1 - attempt), into=partial)
             if outcome.failed_as(signature):
                 if "SIG" in signature and in_system is None and has_debugger():
                     self._add_backtrace(alone, case, partial)
@@ -205,7 +215,7 @@ class LocalRunners:
     def _add_backtrace(self, trial: UnitTrial, case: TestCase, folder: Path) -> None:
         """Run the case once more behind a debugger, and keep the native stacks that it prints."""
         inside = folder / "debugger"
-        self._pool.execute(replace(trial, evidence=inside, before=DEBUGGER), case)
+        self._pool.execute(replace(trial, before=DEBUGGER), case, into=inside)
         texts = [native_backtrace(path.read_text(errors="replace")) for path in inside.glob("*.stdout.txt")]
         shutil.rmtree(inside, ignore_errors=True)
         if any(texts):
@@ -221,13 +231,13 @@ class LocalRunners:
     ) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
-        trial = SystemTrial(pace, tuple(observe), record and record.resolve(), unit=unit, baseline=baseline)
-        return LocalRunner(lambda: trial, self._pool, self._in_system_at_once)
+        trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
+        return LocalRunner(lambda: trial, self._pool, self._in_system_at_once, into=record)
 
     def _in_system_at_once(self) -> int:
         """Return how many runs of the whole system go at once, as a short nominal one tells, which is kept."""
         if not self._spread:
-            return self._processors
+            return self._pool.jobs
         with self._measuring:
             if not self._slots_in_system:
                 found = self._measured("", "busy", (), self._busy_in_system)

@@ -17,13 +17,18 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from riot_bus.sut.system import SystemFile
 
-__all__ = ["held"]
+__all__ = ["held", "needed"]
 
 _POLL = 0.05
+
+
+def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:
+    """Return how many of which resource components need that run together."""
+    return sum((Counter(file.components[name].resources) for name in names), Counter[str]())
 
 
 @contextmanager
@@ -37,7 +42,7 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
         file: The system.
         names: The components that run together.
     """
-    needs = sum((Counter(file.components[name].resources) for name in names), Counter[str]())
+    needs = needed(file, names)
     if not needs:
         yield
         return

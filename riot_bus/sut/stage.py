@@ -71,11 +71,19 @@ class TrialPlace:
         kept: What goes on over trials.
     """
 
+    LEFT = "left"
+    """In the folder, what a trial is asked to leave: a folder of evidence, or a recording."""
+
     context: Context
     launcher: Launcher
     directory: Path
     imports: MutableMapping[str, Sequence[str]]
     kept: MutableSequence[AbstractContextManager[object]] = field(default_factory=list)
+
+    @property
+    def left(self) -> Path:
+        """Where a trial leaves what it is asked to."""
+        return self.directory / self.LEFT
 
 
 class TrialSetup:

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import TestCase, Violation
 
-__all__ = ["SystemTrial", "write_log"]
+__all__ = ["EXTERNAL_LOG", "SystemTrial", "write_log"]
 
-_LOG = "external.mcap"
+EXTERNAL_LOG = "external.mcap"
 _SETTLED = 0.03
 _SETTLE_TIMEOUT = 10.0
 _TICK = 0.02
@@ -78,23 +78,23 @@ class SystemTrial:
     Attributes:
         observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
         pace: How long external components run, and how fast.
-        record: File that gets every message of the run; None for none.
+        record: Whether every message of the run is written into the file `TrialPlace.left`.
         unit: The unit that is judged so; empty for none.
         baseline: What it does in nominal runs of the whole system.
         nominal: Whether that is to be measured: then `nominal` in the outcome's statistics is the `NominalTrial`, and
             `switches` and `ran` are the attributes of its `Idle`.
-        evidence: Folder for what a failing run leaves; None to keep nothing.
+        evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
 
     The outcome's statistics have how many messages each injection was applied to (`delivered`), and all (`modified`).
     """
 
     pace: RunPace
     observe: tuple[str, ...] = ()
-    record: Path | None = None
+    record: bool = False
     unit: str = ""
     baseline: Baseline = UNKNOWN
     nominal: bool = False
-    evidence: Path | None = None
+    evidence: bool = False
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
@@ -147,7 +147,7 @@ class SystemTrial:
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
-                        self.record, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
+                        place.left, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
                     )
                 )
                 stage.bus.subscribe(home, "**", writer.write)
@@ -183,10 +183,10 @@ class SystemTrial:
         if probe and alone:
             violations += probe.judge(alone, seconds=time.monotonic() - started)
         keep = violations and not self.record and not case.messages
-        log = str(place.directory / _LOG) if keep else None
+        log = str(place.directory / EXTERNAL_LOG) if keep else None
         if violations and self.evidence:
             whole = view if alone is None else replace(alone, components=[*view.components, *alone.components])
-            write_evidence(self.evidence, whole, violations, context=context)
+            write_evidence(place.left, whole, violations, context=context)
         if log:
             write_log(Path(log), external, context=context, metadata=self._metadata(case, context))
         return Outcome(

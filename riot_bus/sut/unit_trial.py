@@ -72,15 +72,15 @@ class UnitTrial:
         baseline: What the unit does in nominal trials; without one, a trial is only judged by what needs none.
         nominal: Whether cases are the nominal log; then `nominal` in the outcome's statistics
             is the `NominalTrial`.
-        evidence: Folder for what a failing trial leaves, or one behind a debugger; None to keep nothing. With one,
-            nothing is forked.
+        evidence: Whether a failing trial, or one behind a debugger, leaves evidence in `TrialPlace.left`; then nothing
+            is forked.
         before: Words before the unit's command, such as those of a debugger.
     """
 
     unit: str
     baseline: Baseline = UNKNOWN
     nominal: bool = False
-    evidence: Path | None = None
+    evidence: bool = False
     before: tuple[str, ...] = ()
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
@@ -104,7 +104,7 @@ class UnitTrial:
                 ) as stage,
             ):
                 self.start(stage, case)
-                return self.play(stage, case)
+                return self.play(stage, case, evidence=place.left if self.evidence else None)
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
 
@@ -121,8 +121,13 @@ class UnitTrial:
         stage.wait_subscribed(name, keys)
         stage.watch_all_outputs(segment=stage.context.file.segment_of(component), inputs=component.inputs)
 
-    def play(self, stage: TrialSetup, case: TestCase) -> Outcome:
+    def play(self, stage: TrialSetup, case: TestCase, *, evidence: Path | None = None) -> Outcome:
         """Play the case to the unit that runs on a stage, and judge what it does.
+
+        Args:
+            stage: Where the unit runs.
+            case: The case.
+            evidence: Folder for what a failing trial leaves; None for nothing.
 
         Raises:
             EnvironmentFaultError: The machine is too busy to tell.
@@ -153,8 +158,8 @@ class UnitTrial:
             seen = replace(seen, mute=mute, outputs=tuple(view.outputs), probed=view.probed)
         violations = (*judged.violations, *self.baseline.mined.judge(view))
         feeder.end(hangs=any(each.monitor == "hang" for each in violations), seconds=time.monotonic() - started)
-        if self.evidence and (violations or self.before):
-            write_evidence(self.evidence, view, violations, context=context)
+        if evidence and (violations or self.before):
+            write_evidence(evidence, view, violations, context=context)
         return Outcome(
             Verdict.FAIL if violations else Verdict.PASS,
             violations,

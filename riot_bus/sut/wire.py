@@ -51,7 +51,7 @@ _LARGE_INT = 1
 """Extension type of numbers that 64 bits do not hold."""
 _NAMES: dict[str, Any] = {
     each.__name__: each
-    for each in (Formula, Injection, Mapping, Message, Path, RunPace, Sequence, Signal, TestCase, ThreadStack)
+    for each in (Formula, Injection, Mapping, Message, RunPace, Sequence, Signal, TestCase, ThreadStack)
 } | {"Scalar": Scalar}
 """What the annotations of the classes name that cross."""
 
@@ -118,7 +118,7 @@ class TrialBatch:
 
         Args:
             case: The case.
-            directory: Folder in which it may leave files.
+            directory: Folder in which it may leave files; a relative one is below the worker's working folder.
             whole: Whether what is shared goes with it.
             imports: Modules that Python components import, by name, as far as the worker does not know them.
         """
@@ -169,7 +169,7 @@ class TrialRequest:
         messages = found["case"].pop("messages")
         case: TestCase = _adapter(TestCase).validate_python(found["case"])
         case = replace(case, messages=tuple(_messages(messages, log)))
-        return cls(trial, case, Path(found["directory"]), found["imports"])
+        return cls(trial, case, Path(found["directory"]).absolute(), found["imports"])
 
 
 def remember(known: dict[bytes, _T], digest: bytes, shared: _T) -> None:

@@ -136,8 +136,8 @@ BASELINE = Baseline(
     [
         IdleTrial("u"),
         UnitTrial("u"),
-        UnitTrial("u", BASELINE, nominal=True, evidence=Path("/e"), before=("gdb", "-q")),
-        SystemTrial(RunPace(duration=3.0, speed=2.0), ("a:x", "b"), Path("/r.mcap")),
+        UnitTrial("u", BASELINE, nominal=True, evidence=True, before=("gdb", "-q")),
+        SystemTrial(RunPace(duration=3.0, speed=2.0), ("a:x", "b"), record=True),
         SystemTrial(RunPace(duration=3.0), unit="u", baseline=BASELINE, nominal=True),
     ],
 )

@@ -1,0 +1,107 @@
+"""Where a cluster is, and connecting to it: TLS is required beyond this machine."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import re
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, MissingExtraError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["connect", "is_open", "scheduler_of"]
+
+_CONNECTS_WITHIN_S = 10.0
+_ALLOWED = "distributed.scheduler.allowed-failures"
+_TLS = "distributed.comm.tls"
+_CERTIFICATES = (
+    "name certificates: DASK_DISTRIBUTED__COMM__TLS__CA_FILE, DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and "
+    "DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY (docs/cluster.md)"
+)
+
+
+def scheduler_of(executor: str, *, tls: bool) -> str:
+    """Return the address of a scheduler as Dask has it.
+
+    Args:
+        executor: `dask://HOST:PORT`.
+        tls: Whether there are certificates.
+
+    Raises:
+        ConfigError: It is none, or beyond this machine without certificates.
+    """
+    found = re.fullmatch(r"dask://(\[[0-9A-Fa-f:.]+\]|[\w.-]+):(\d{1,5})", executor)
+    if not found:
+        raise ConfigError(f"{executor!r} is no executor", where="--executor", hint="write dask://HOST:PORT")
+    address = f"{'tls' if tls else 'tcp'}://{found[1]}:{found[2]}"
+    if is_open(address):
+        raise ConfigError(f"{executor} is another machine, and there is no TLS", where="--executor", hint=_CERTIFICATES)
+    return address
+
+
+def is_open(address: str) -> bool:
+    """Return whether an address of Dask can be reached from other machines, unencrypted."""
+    scheme, _, rest = address.partition("://")
+    host = rest.rpartition(":")[0].strip("[]")
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    return scheme != "tls" and not local
+
+
+def connect(executor: str) -> Client:
+    """Connect to a cluster.
+
+    Raises:
+        ConfigError: It is not to be used so; says why, and what to do.
+        EnvironmentFaultError: Nobody answers.
+        MissingExtraError: Dask is not installed.
+    """
+    try:
+        import dask.config
+        from distributed import Client, Security
+    except ImportError:
+        raise MissingExtraError("distributed", "cluster") from None
+    for name in ("distributed", "distributed.client"):  # what matters of it is an error of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    tls = bool(dask.config.get(f"{_TLS}.ca-file", None))
+    address = scheduler_of(executor, tls=tls)
+    try:
+        security: Any = Security(require_encryption=True) if tls else None
+        options: dict[str, Any] = {"timeout": _CONNECTS_WITHIN_S, "security": security, "set_as_default": False}
+        client = Client(address, name="riot", direct_to_workers=False, **options)
+    except (OSError, ValueError, TypeError) as error:  # unreachable; certificates that are none
+        hint = "start `dask scheduler` there (docs/cluster.md), or mend the address"
+        raise EnvironmentFaultError(
+            f"no scheduler answers: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
+            where=executor,
+            hint=hint if tls else f"{hint}; if it speaks TLS, {_CERTIFICATES}",
+        ) from None
+    try:
+        _check(client, executor)
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+def _check(client: Client, executor: str) -> None:
+    import dask.config
+
+    own = str(client.scheduler_info()["address"])
+    if is_open(own):
+        raise ConfigError(
+            f"the scheduler listens at {own}, for all machines and without TLS",
+            where=executor,
+            hint="start it with --host 127.0.0.1, or with certificates (docs/cluster.md)",
+        )
+    if (allowed := client.run_on_scheduler(dask.config.get, _ALLOWED)) != 0:
+        raise ConfigError(
+            f"the scheduler repeats cases of dead workers itself ({_ALLOWED} is {allowed})",
+            where=executor,
+            hint="start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment: riot repeats them",
+        )
