@@ -10,7 +10,7 @@ from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.errors import RiotError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from riot_bus.pipeline.event import Change
     from riot_bus.pipeline.runner import Emission
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["inject_log"]
+__all__ = ["changed_by", "inject_log"]
 
 
 def inject_log(
@@ -58,17 +58,27 @@ def inject_log(
         if result.changes:
             touched.append((index, message, result.changes))
             if reached is not None:
-                real = {each.field for each in result.changes if repr(each.before) != repr(each.after)}
-                same = {each.field for each in result.changes if each.action == "set"} - real
-                for number in injector.hits - hits:
-                    if injections[number].field not in same:
-                        reached[number].append(index)
+                for number in changed_by(injections, injector.hits - hits, result.changes):
+                    reached[number].append(index)
                 hits = injector.hits.copy()
     out.extend(_delivered(queue.pop_due()))
     pipeline.close()
     for name, errors in pipeline.errors.items():
         raise RiotError(f"{name} failed on {errors.count} messages:\n{errors.first}")
     return tuple(out), touched
+
+
+def changed_by(injections: Sequence[Injection], applied: Iterable[int], changes: Iterable[Change]) -> Iterator[int]:
+    """Yield the numbers of those injections that changed a message: setting a field to what it is changes nothing.
+
+    Args:
+        injections: All of them.
+        applied: Numbers of those that were carried out on it.
+        changes: What was done to it, with the values before.
+    """
+    real = {each.field for each in changes if repr(each.before) != repr(each.after)}
+    same = {each.field for each in changes if each.action == "set"} - real
+    yield from (number for number in applied if injections[number].field not in same)
 
 
 def _delivered(emissions: Sequence[Emission]) -> Iterator[Message]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.inject.apply import inject_log
+from riot_bus.inject.apply import changed_by, inject_log
 from riot_bus.inject.interceptor import Injector
 from riot_bus.log.playback.player import play
 from riot_bus.log.writer import LogWriter
@@ -51,12 +52,25 @@ _WATCH = 0.5
 
 
 class _Tap:
-    """The last interceptor: keeps what is delivered, with the time of delivery."""
+    """The last interceptor: keeps what is delivered, with the time of delivery, and counts what injections changed.
 
-    def __init__(self) -> None:
+    Args:
+        injector: The one before it.
+    """
+
+    def __init__(self, injector: Injector) -> None:
         self.messages: list[Message] = []
+        self._injector, self._applied, self._changed = injector, Counter[int](), Counter[int]()
+
+    def delivered(self) -> list[int]:
+        """Return how many messages each injection has changed."""
+        unseen = self._injector.hits - self._applied  # set in the bytes of all messages of a topic
+        return [self._changed[number] + unseen[number] for number in range(len(self._injector.injections))]
 
     def message(self, event: Event) -> None:
+        if applied := self._injector.hits - self._applied:
+            self._changed.update(changed_by(self._injector.injections, applied, event.changes))
+            self._applied += applied
         if not event.dropped:
             self.observe(event.message)
 
@@ -85,7 +99,7 @@ class SystemTrial:
             `switches` and `ran` are the attributes of its `Idle`.
         evidence: Whether a failing run leaves evidence in `TrialPlace.left`.
 
-    The outcome's statistics have how many messages each injection was applied to (`delivered`), and all (`modified`).
+    The outcome's statistics have how many messages each injection changed (`delivered`), and their sum (`modified`).
     """
 
     pace: RunPace
@@ -119,8 +133,8 @@ class SystemTrial:
                 hint="give external components a `segment` of their own",
             )
         injected = {injection.topic for injection in case.injections} if not case.messages else set()
-        tap, seen = _Tap(), list[Message]()
-        injector = Injector(case.injections, seed=case.seed)
+        injector, seen = Injector(case.injections, seed=case.seed), list[Message]()
+        tap = _Tap(injector)
         begin = time.time_ns()
         with ExitStack() as stack:
             stack.enter_context(held(file, [*inside, *outside]))
@@ -198,7 +212,7 @@ class SystemTrial:
             log=log,
             statistics={
                 "external_messages": len(external),
-                **(_delivered(injector, case) if not case.messages else {}),
+                **({} if case.messages else {"delivered": tap.delivered(), "modified": sum(tap.delivered())}),
                 **(probe.statistics if probe else {}),
             },
         )
@@ -271,11 +285,6 @@ class SystemTrial:
                     times[f"{topic}:{path}"].append((message.time - begin) / 1e9)
                     values[f"{topic}:{path}"].append(float(value))
         return {text: Series(tuple(times[text]), tuple(values[text])) for text in self.observe}
-
-
-def _delivered(injector: Injector, case: TestCase) -> dict[str, object]:
-    counts = [injector.hits[number] for number in range(len(case.injections))]
-    return {"delivered": counts, "modified": sum(counts)}
 
 
 class _Probe:

@@ -14,6 +14,8 @@ from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.findings.steps import MINIMIZE
 from riot_bus.log.reader import read_log
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.trial import TestCase, Verdict
 from tests.integration.test_activation_by_signs import DIAL, SIGNATURES, write
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
@@ -47,3 +49,15 @@ def test_what_cannot_be_intercepted_is_told_before_the_first_run(tmp_path: Path)
         pytest.raises(ConfigError, match="external components share a segment"),
     ):
         run_campaign(workspace, "pump", trials=1, seconds=None, covered=False, whole_system=True)
+
+
+def test_what_injections_changed_is_counted_in_the_run(tmp_path: Path) -> None:
+    topic, field = DIAL.split(":")
+    injections = (Injection(topic, field, 50.0, first=0, last=1), Injection(topic, "nowhere", 1.0))
+    with Workspace(write(tmp_path, "exit"), tmp_path / "out", jobs=1) as workspace:
+        runner = workspace.runners.system(workspace.context.file.system.trial_run)
+        (outcome,) = runner.run([TestCase(injections=injections)])
+    assert outcome.verdict is Verdict.PASS
+    assert (outcome.statistics["delivered"], outcome.statistics["modified"]) == ([1, 0], 1), (
+        "the first one was 50 already"
+    )
