@@ -87,12 +87,15 @@ def panel(seed: int) -> list[Message]:
 
 
 def commands(readings: Sequence[Message]) -> list[Message]:
-    """What the governor makes of the readings."""
+    """What the governor makes of the readings; it ignores what is none."""
     found = []
     for reading in readings:
-        values = said(reading)
-        mode = "step" if values["lever"] > 0.5 else "hold"
-        payload = json.dumps({"mode": mode, "speed": values["knob"] / 20, "note": "panel"}).encode()
+        try:
+            values = said(reading)
+            mode = "step" if values["lever"] > 0.5 else "hold"
+            payload = json.dumps({"mode": mode, "speed": values["knob"] / 20, "note": "panel"}).encode()
+        except (ValueError, KeyError, TypeError):
+            continue
         found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
     return found
 

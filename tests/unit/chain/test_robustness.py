@@ -9,11 +9,14 @@ import pytest
 from riot_bus.campaign.store import TrialStore, stored_trials
 from riot_bus.chain import robustness
 from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.reproduce import reproduce
 from riot_bus.events import CampaignFinished, FindingWritten, StepFinished, StepProgress, TrialFinished
 from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.findings.steps import MINIMIZE
 from riot_bus.inject.apply import inject_log
-from riot_bus.log.reader import LogReader
-from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.log.reader import LogReader, read_log
+from riot_bus.sut.baseline import Baseline
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.chain.machine import (
     COUNT,
@@ -264,3 +267,65 @@ def test_a_mined_rule_that_fires_no_more_often_than_by_chance_is_no_finding(tmp_
     assert "; 1 more came again in 1 of 20 fresh trials, which may be chance" in one.told(StepFinished)[-1].text
     (kept,) = CampaignRecord.load(one.workspace.out).unconfirmed
     assert kept.signature == rule.signature
+
+
+def test_a_campaign_on_the_running_system_keeps_what_came_from_outside(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one, trials=60, whole_system=True)
+    record, found = CampaignRecord.load(one.workspace.out), FindingRecord.load(folder)
+    assert (found.signature, found.whole_system, found.unit) == (HANG.signature, True, "drive")
+    assert folder.name.endswith("-system")
+    assert one.machine.judged == ["drive"]
+    log = read_log(folder / "failure.mcap")
+    assert {message.key for message in log} == {"panel"}
+    assert len(log) == found.messages
+    assert record.whole_system
+    assert "of components other than drive: whether they fall silent, hang or grow" in record.untold
+    assert robustness.tested(one.workspace, "drive") is None
+    with pytest.raises(InconclusiveError, match="found in runs of the whole system"):
+        one.workspace.carry_out(MINIMIZE, folder)
+    assert reproduce(one.workspace, folder, times=2).answer == "still failing"
+
+
+def test_what_drives_the_system_is_not_under_test(tmp_path: Path) -> None:
+    aborts = Violation("crash", "panel", "crash in panel: SIGABRT", "")
+    one = bench(tmp_path, system_fails=never_hangs)
+    plain = one.machine.outcome
+
+    def outcome(case: TestCase, failed: bool, **more: Any) -> Outcome:
+        if case.injections and share(case) < 0.3:
+            return Outcome(Verdict.FAIL, (aborts,))
+        return plain(case, failed, **more)
+
+    one.machine.outcome = outcome  # type: ignore[method-assign]
+    assert campaign(one, whole_system=True) == []
+    record = CampaignRecord.load(one.workspace.out)
+    assert record.failing == 0
+    (told,) = [each for each in record.untold if "SIGABRT" in each]
+    assert told.startswith("whether the system made what drives it fail: crash in panel: SIGABRT (")
+
+
+def test_a_unit_that_nominal_runs_do_not_show_is_told(tmp_path: Path) -> None:
+    one = bench(tmp_path, system_fails=never_hangs)
+    one.machine.known = Baseline(mute=("2 of 4 nominal runs did not pass",))
+    assert campaign(one, whole_system=True) == []
+    assert one.machine.judged == []
+    assert (
+        "whether drive still works after a run: 2 of 4 nominal runs did not pass"
+        in CampaignRecord.load(one.workspace.out).untold
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('segment = "shop"', 'segment = "inside"', "share a segment"),
+        ('topics = ["panel"]', "topics = []", "no external topics"),
+        ('topics = ["panel"]', 'topics = ["lamp"]', "holds nothing on lamp"),
+    ],
+)
+def test_systems_of_which_nothing_can_be_intercepted_are_refused(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        campaign(bench(tmp_path, system=SYSTEM.replace(old, new)), whole_system=True)
