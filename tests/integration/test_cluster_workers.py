@@ -15,7 +15,7 @@ from riot_bus.chain.workspace import Workspace
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.sut.context import open_system
 from riot_bus.sut.local import Pool
-from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
@@ -110,3 +110,28 @@ def test_a_scheduler_that_dies_is_an_error_that_says_how_to_go_on(system: Path, 
         ):
             pool.map(UnitTrial("echoes"), [case_of(system, seed) for seed in range(50)], ended)
     assert "run the same command again" in str(told.value)
+
+
+KILLS = """
+import os
+class Kills:
+    def judge(self, view):
+        if view.inputs:
+            os.kill(os.getppid(), 9)
+"""
+
+
+@pytest.mark.nightly
+def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
+    cluster: DaskCluster, tmp_path: Path
+) -> None:
+    path = write(tmp_path)
+    (tmp_path / "kills.py").write_text(KILLS)
+    with path.open("a") as stream:
+        stream.write('[[monitors]]\nkind = "kills.py"\n')
+    with pool_of(cluster, path, tmp_path / "trials") as pool:
+        outcome = pool.execute(UnitTrial("echoes"), case_of(path))
+        assert outcome.verdict is Verdict.ERROR
+        assert "3 processes that executed this case have ended" in outcome.detail
+        assert "with its worker tcp://127.0.0.1:" in outcome.detail
+        assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
