@@ -133,7 +133,7 @@ def _run(asked: Mapping[str, Any], name: str) -> dict[str, Any]:
                 _end({}, name)
                 return {}
             except (EOFError, OSError):
-                for lease in taken:  # a component may live for a moment: what it has is not given back but runs out
+                for lease in set(taken):  # a component may live for a moment: what it has runs out instead
                     _semaphores.pop(lease).refresh_leases = False
                 return {"died": _kept.pop(name).end()}
     finally:
@@ -195,8 +195,8 @@ def _held(needs: Mapping[str, Sequence[int]], waited_for: Callable[[], bool]) ->
                 give(queue)
         yield held
     finally:
-        for name in held:
-            give(name)
+        while held:
+            give(held[-1])
 
 
 def _files(folder: Path) -> dict[str, Any]:

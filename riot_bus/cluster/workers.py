@@ -162,10 +162,13 @@ class ClusterWorkers:
         return ask(self._client, address, {"do": "run", "name": name, "request": request, "needs": needs})
 
     def needs(self, trial: Trial, case: TestCase) -> dict[str, tuple[int, int]]:
-        """Return how many of what there is only so much of a trial needs, and how many there are in all."""
+        """Return how many of what there is only so much of a trial needs, and how many there are in all.
+
+        The scheduler remembers how many there are for as long as it runs, so that is part of the name.
+        """
         file = self._context.file
         return {
-            f"riot {file.system.name} {name}": (count, file.resources[name])
+            f"riot {file.system.name} {name} of {file.resources[name]}": (count, file.resources[name])
             for name, count in needed(file, _components(file, trial, case)).items()
         }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -30,8 +31,8 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 def system(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = write(tmp_path_factory.mktemp("system"))
     head = "[components.echoes]\n"
-    text = path.read_text().replace(head, f"{head}resources = {{ sim = 1 }}\n")
-    path.write_text(f"{text}\n[resources]\nsim = 1\n")
+    text = path.read_text().replace(head, f"{head}resources = {{ board = 1, sim = 2 }}\n")
+    path.write_text(f"{text}\n[resources]\nboard = 1\nsim = 2\n")
     return path
 
 
@@ -123,9 +124,10 @@ class Kills:
 
 @pytest.mark.nightly
 def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
-    cluster: DaskCluster, tmp_path: Path
+    cluster: DaskCluster, system: Path, tmp_path: Path
 ) -> None:
-    path = write(tmp_path)
+    shutil.copytree(system.parent, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("out"))
+    path = tmp_path / system.name
     (tmp_path / "kills.py").write_text(KILLS)
     with path.open("a") as stream:
         stream.write('[[monitors]]\nkind = "kills.py"\n')
