@@ -118,22 +118,27 @@ import os
 class Kills:
     def judge(self, view):
         if view.inputs:
-            os.kill(os.getppid(), 9)
+            os.kill(os.WHOM(), 9)
 """
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("whom", "how"), [("getppid", "with its worker tcp://127.0.0.1:"), ("getpid", "with signal 9")]
+)
 def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(
-    cluster: DaskCluster, system: Path, tmp_path: Path
+    cluster: DaskCluster, system: Path, tmp_path: Path, whom: str, how: str
 ) -> None:
     shutil.copytree(system.parent, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("out"))
     path = tmp_path / system.name
-    (tmp_path / "kills.py").write_text(KILLS)
-    with path.open("a") as stream:
-        stream.write('[[monitors]]\nkind = "kills.py"\n')
+    (tmp_path / "kills.py").write_text(KILLS.replace("WHOM", whom))
+    text = path.read_text().replace("\nsim = 2\n", "\nsim = 3\n")
+    path.write_text(f'{text}[[monitors]]\nkind = "kills.py"\n')
     with pool_of(cluster, path, tmp_path / "trials") as pool:
         outcome = pool.execute(UnitTrial("echoes"), case_of(path))
         assert outcome.verdict is Verdict.ERROR
         assert "3 processes that executed this case have ended" in outcome.detail
-        assert "with its worker tcp://127.0.0.1:" in outcome.detail
+        assert how in outcome.detail
+        assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
+    with pool_of(cluster, system, tmp_path / "trials") as pool:  # with another total of `sim`
         assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS
