@@ -90,7 +90,7 @@ def external_messages(workspace: Workspace) -> list[Message]:
 def system_log(workspace: Workspace) -> tuple[Message, ...]:
     """Return what comes from outside in a run as short as those that search the whole system.
 
-    It is the begin of the nominal log, as long as a `trial_run` is in the time of the log.
+    It is the begin of the nominal log, which has the speed of `nominal_run`, as long as a `trial_run` is.
 
     Raises:
         ConfigError: Nothing comes from outside, or external components share the system's segment.
@@ -108,8 +108,7 @@ def system_log(workspace: Workspace) -> tuple[Message, ...]:
         raise ConfigError(
             f"the nominal log holds nothing on {', '.join(file.external.topics)}", where=f"{file.path}: [external]"
         )
-    pace = file.system.trial_run
-    end = messages[0].time + round(pace.duration / pace.speed * 1e9)
+    end = messages[0].time + round(file.system.trial_run.duration / file.system.nominal_run.speed * 1e9)
     return tuple(message for message in messages if message.time <= end)
 
 

@@ -54,7 +54,8 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     if whole_system:
         path = folder / ("failure.mcap" if finding.whole_system else "activation.mcap")
         if not path.is_file() or not (finding.whole_system or ActivationRecord.exists(folder)):
-            raise ConfigError(f"no {path.name}", where=str(folder), hint="run `riot activate` first")
+            step = "riot test --whole-system" if finding.whole_system else "riot activate"
+            raise ConfigError(f"no {path.name}", where=str(folder), hint=f"run `{step}` first")
         messages = read_log(path)
         judged, why = workspace.judged_in_system(finding)
         if why:

@@ -7,6 +7,7 @@ import logging
 import shutil
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
@@ -41,7 +42,6 @@ from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
-    from pathlib import Path
 
     from riot_bus.campaign.covering import Variation
     from riot_bus.campaign.store import StoredRunner
@@ -275,16 +275,19 @@ def _told(failure: Failure) -> str:
 class _Inside:
     """A runner whose outcomes leave out how external components failed: what drives the system is not under test.
 
+    Nor is told what nominal runs of the whole system have shown, too, that were judged alike.
+
     Args:
         runner: Runs the whole system.
         external: Names of external components.
+        alarms: Signatures that nominal runs have shown.
 
     Attributes:
-        failed: Signatures that were left out, and in how many runs.
+        failed: Signatures of external components that were left out, and in how many runs.
     """
 
-    def __init__(self, runner: StoredRunner, external: Collection[str]) -> None:
-        self._runner, self._external = runner, external
+    def __init__(self, runner: StoredRunner, external: Collection[str], alarms: Collection[str]) -> None:
+        self._runner, self._external, self._alarms = runner, external, alarms
         self.failed = Counter[str]()
 
     @property
@@ -297,8 +300,11 @@ class _Inside:
         return [self._judge(outcome) for outcome in self._runner.run(cases)]
 
     def _judge(self, outcome: Outcome) -> Outcome:
-        inside = tuple(each for each in outcome.violations if each.component not in self._external)
-        self.failed.update({each.signature for each in outcome.violations} - {each.signature for each in inside})
+        found = outcome.violations
+        inside = tuple(
+            each for each in found if each.component not in self._external and each.signature not in self._alarms
+        )
+        self.failed.update({each.signature for each in found if each.component in self._external})
         verdict = Verdict.PASS if outcome.verdict is Verdict.FAIL and not inside else outcome.verdict
         return replace(outcome, violations=inside, verdict=verdict)
 
@@ -314,8 +320,9 @@ def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside,
     judged = (unit, baseline) if baseline.trials else None
     others = f"of components other than {unit}: whether they fall silent, hang or grow"
     mute = () if judged else tuple(f"whether {unit} still works after a run: {why}" for why in baseline.mute)
+    mute += tuple(f"{signature}: nominal runs of the whole system show the same" for signature in baseline.alarms)
     external = {name for name, each in workspace.context.file.components.items() if each.external}
-    runner = _Inside(step.system_runner(observe=(), pace=pace, judged=judged), external)
+    runner = _Inside(step.system_runner(observe=(), pace=pace, judged=judged), external, baseline.alarms)
     return runner, baseline, (*mute, others)
 
 
@@ -432,7 +439,7 @@ def _write(step: StepRun, subject: _Subject, failure: Failure, folder: Path) -> 
 
 def _keep_external(failure: Failure, folder: Path) -> int:
     """Keep what came from outside in the failing run, as it was delivered; return the number of messages."""
-    if failure.outcome.log is None:
+    if failure.outcome.log is None or not Path(failure.outcome.log).is_file():  # somebody has removed it
         return 0
     shutil.copyfile(failure.outcome.log, folder / "failure.mcap")
     return len(read_log(folder / "failure.mcap"))

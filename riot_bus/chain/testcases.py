@@ -92,6 +92,12 @@ def load_challenge(path: Path, *, registry: TypeRegistry | None = None) -> CaseT
 
 def _of_finding(folder: Path) -> CaseTemplate:
     finding = FindingRecord.load(folder)
+    if finding.whole_system:
+        raise ConfigError(
+            "this was found in runs of the whole system, so it is no test case of a unit",
+            where=str(folder),
+            hint="name a finding of `riot test` without --whole-system, or an injection plan",
+        )
     where = str(folder / FindingRecord.FILE)
     injections = tuple(_injection(each, where) for each in finding.injections)
     return CaseTemplate(injections, finding.signature, finding.unit, finding.system_file)

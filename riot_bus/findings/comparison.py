@@ -78,11 +78,16 @@ def compare(old: Path, new: Path) -> Comparison:
         new: The newer one.
 
     Raises:
-        ConfigError: One holds no finished campaign, or they are of two units.
+        ConfigError: One holds no finished campaign, or they are of two units, or one is of the whole system.
     """
     before, after = CampaignRecord.load(old), CampaignRecord.load(new)
     if before.unit != after.unit:
         raise ConfigError(f"campaigns of two units: {before.unit!r} and {after.unit!r}", where=f"{old}, {new}")
+    if before.whole_system != after.whole_system:
+        hint = "compare two of `riot test`, or two of `riot test --whole-system`"
+        raise ConfigError(
+            "one campaign is of the unit alone, one of the whole system", where=f"{old}, {new}", hint=hint
+        )
     earlier, later = _failures(old, before), _failures(new, after)
     confirmed = earlier.keys() | later.keys()
     for failures, campaign in ((earlier, before), (later, after)):

@@ -60,7 +60,13 @@ def links(view: FindingView) -> list[DiagramBox]:
         done["activate"] = (again if view.activation.found else missed, runs)
     done |= {step.name: (_short(clean(record.summary)), "") for step, record in view.further}
     start = DiagramBox(
-        "nominal log", (_short(f"of {clean(finding.system)}"), _short(f"into {clean(finding.unit)}")), "", "done"
+        "nominal log",
+        (
+            _short(f"of {clean(finding.system)}"),
+            "from outside" if finding.whole_system else _short(f"into {clean(finding.unit)}"),
+        ),
+        "",
+        "done",
     )
     return [start] + [
         DiagramBox(

@@ -23,7 +23,7 @@ from riot_bus.vocabulary.errors import ConfigError, RiotError
 
 __all__ = ["EVIDENCE", "FindingView", "Severity", "TextPart", "load"]
 
-Severity = Literal["unit only", "permeable", "activated"]
+Severity = Literal["unit only", "permeable", "activated", "whole system"]
 
 _VERBS = {
     "crash": "crashes",
@@ -54,7 +54,8 @@ class FindingView:
     Attributes:
         directory: The finding's directory, as the user gave it.
         finding: What failed.
-        steps: Every step of the chain with its record, and those of other packages that have finished.
+        steps: Every step of the chain with its record, and those of other packages that have finished; only the test of
+            what was found in runs of the whole system, as the others need the unit's own input.
         broken: Files that exist but cannot be used, with the reason; they count as missing.
     """
 
@@ -106,7 +107,12 @@ class FindingView:
 
     @property
     def severity(self) -> Severity:
-        """The paper's triage (RIOT III): an activation counts only when at least one replay confirmed it."""
+        """The paper's triage (RIOT III): an activation counts only when at least one replay confirmed it.
+
+        What was found in runs of the whole system is none of it: nothing was looked for in the unit alone.
+        """
+        if self.finding.whole_system:
+            return "whole system"
         if self.activation and self.activation.found and self.activation.replays_failed:
             return "activated"
         return "permeable" if self.permeability and self.permeability.permeable else "unit only"
@@ -132,6 +138,8 @@ class FindingView:
 
     def verdict(self) -> tuple[TextPart, ...]:
         """Return the finding in one sentence."""
+        if self.finding.whole_system:
+            return self._in_system()
         parts = [TextPart(clean(self.finding.component), code=True), TextPart(f" {self.failure}")]
         if self.rule:
             parts += [TextPart(" when "), TextPart(clean(self.rule.text, limit=400), code=True)]
@@ -143,6 +151,18 @@ class FindingView:
         else:
             parts.append(TextPart(f" on a log of {plural(self.finding.messages, 'message')}"))
         return (*parts, *self._outside(), TextPart("."))
+
+    def _in_system(self) -> tuple[TextPart, ...]:
+        finding, rate = self.finding, self.finding.rate
+        topics = tuple(dict.fromkeys(str(each.get("topic")) for each in finding.injections))
+        again = f": {rate.count} of {plural(rate.total, 'further run')} failed again" if rate else ""
+        what = f"{plural(finding.modified, 'change')} to messages from outside"
+        return (
+            TextPart(clean(finding.component), code=True),
+            TextPart(f" {self.failure} in runs of the whole system with "),
+            *((TextPart(f"{what}, on "), *_listed(topics)) if topics else (TextPart("nothing changed"),)),
+            TextPart(f"{again}."),
+        )
 
     def _outside(self) -> list[TextPart]:
         names = _listed(self.externals)
@@ -203,8 +223,8 @@ def load(directory: Path) -> FindingView:
 
     finding = FindingRecord.load(directory)
     steps: list[tuple[ChainStep, Artefact | None]] = [(STEPS[0], finding)]
-    steps += [(step, read(step)) for step in STEPS[1:]]
-    for name in further_steps():
+    steps += [(step, read(step)) for step in STEPS[1:] if not finding.whole_system]
+    for name in further_steps() if not finding.whole_system else ():
         try:
             step = find_step(name)
         except RiotError as error:

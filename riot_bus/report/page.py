@@ -37,6 +37,7 @@ _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
     "permeable": "The outside world influences the inputs that the unit fails on. No confirmed run has made it fail.",
     "activated": "Inputs at the external interface alone make the whole system fail.",
+    "whole system": "The whole system fails on these inputs from outside. Which of them it needs was not looked for.",
 }
 
 

@@ -49,7 +49,7 @@ class _Task:
     ended: Callable[[Outcome], None]
     into: Path | None = None
     future: Future[Outcome] = field(default_factory=Future)
-    most: int = 1
+    most: int = 0
     directory: Path | None = None
     deaths: int = 0
 
@@ -111,7 +111,7 @@ class WorkerSource(Protocol):
 
     @property
     def jobs(self) -> int:
-        """How many there may be at once."""
+        """How many work at once, if nothing else is said with cases."""
         ...
 
     def open(self, wake: Callable[[], None]) -> None:
@@ -299,7 +299,7 @@ class Pool:
             cases: All of them.
             ended: Called with the number of a case and its outcome as it ends, on a thread that no signal interrupts.
             into: Where that goes which a case leaves as it is asked to; None to drop it.
-            most: How many run at once; 0 for as many as there are jobs.
+            most: How many run at once; 0 for as many as there are jobs by then: workers of a cluster come and go.
 
         Raises:
             RiotError: A trial raised it; the others are not waited for.
@@ -314,7 +314,6 @@ class Pool:
             if batch is None:
                 batch = TrialBatch(trial, cases[0].messages)
                 self._batches.append(batch)
-            most = most or self.jobs
             tasks = [_Task(batch, case, partial(ended, number), into, most=most) for number, case in enumerate(cases)]
             self._waiting.extend(tasks)
             self._wake.send_bytes(b"")
@@ -340,7 +339,7 @@ class Pool:
         """Give waiting cases to workers that have none."""
         while self._waiting:
             seat = next((each for each in self._seats if each.task is None), None)
-            if sum(each.task is not None for each in self._seats) >= self._waiting[0].most:
+            if sum(each.task is not None for each in self._seats) >= (self._waiting[0].most or self.jobs):
                 return
             task = self._waiting.popleft()
             try:
@@ -467,5 +466,5 @@ class LocalRunner:
         """Execute all cases likewise; `ended` is called with the number of each and its outcome as it ends."""
         if not cases:
             return []
-        most = self._slots() if len(cases) > self._pool.jobs else self._pool.jobs
-        return self._pool.map(self._trial(), cases, ended, into=self._into, most=most)
+        most = self._slots() if len(cases) > self._pool.jobs else 0
+        return self._pool.map(self._trial(), cases, ended, into=self._into, most=most if most > self._pool.jobs else 0)

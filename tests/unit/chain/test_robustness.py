@@ -8,6 +8,7 @@ import pytest
 
 from riot_bus.campaign.store import TrialStore, stored_trials
 from riot_bus.chain import robustness
+from riot_bus.chain.external import system_log
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.events import CampaignFinished, FindingWritten, StepFinished, StepProgress, TrialFinished
@@ -285,6 +286,25 @@ def test_a_campaign_on_the_running_system_keeps_what_came_from_outside(tmp_path:
     with pytest.raises(InconclusiveError, match="found in runs of the whole system"):
         one.workspace.carry_out(MINIMIZE, folder)
     assert reproduce(one.workspace, folder, times=2).answer == "still failing"
+    (folder / "failure.mcap").unlink()
+    with pytest.raises(ConfigError, match=r"no failure\.mcap") as caught:
+        reproduce(one.workspace, folder)
+    assert "riot test --whole-system" in str(caught.value)
+
+
+def test_what_nominal_runs_show_too_is_no_finding(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    one.machine.known = Baseline(trials=4, alarms=(HANG.signature,))
+    assert campaign(one, whole_system=True) == []
+    told = f"{HANG.signature}: nominal runs of the whole system show the same"
+    assert told in CampaignRecord.load(one.workspace.out).untold
+
+
+def test_what_is_planned_is_planned_on_as_much_as_a_run_has(tmp_path: Path) -> None:
+    paces = "[system]\ntrial_run = { duration = 4, speed = 100 }\nnominal_run = { duration = 9, speed = 4 }"
+    one = bench(tmp_path, system=SYSTEM.replace("[system]", paces))
+    log = system_log(one.workspace)
+    assert log[-1].time - log[0].time == 10**9, "the nominal log is four times as fast as what it tells of"
 
 
 def test_what_drives_the_system_is_not_under_test(tmp_path: Path) -> None:

@@ -124,3 +124,10 @@ def test_damaged_findings(tmp_path: Path, row: dict[str, Any], message: str) -> 
     path.write_text(json.dumps({**document, "injections": [row]}))
     with pytest.raises(ConfigError, match=message):
         load_challenge(folder)
+
+
+def test_what_was_found_in_the_whole_system_is_no_test_case_of_a_unit(tmp_path: Path) -> None:
+    folder = finding(tmp_path / "one", *INJECTIONS)
+    FindingRecord.load(folder).model_copy(update={"whole_system": True}).save(folder)
+    with pytest.raises(ConfigError, match="no test case of a unit"):
+        load_challenge(folder)

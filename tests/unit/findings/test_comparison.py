@@ -71,3 +71,10 @@ def test_campaigns_of_two_units_cannot_be_compared(tmp_path: Path) -> None:
     CampaignRecord.load(new).model_copy(update={"unit": "other"}).save(new)
     with pytest.raises(ConfigError, match="two units: 'u' and 'other'"):
         compare(old, new)
+
+
+def test_campaigns_on_a_unit_and_on_its_system_cannot_be_compared(tmp_path: Path) -> None:
+    old, new = campaign(tmp_path / "old"), campaign(tmp_path / "new")
+    CampaignRecord.load(new).model_copy(update={"whole_system": True}).save(new)
+    with pytest.raises(ConfigError, match="one campaign is of the unit alone, one of the whole system"):
+        compare(old, new)

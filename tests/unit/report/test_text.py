@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import FindingRecord, RuleRecord
+from riot_bus.findings.records import FindingRecord, ProportionRecord, RuleRecord
 from riot_bus.report.format import clean, number, plural, seconds, share, value
+from riot_bus.report.page import write_report
 from riot_bus.report.text import summary
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.report.conftest import rover
@@ -43,6 +44,33 @@ def test_without_an_outside_the_rule_is_the_last_step(finding: Path, steps: dict
         if isinstance(record, RuleRecord):
             record.save(finding)
     assert summary(finding).splitlines()[-1] == f"  again     riot reproduce {finding}"
+
+
+def test_what_was_found_in_runs_of_the_whole_system_is_told_as_such(finding: Path) -> None:
+    record = FindingRecord.load(finding)
+    record = record.model_copy(
+        update={
+            "whole_system": True,
+            "modified": 3,
+            "injections": ({"topic": "/goal"}, {"topic": "/goal"}, {"topic": "/odom"}),
+            "rate": ProportionRecord(value=0.75, low=0.2, high=1, count=3, total=4),
+        }
+    )
+    record.save(finding)
+    lines = summary(finding).splitlines()
+    assert lines[0].endswith(
+        "[whole system]  planner crashes in runs of the whole system with 3 changes to messages from outside, "
+        "on /goal and /odom: 3 of 4 further runs failed again."
+    )
+    assert lines[-1] == f"  again     riot reproduce {finding}", "no further step can be run on it"
+    assert [name for name in summary(finding).split() if name in ("rule", "fields", "region")] == []
+    page = write_report(finding).read_text()
+    assert "the system without its external components afresh three times" in page
+    assert '<text class="title"' in page
+    assert "from outside" in page
+    assert "Nothing shows yet that the system can produce them" not in page
+    record.model_copy(update={"injections": (), "rate": None}).save(finding)
+    assert summary(finding).splitlines()[0].endswith("in runs of the whole system with nothing changed.")
 
 
 def test_nothing_permeable(finding: Path) -> None:
