@@ -98,7 +98,7 @@ class Workspace:
     Args:
         system: Path of riot.toml.
         out: Folder for everything that is written.
-        jobs: Trials at once; 0 for one on each processor, and more where trials wait.
+        jobs: Trials at once; 0 for one on each processor, and more of units that mostly wait.
         seed: Seed of everything random.
         listeners: Are told of everything that happens.
         runners: Gives the runners that the steps ask; processes of this machine by default.

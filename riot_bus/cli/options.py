@@ -44,7 +44,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", envvar="RIOT_OUT", help="Folde
 Jobs = Annotated[
     int,
     typer.Option(
-        "--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor, more where they wait."
+        "--jobs", "-j", envvar="RIOT_JOBS", min=0, help="Trials at once; 0: one per processor, more of units that wait."
     ),
 ]
 Executor = Annotated[

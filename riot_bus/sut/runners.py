@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
-from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.sut.baseline import UNKNOWN
 from riot_bus.sut.evidence import DEBUGGER, has_debugger, native_backtrace
 from riot_bus.sut.kept_baselines import KeptBaselines
 from riot_bus.sut.local import LocalRunner, Pool
@@ -18,18 +18,18 @@ from riot_bus.sut.nominal_system import measure_in_system
 from riot_bus.sut.persistent import PersistentTrial
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import UnitTrial
-from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from riot_bus.sut.baseline import Baseline
     from riot_bus.sut.context import Context
     from riot_bus.sut.local import WorkerSource
     from riot_bus.sut.system import RunPace
     from riot_bus.sut.wire import Trial
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Runner
+    from riot_bus.vocabulary.trial import Runner, TestCase
 
 __all__ = ["LocalRunners", "RunnerFactory"]
 
@@ -120,7 +120,7 @@ class LocalRunners:
 
     Args:
         context: The system.
-        jobs: Trials at once; 0 for one on each processor, and more where trials wait.
+        jobs: Trials at once; 0 for one on each processor, and more of units that mostly wait.
         workers: Returns where trials are executed instead of on this machine, called when first needed.
         keep: Folder under which the files of failing trials are kept, and what units do in nominal trials.
         fresh: Whether the latter is measured anew instead of read there.
@@ -137,7 +137,6 @@ class LocalRunners:
     ) -> None:
         self._context, self._keep, self._fresh, self._workers = context, keep, fresh, workers
         self._processors, self._spread = jobs or os.cpu_count() or 1, not (jobs or fresh or workers)
-        self._slots_in_system = 0
         self._started: Pool | None = None
         self._baselines: dict[str, Baseline] = {}
         self._in_system: dict[tuple[str, str], Baseline] = {}
@@ -232,22 +231,8 @@ class LocalRunners:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
         trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
-        return LocalRunner(lambda: trial, self._pool, self._in_system_at_once, into=record)
-
-    def _in_system_at_once(self) -> int:
-        """Return how many runs of the whole system go at once, as a short nominal one tells, which is kept."""
-        if not self._spread:
-            return self._pool.jobs
-        with self._measuring:
-            if not self._slots_in_system:
-                found = self._measured("", "busy", (), self._busy_in_system)
-                self._slots_in_system = slots_for(found.busy, self._processors)
-            return self._slots_in_system
-
-    def _busy_in_system(self) -> Baseline:
-        outcome = self._pool.execute(SystemTrial(self._context.file.system.trial_run), TestCase())
-        passed = outcome.verdict is Verdict.PASS
-        return Baseline(trials=1, busy=float(outcome.statistics["busy"])) if passed else UNKNOWN
+        # Never more than jobs: what follows what is told by time, and more at once blur it.
+        return LocalRunner(lambda: trial, self._pool, lambda: self._pool.jobs, into=record)
 
     def close(self) -> None:
         """Kill what still runs."""
