@@ -335,7 +335,13 @@ class RuleSample(_Model):
 
 
 class RuleRecord(Artefact):
-    """The unit-level rule (RIOT II-B c)."""
+    """The unit-level rule (RIOT II-B c).
+
+    Attributes:
+        topics: Topic of each message of the log in which its fields are named.
+        context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
+        in_context: Of how many trials behind nominal messages the rule says what is so.
+    """
 
     FILE = "rule.json"
     STEP = "rules"
@@ -346,6 +352,9 @@ class RuleRecord(Artefact):
     recall: ProportionRecord
     balanced_accuracy: float
     checks: int = Field(default=0, description="fresh trials behind these rates")
+    topics: tuple[str, ...] = ()
+    context: tuple[str, ...] = ()
+    in_context: ProportionRecord | None = None
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
@@ -359,6 +368,9 @@ class RuleRecord(Artefact):
             accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:
             accuracy = "not tested: no fresh checks could be had"
+        if self.in_context is not None and self.in_context.total:
+            one = self.in_context
+            accuracy += f", right in {one.count} of {counted(one.total, 'trial')} behind nominal messages"
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
