@@ -112,9 +112,7 @@ def ask_in_contexts(
     ]
 
 
-def bring_in(
-    questions: UnitQuestions, answers: Answers, *, progress: Progress | None = None
-) -> tuple[Message, ...]:
+def bring_in(questions: UnitQuestions, answers: Answers, *, progress: Progress | None = None) -> tuple[Message, ...]:
     """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
 
     Args:

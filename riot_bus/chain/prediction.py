@@ -66,7 +66,9 @@ class Prediction:
     def lines(self) -> list[str]:
         """Return it for people."""
         of = f"{counted(self.judged, 'message')} of its topics"
-        first = f"{'would fail' if self.fails else 'would not fail'}: the rule {self.rule} holds at {self.fails} of {of}"
+        first = (
+            f"{'would fail' if self.fails else 'would not fail'}: the rule {self.rule} holds at {self.fails} of {of}"
+        )
         found = [first + (f"; {self.unknown} lack a field of it" if self.unknown else "")]
         for one in self.moments[:_TOLD]:
             values = ", ".join(f"{name} = {value!r}" for name, value in one.values.items())

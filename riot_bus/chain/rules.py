@@ -67,9 +67,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         found = more
     if found.context:
         metadata = {"finding": found.questions.finding.id, "signature": found.questions.finding.signature}
-        found.questions.fields.log.save(
-            folder / "context.mcap", context=step.workspace.context, metadata=metadata
-        )
+        found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
     return _record(found)
 
 
@@ -165,9 +163,7 @@ class _Teacher:
             passing[new.name] = json_value(variable.passing[0])
         unit = self.step.workspace.context.file.unit[questions.finding.unit]
         considered = [
-            field
-            for field in considered_fields(fields, unit)
-            if field.name in passing or field.position < len(context)
+            field for field in considered_fields(fields, unit) if field.name in passing or field.position < len(context)
         ]
         relevant = relevant_fields(
             field_spaces(questions, considered),

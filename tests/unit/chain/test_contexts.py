@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.prediction import predict, predict_log
 from riot_bus.chain.rules import rules
+from riot_bus.cli.main import make_app
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, FindingRecord, MinimalRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.writer import LogWriter
@@ -79,9 +81,7 @@ def finding(folder: Path, size: int, **machine: object) -> Bench:
         failing=2**31 - 1, passing=3, failing_log="", passing_log="", confirmed_failing=3, confirmed_passing=3,
         repeats=3,
     )  # fmt: skip
-    field = FieldRecord(
-        name="pick:index", kind="exceptional", type="int64", failing=2**31 - 1, certificate=certificate
-    )
+    field = FieldRecord(name="pick:index", kind="exceptional", type="int64", failing=2**31 - 1, certificate=certificate)
     FieldsRecord(fields=(field,), considered=("pick:index", "pick:gain"), bound=0.2, straight=12).save(one.folder)
     return one
 
@@ -114,6 +114,22 @@ def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, s
     assert told.lines()[0].startswith(f"would fail: the rule {record.text} holds at 1 of 1 message")
     with pytest.raises(InconclusiveError, match="never known together"):
         predict_log(one.folder / "minimal.mcap", one.folder)
+
+
+def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:
+    one = finding(tmp_path, 40, fails=beyond)
+    rules(one.run(), one.folder, budget=60).save(one.folder)
+    log = tmp_path / "other.mcap"
+    with LogWriter(log) as writer:
+        for each in (message(0, "setup", size=5), *(message(n, "pick", index=n) for n in range(1, 8))):
+            writer.write(each)
+    told = CliRunner().invoke(make_app("predict"), ["predict", str(log), str(one.folder)])
+    assert told.exit_code == 1
+    assert told.stdout.splitlines()[1] == "  0.250 s, message 5: pick:index = 5, setup:size = 5"
+    told = CliRunner().invoke(make_app("predict"), ["predict", str(log), str(one.folder), "--format=json"])
+    assert [each["message"] for each in json.loads(told.stdout)["moments"]] == [5, 6, 7]
+    good = CliRunner().invoke(make_app("predict"), ["predict", str(tmp_path / "log.mcap"), str(one.folder)])
+    assert (good.exit_code, good.stdout.partition(":")[0]) == (0, "would not fail")
 
 
 def test_a_rule_that_no_context_explains_stays_and_says_how_often_it_is_wrong(tmp_path: Path) -> None:

@@ -58,7 +58,9 @@ def test_long_logs_are_judged_in_parts_and_moments_are_bounded() -> None:
     draw = random.Random(5)
     seen = [draw.randint(0, 10) for _ in range(9_000)]
     rule = Rule(((Literal(Feature("raw", ("a:x",)), ">", 5),),))
-    found = predict(rule, ("a",), (message(i, "a", x=x) for i, x in enumerate(seen)), registry=TypeRegistry(), at_most=7)
+    found = predict(
+        rule, ("a",), (message(i, "a", x=x) for i, x in enumerate(seen)), registry=TypeRegistry(), at_most=7
+    )
     assert found.fails == sum(x > 5 for x in seen)
     assert [one.place for one in found.moments] == [i for i, x in enumerate(seen) if x > 5][:7]
 
