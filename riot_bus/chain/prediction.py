@@ -10,25 +10,31 @@ import numpy as np
 
 from riot_bus.chain.logs import learn_types
 from riot_bus.chain.questions import json_value
+from riot_bus.chain.testcases import injection_of
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
+from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import open_system
 from riot_bus.types.latest import LatestFields
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from riot_bus.chain.workspace import StepRun
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Moment", "Prediction", "predict", "predict_log"]
+__all__ = ["Moment", "Prediction", "explained", "predict", "predict_log"]
 
 _TOLD = 20
+_MOST_MESSAGES = 300_000
+"""Messages of trials that a rule is held against, in all: about half a minute."""
 
 _ROWS = 4096
 """Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
@@ -49,7 +55,7 @@ class Prediction:
 
     Attributes:
         judged: Messages at which all fields of the rule were known.
-        unknown: Messages of the rule's topics at which one was not.
+        unknown: Messages of the last of the rule's topics at which one was not.
         fails: At how many of the judged ones the rule holds.
         moments: The first of those.
         begin: When the first message of the log was sent (ns).
@@ -111,6 +117,47 @@ def predict_log(path: Path, folder: Path) -> Prediction:
     return found
 
 
+def explained(
+    record: RuleRecord, step: StepRun, unit: str, signature: str
+) -> tuple[int, list[tuple[list[dict[str, Any]], bool]]]:
+    """Hold a rule against what campaigns have tried on the nominal log already; nothing is run.
+
+    Trials that failed otherwise do not count: whether this failure would have come, they do not tell. Neither do those
+    that failed so where the rule holds nowhere, but not all of its fields were known, such as before the first message
+    of a topic.
+
+    Args:
+        record: The rule.
+        step: The running step.
+        unit: The unit.
+        signature: The failure.
+
+    Returns:
+        How many trials it was held against, and those of which it says what is not so: what was injected, and whether
+        they failed.
+    """
+    rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
+    log = step.workspace.unit_log(unit)
+    told = [
+        (rows, seed, outcome.failed_as(signature))
+        for rows, seed, outcome in step.tried(unit)
+        if outcome.verdict is Verdict.PASS or outcome.failed_as(signature)
+    ]
+    told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
+    wrong: list[tuple[list[dict[str, Any]], bool]] = []
+    count = 0
+    for rows, seed, failed in told:
+        injections = [injection_of(row, "trials") for row in rows]
+        messages, _ = inject_log(log, injections, registry=registry, seed=seed)
+        found = predict(rule, record.topics, messages, registry=registry, at_most=1)
+        if failed and not found.fails and found.unknown:
+            continue
+        count += 1
+        if bool(found.fails) != failed:
+            wrong.append((rows, failed))
+    return count, wrong
+
+
 def predict(
     rule: Rule, topics: Sequence[str], messages: Iterable[Message], *, registry: TypeRegistry, at_most: int = 100
 ) -> Prediction:
@@ -135,7 +182,7 @@ def predict(
         if values is None:
             continue
         if len(values) < len(rule.variables):
-            found.unknown += 1
+            found.unknown += not topics or registry.topic(message.key) == topics[-1]
             continue
         rows.append(Moment(place, message.time, values))
         if len(rows) == _ROWS:

@@ -7,6 +7,7 @@ from statistics import pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
+from riot_bus.chain.prediction import explained
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.chain.relevance import considered_fields, field_spaces
 from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
@@ -68,7 +69,12 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     if found.context:
         metadata = {"finding": found.questions.finding.id, "signature": found.questions.finding.signature}
         found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
-    return _record(found)
+    record = _record(found)
+    finding = found.questions.finding
+    trials, wrong = explained(record, step, finding.unit, finding.signature)
+    missed = sum(failed for _, failed in wrong)
+    rate = _proportion(proportion(trials - len(wrong), trials))
+    return record.model_copy(update={"in_campaign": rate, "missed": missed})
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,9 +73,15 @@ class StepRun:
 
     def unit_runner(self, unit: str, *, persistent: bool = False) -> StoredRunner:
         """Return a runner for trials of a unit alone; `persistent` ones that pass may share a process."""
-        workspace, scope = self.workspace, {"persistent": True} if persistent else {}
+        workspace = self.workspace
         runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
-        return self._stored(runner, {"unit": unit, **scope})
+        return self._stored(runner, self._of_unit(unit, persistent=persistent))
+
+    def tried(self, unit: str) -> list[tuple[list[dict[str, Any]], int, Outcome]]:
+        """Return what was injected into the nominal log of a unit (rows of injections, seed), and what came of it."""
+        log = self.workspace.unit_log(unit)
+        scopes = [self._scope(self._of_unit(unit, persistent=persistent)) for persistent in (False, True)]
+        return [row for scope in scopes for row in self.workspace.store.tried(scope, log)]
 
     def system_runner(
         self, *, observe: Sequence[str], pace: RunPace, judged: tuple[str, Baseline] | None = None
@@ -85,9 +91,14 @@ class StepRun:
         scope = {"observe": list(observe), **pace.model_dump()}
         return self._stored(runner, scope | {"judged": judged[0]} if judged else scope)
 
+    def _of_unit(self, unit: str, *, persistent: bool) -> dict[str, object]:
+        return {"unit": unit, "persistent": True} if persistent else {"unit": unit}
+
+    def _scope(self, scope: dict[str, object]) -> dict[str, object]:
+        return {"system": self.workspace.fingerprint, **scope}
+
     def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
-        scope = {"system": self.workspace.fingerprint, **scope}
-        stored = StoredRunner(runner, self.workspace.store, scope=scope, told=self.told)
+        stored = StoredRunner(runner, self.workspace.store, scope=self._scope(scope), told=self.told)
         self.runners.append(stored)
         return stored
 

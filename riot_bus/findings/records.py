@@ -341,6 +341,8 @@ class RuleRecord(Artefact):
         topics: Topic of each message of the log in which its fields are named.
         context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
         in_context: Of how many trials behind nominal messages the rule says what is so.
+        in_campaign: Of how many trials of the campaign it does; those that failed otherwise are left out.
+        missed: How many trials of the campaign failed so, though the rule holds nowhere in them.
     """
 
     FILE = "rule.json"
@@ -355,6 +357,8 @@ class RuleRecord(Artefact):
     topics: tuple[str, ...] = ()
     context: tuple[str, ...] = ()
     in_context: ProportionRecord | None = None
+    in_campaign: ProportionRecord | None = None
+    missed: int = 0
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
@@ -371,6 +375,10 @@ class RuleRecord(Artefact):
         if self.in_context is not None and self.in_context.total:
             one = self.in_context
             accuracy += f", right in {one.count} of {counted(one.total, 'trial')} behind nominal messages"
+        if self.in_campaign is not None and self.in_campaign.total:
+            one = self.in_campaign
+            accuracy += f" and {one.count} of {one.total} of the campaign"
+            accuracy += f", of which {self.missed} failed though it does not hold" if self.missed else ""
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 

@@ -20,7 +20,9 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import TestCase, Verdict
 from tests.unit.chain.machine import HANG, Bench, bench, said
 
 SYSTEM = """
@@ -108,12 +110,33 @@ def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, s
     assert beyond(log.messages) == 1
     assert [said(each)["index"] for each in log.originals.values()] == [3]
     found = predict(rule, record.topics, nominal(size), registry=TypeRegistry())
-    assert (found.fails, found.unknown) == (0, 1)
+    assert (found.fails, found.unknown) == (0, 0)
     told = predict_log(one.folder / "context.mcap", one.folder)
     assert (told.judged, told.fails) == (1, 1)
     assert told.lines()[0].startswith(f"would fail: the rule {record.text} holds at 1 of 1 message")
     with pytest.raises(InconclusiveError, match="never known together"):
         predict_log(one.folder / "minimal.mcap", one.folder)
+
+
+def test_a_rule_is_held_against_what_a_campaign_has_tried(tmp_path: Path) -> None:
+    """A failure that the rule does not know of is told; one of which its fields are not known does not count."""
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        odd = [place for place, one in enumerate(messages) if said(one).get("gain") == -7.0]
+        return odd[0] if odd else beyond(messages)
+
+    one = finding(tmp_path, 40, fails=fails)
+    log = one.workspace.unit_log("drive")
+    index = [Injection("pick", "index", value, first=5, last=5) for value in (39, 40, 41, 50, 10**6, -1, 0)]
+    gain = Injection("pick", "gain", -7.0, first=9, last=9)
+    unset = (Injection("setup", fault="drop", first=0, last=0), Injection("pick", "index", 500, first=2, last=2))
+    cases = [TestCase(log, each, 3) for each in (*((each,) for each in index), (gain,), unset)]
+    outcomes = one.run().unit_runner("drive").run(cases)
+    assert [outcome.verdict is Verdict.FAIL for outcome in outcomes] == [False, *[True] * 4, False, False, True, True]
+    record = rules(one.run(), one.folder, budget=100)
+    assert record.in_campaign is not None
+    assert (record.in_campaign.count, record.in_campaign.total, record.missed) == (7, 8, 1)
+    assert "and 7 of 8 of the campaign, of which 1 failed though it does not hold" in record.summary
 
 
 def test_the_command_says_where_a_log_fails(tmp_path: Path) -> None:

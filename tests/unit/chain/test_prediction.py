@@ -28,7 +28,7 @@ def test_fields_of_other_topics_are_those_of_the_latest_message() -> None:
     log += [message(2, "pick", index=9), message(3, "pick", index=10), message(4, "other", index=99)]
     log += [message(5, "map", size=11), message(6, "pick", index=10)]
     found = predict(BEYOND, ("map", "pick"), log, registry=TypeRegistry())
-    assert (found.judged, found.unknown, found.fails) == (5, 1, 2)
+    assert (found.judged, found.unknown, found.fails) == (5, 1, 2)  # the first pick comes before any map
     assert [one.place for one in found.moments] == [1, 3]
     assert found.moments[1].values == {"pick:index": 10, "map:size": 10}
 
