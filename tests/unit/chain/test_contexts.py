@@ -23,6 +23,7 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase, Verdict
+from tests.tiers import scaled
 from tests.unit.chain.machine import HANG, Bench, bench, said
 
 SYSTEM = """
@@ -89,7 +90,7 @@ def finding(folder: Path, size: int, **machine: object) -> Bench:
 
 
 @pytest.mark.parametrize("size", [40, 5000])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(scaled(4)))
 def test_what_an_earlier_message_set_is_in_the_rule(tmp_path: Path, size: int, seed: int) -> None:
     one = finding(tmp_path, size, fails=beyond)
     one.workspace.seed = seed

@@ -1,4 +1,4 @@
-"""Fields of the latest messages; how a rule over a whole log uses them is tested in tests/unit/chain/test_prediction.py."""
+"""Fields of the latest messages; rules over whole logs are in tests/unit/chain/test_prediction.py."""
 
 from __future__ import annotations
 
