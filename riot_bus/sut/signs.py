@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.log.playback.player import play
+from riot_bus.monitors.liveness import crashes_of
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
 from riot_bus.sut.hang_watch import Watch
@@ -207,7 +208,7 @@ class Feeder:
                 return self._standing(), False
             if not settled and (silent or self._spins()):
                 return self._standing(), False
-            if not silent or not self.alive:
+            if not silent or not self.alive or self._has_failed():
                 break
         if not silent and settled and self.alive and baseline.mined.rules:
             self._compare(begin if messages is baseline.probe else None)
@@ -267,11 +268,14 @@ class Feeder:
         return Counter(topic(message.key) for message in self._stage.outputs[begin:])
 
     def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
-        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
+        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round.
+
+        Of a unit that has failed already, more need not be known.
+        """
         if not expected.keys() - self._answers(begin).keys():
             return ()
         self._stage.bus.drain(self._settle.timeout)
-        wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
+        wait = 0.0 if self._has_failed() else _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
         held_up, start = self._stage.held_up([self._name]), time.monotonic()
         while missing := expected.keys() - self._answers(begin).keys():
             if time.monotonic() - start - held_up() > wait or not self.alive or self._watch():
@@ -324,6 +328,11 @@ class Feeder:
                 break
             time.sleep(_BETWEEN_LOOKS)
         return deepest_common(looks)
+
+    def _has_failed(self) -> bool:
+        """Return whether the unit has crashed or ended for certain, though its process may go on."""
+        (component,) = self._stage.view([self._name], settled=True, waited=0.0).components
+        return bool(crashes_of(component) or self._ended())
 
     def _ended(self) -> str:
         """Return how the unit has ended though nominal trials do not end it; empty if it has not."""

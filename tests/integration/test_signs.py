@@ -14,7 +14,12 @@ from riot_bus.campaign.confirm import repeat, repeat_in_order
 from riot_bus.chain.robustness import test_unit as run_campaign
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.sut.activity import Idle
+from riot_bus.sut.baseline import Baseline, probe_of
 from riot_bus.sut.evidence import has_debugger
+from riot_bus.sut.local import Pool
+from riot_bus.sut.unit_trial import UnitTrial
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import TestCase
 from tests.systems.misbehaviour.catalogue import FAULTY, ORDER, ROBUST, build, missing, write
@@ -95,6 +100,28 @@ def test_a_failure_that_depends_on_the_order_of_two_topics_is_confirmed_in_order
         assert rate.rate == 1.0
         kept = replace(TestCase(between_modes(1e9, mode=0)), ordered=True)
         assert repeat(kept, signature, runner).hits == 0
+
+
+@pytest.mark.parametrize("kind", ["raises", "sys_exit"])
+def test_what_has_failed_for_certain_is_not_waited_for(tmp_path: Path, kind: str) -> None:
+    """Its process goes on, and each answer that timers might still bring took two seconds, twice in a trial."""
+    path = write(tmp_path)
+    with Workspace(path, tmp_path / "out") as workspace, Pool(path, 1, keep=tmp_path / "trials") as pool:
+        log = workspace.unit_log(kind)
+        usual = Baseline(
+            Idle(50.0, 0.01),
+            trials=3,
+            log=log,
+            probe=probe_of(log),
+            log_answers={"state": 30},
+            probe_answers={"state": 14},
+            main_ends=False,
+            ends=False,
+        )
+        bad = Injection("cmd", "x", 1e9, first=5, last=5)
+        outcome = pool.execute(UnitTrial(kind, usual), TestCase(log, (bad,)))
+    assert {each.signature for each in outcome.violations} == {str(FAULTY[kind]).format(kind)}
+    assert outcome.seconds < 4.0
 
 
 def riot_test(system: Path, cwd: Path, *options: str) -> subprocess.CompletedProcess[str]:
