@@ -163,7 +163,8 @@ class Feeder:
     def nominal(self, probe: Sequence[Message]) -> NominalTrial:
         """Return what the unit does after its nominal log, which it has got, and to a probe.
 
-        Answers that its baseline knows are waited for: on a loaded machine it may seem at rest before it has its input.
+        On a loaded machine it may seem at rest before it has its input. So answers that its baseline knows are waited
+        for, and as long as that knows none, those on all topics on which the log has brought some.
         """
         self._stage.bus.drain(self._settle.timeout)
         answers, begin = self._answers(0), len(self._stage.outputs)
@@ -172,8 +173,8 @@ class Feeder:
             self.feed(probe)
             self._linger()
             self._stage.bus.drain(self._settle.timeout)
-            if Counter(self._baseline.probe_answers) - self._answers(begin):
-                self._missing(self._baseline.probe_answers, begin)
+            expected = self._baseline.probe_answers or dict.fromkeys(answers, 1)
+            if Counter(expected) - self._answers(begin) and not self._missing(expected, begin):
                 self._wait_quiet()
             probed, self.probed = self._answers(begin), begin
         stacks = self._stage.stacks([self._name]) if self.alive else []
@@ -192,7 +193,7 @@ class Feeder:
         baseline = self._baseline
         if not settled and (self._watch.known or self._spins()):
             return self._standing(), False
-        if not self.alive or not baseline.probe_answers:
+        if not self.alive or not baseline.trials or not baseline.probe_answers:
             if settled:
                 self._linger()
             return (self._changed() if settled else self._standing()), settled
