@@ -71,23 +71,34 @@ class StepRun:
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
 
-    def unit_runner(self, unit: str, *, persistent: bool = False) -> StoredRunner:
-        """Return a runner for trials of a unit alone; `persistent` ones that pass may share a process."""
+    def unit_runner(self, unit: str, *, persistent: bool = False, unjudged: bool = False) -> StoredRunner:
+        """Return a runner for trials of a unit alone.
+
+        Args:
+            unit: The unit.
+            persistent: Whether trials that pass may share a process.
+            unjudged: Whether a case that cannot be judged has an outcome, too, instead of being an error.
+        """
         workspace, scope = self.workspace, {"persistent": True} if persistent else {}
         runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
-        return self._stored(runner, {"unit": unit, **scope})
+        return self._stored(runner, {"unit": unit, **scope}, unjudged=unjudged)
 
     def system_runner(
-        self, *, observe: Sequence[str], pace: RunPace, judged: tuple[str, Baseline] | None = None
+        self,
+        *,
+        observe: Sequence[str],
+        pace: RunPace,
+        judged: tuple[str, Baseline] | None = None,
+        unjudged: bool = False,
     ) -> StoredRunner:
-        """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
+        """Return a runner for runs of the whole system; see `RunnerFactory.system` and `unit_runner`."""
         runner = self.workspace.runners.system(pace, observe=observe, judged=judged)
         scope = {"observe": list(observe), **pace.model_dump()}
-        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope)
+        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope, unjudged=unjudged)
 
-    def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
+    def _stored(self, runner: Runner, scope: dict[str, object], *, unjudged: bool) -> StoredRunner:
         scope = {"system": self.workspace.fingerprint, **scope}
-        stored = StoredRunner(runner, self.workspace.store, scope=scope, told=self.told)
+        stored = StoredRunner(runner, self.workspace.store, scope=scope, told=self.told, unjudged=unjudged)
         self.runners.append(stored)
         return stored
 
@@ -209,7 +220,7 @@ class Workspace:
             (outcome,) = runner.run([TestCase(seed=self.seed)])
             if outcome.verdict is not Verdict.ERROR:
                 break
-        if outcome.verdict is Verdict.ERROR:
+        if not outcome.judged:
             raise EnvironmentFaultError(f"the nominal run could not be carried out: {outcome.detail}")
         if outcome.verdict is Verdict.FAIL:
             violation = outcome.violations[0]

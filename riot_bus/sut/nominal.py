@@ -53,7 +53,7 @@ def measure_baseline(
         ConfigError: It hits one of its limits.
     """
     outcome = pool.execute(IdleTrial(unit), TestCase())
-    if outcome.verdict is Verdict.ERROR:
+    if not outcome.judged:
         raise EnvironmentFaultError(outcome.detail)
     idle = Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
     if not log:

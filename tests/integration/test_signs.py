@@ -163,3 +163,32 @@ def test_monitors_that_cannot_judge_are_told_and_nothing_is_called_passed(tmp_pa
         "inconclusive: Finite sate:y: no message of 'sate' came; did you mean 'state'?",
         "inconclusive: Mute state: it is silent on a trial that is to violate it",
     ]
+
+
+KILLS = """
+import json, os
+
+class Kills:
+    topics = ("state",)
+
+    def judge(self, view):
+        if view.inputs and not any(json.loads(each.payload).get("x") == 0.0 for each in view.inputs):
+            os.kill(os.getpid(), 9)
+        return []
+"""
+
+
+def test_a_case_that_kills_its_worker_is_told_and_not_passed_and_the_campaign_goes_on(tmp_path: Path) -> None:
+    """The first injected trial of this seed is without the first command."""
+    path = write(tmp_path)
+    (tmp_path / "kills.py").write_text(KILLS)
+    text = path.read_text().replace("[unit.echoes]\n", "[unit.echoes]\nmined = false\n")
+    path.write_text(text + '[[monitors]]\nkind = "kills.py"\n')
+    for deaths in (3, 0):
+        done = riot_test(path, tmp_path, "--unit=echoes", "--trials=3", "--seed=0")
+        assert done.returncode == 5, done.stderr
+        assert done.stdout.startswith("inconclusive: 1 test case could not be judged: 3 processes that executed it")
+        assert done.stderr.count("the process of a trial has ended with signal 9") == deaths
+        record = CampaignRecord.load(tmp_path / "riot-out")
+        assert (record.tested, record.failing, record.findings) == (6, 0, ())
+        assert [(each["fault"], each["first"]) for each in record.unjudged[0].injections] == [("drop", 0)]

@@ -176,3 +176,16 @@ def test_equal_cases_are_executed_once_and_each_outcome_is_told(tmp_path: Path) 
     assert [outcome.verdict for outcome in outcomes] == [Verdict.PASS, Verdict.FAIL, Verdict.PASS]
     assert told == outcomes
     assert (runner.trials, runner.executed, runner.parallelism) == (3, 2, 5)
+
+
+def test_a_case_that_cannot_be_judged_is_kept_for_who_takes_it_and_an_error_for_others(tmp_path: Path) -> None:
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    strict = StoredRunner(Answers(Verdict.UNJUDGED, Verdict.PASS), store, scope={})
+    with pytest.raises(EnvironmentFaultError, match="could not be carried out"):
+        strict.run([TestCase()])
+    assert (strict.executed, len(store)) == (1, 0)
+    for executed in (1, 0):
+        runner = StoredRunner(Answers(Verdict.UNJUDGED), store, scope={}, unjudged=True)
+        assert [outcome.verdict for outcome in runner.run([TestCase()])] == [Verdict.UNJUDGED]
+        assert (runner.executed, len(store)) == (executed, 1)
+    assert [outcome.verdict for outcome in strict.run([TestCase()])] == [Verdict.PASS]
