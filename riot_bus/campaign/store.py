@@ -223,6 +223,7 @@ class StoredRunner:
         store: Where outcomes are kept.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Called after each outcome.
+        unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.
     """
 
     def __init__(
@@ -232,11 +233,13 @@ class StoredRunner:
         *,
         scope: Mapping[str, object],
         told: Callable[[Outcome], None] | None = None,
+        unjudged: bool = False,
     ) -> None:
         self._runner = runner
         self._store = store
         self._scope = _text(scope)
         self._told = told
+        self._unjudged = unjudged
         self.trials = 0
         self.executed = 0
 
@@ -252,7 +255,8 @@ class StoredRunner:
             EnvironmentFaultError: A trial could not be carried out, several times over.
         """
         keys = [f"{self._scope}|{case.digest()}" for case in cases]
-        known = {key: outcome for key in keys if (outcome := self._store.get(key)) is not None}
+        stored = {key: self._store.get(key) for key in keys}
+        known = {key: outcome for key, outcome in stored.items() if outcome is not None and self._counts(outcome)}
         fresh = {key: case for key, case in zip(keys, cases, strict=True) if key not in known}
         for attempt in range(_ATTEMPTS):
             pending = {key: case for key, case in fresh.items() if key not in known}
@@ -260,9 +264,9 @@ class StoredRunner:
                 break
             for key, outcome in zip(pending, self._execute(pending), strict=True):
                 self.executed += 1
-                if outcome.verdict is not Verdict.ERROR:
+                if self._counts(outcome):
                     known[key] = outcome
-                elif attempt == _ATTEMPTS - 1:
+                elif attempt == _ATTEMPTS - 1 or outcome.verdict is Verdict.UNJUDGED:
                     raise EnvironmentFaultError(f"a trial could not be carried out: {outcome.detail}")
         self.trials += len(cases)
         outcomes = [known[key] for key in keys]
@@ -271,12 +275,15 @@ class StoredRunner:
                 self._told(outcome)
         return outcomes
 
+    def _counts(self, outcome: Outcome) -> bool:
+        return outcome.judged or (self._unjudged and outcome.verdict is Verdict.UNJUDGED)
+
     def _execute(self, cases: Mapping[str, TestCase]) -> Sequence[Outcome]:
         """Execute trials; each is kept as it ends, where it ends if a runner tells so: an interruption loses none."""
         keys = list(cases)
 
         def ended(number: int, outcome: Outcome) -> None:
-            if outcome.verdict is not Verdict.ERROR:
+            if self._counts(outcome):
                 self._store.put(keys[number], outcome, cases[keys[number]])
 
         if isinstance(self._runner, _RunsEach):

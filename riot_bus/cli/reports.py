@@ -65,8 +65,10 @@ def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT
         typer.echo(json.dumps(records, indent=1))
     else:
         typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
-        for line in CampaignRecord.load(finding).effects.lines() if CampaignRecord.exists(finding) else ():
-            typer.echo(escape_control_chars(line))
+        if CampaignRecord.exists(finding):
+            record = CampaignRecord.load(finding)
+            for line in (*map(str, record.unjudged), *record.effects.lines()):
+                typer.echo(escape_control_chars(line))
 
 
 def trials(

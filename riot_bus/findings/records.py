@@ -41,6 +41,7 @@ __all__ = [
     "RuleRecord",
     "RuleSample",
     "UnconfirmedRecord",
+    "UnjudgedRecord",
     "Value",
 ]
 
@@ -185,11 +186,23 @@ class UnconfirmedRecord(_Model):
     injections: tuple[dict[str, Any], ...] = ()
 
 
+class UnjudgedRecord(_Model):
+    """Injected trials that could not be judged for the same reason, and the injections of the one with the fewest."""
+
+    detail: str
+    occurrences: int = 1
+    injections: tuple[dict[str, Any], ...] = ()
+
+    def __str__(self) -> str:
+        return f"{counted(self.occurrences, 'test case')} could not be judged: {self.detail}"
+
+
 class CampaignRecord(Artefact):
     """A finished campaign, in the output folder: what it found, the worst first.
 
     Attributes:
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
+        unjudged: Injected trials that are none of these, since they could not be judged.
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
@@ -210,6 +223,7 @@ class CampaignRecord(Artefact):
     tested: int = 0
     findings: tuple[str, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    unjudged: tuple[UnjudgedRecord, ...] = ()
     notes: dict[str, int] = {}
     ordered: bool = False
     started: str = ""
@@ -220,6 +234,11 @@ class CampaignRecord(Artefact):
     rate: ProportionRecord | None = None
     mined: dict[str, Any] = {}
     whole_system: bool = False
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why nothing can be concluded from a campaign that has found nothing; nothing if it is clean."""
+        return [*self.notes, *map(str, self.unjudged)]
 
 
 class FindingRecord(Artefact):

@@ -219,3 +219,16 @@ def test_a_store_of_before_knows_nothing_of_injections_and_takes_them_from_now_o
     assert list(store.tried({}, log)) == []
     runner.run([TestCase(log, (Injection("topic", "x", 1),))])
     assert len(list(TrialStore(path).tried({}, log))) == 1
+
+
+def test_a_case_that_cannot_be_judged_is_kept_for_who_takes_it_and_an_error_for_others(tmp_path: Path) -> None:
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    strict = StoredRunner(Answers(Verdict.UNJUDGED, Verdict.PASS), store, scope={})
+    with pytest.raises(EnvironmentFaultError, match="could not be carried out"):
+        strict.run([TestCase()])
+    assert (strict.executed, len(store)) == (1, 0)
+    for executed in (1, 0):
+        runner = StoredRunner(Answers(Verdict.UNJUDGED), store, scope={}, unjudged=True)
+        assert [outcome.verdict for outcome in runner.run([TestCase()])] == [Verdict.UNJUDGED]
+        assert (runner.executed, len(store)) == (executed, 1)
+    assert [outcome.verdict for outcome in strict.run([TestCase()])] == [Verdict.PASS]
