@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.bindings import never_applied
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
@@ -106,7 +107,8 @@ def test_unit(
             of a log that is played to the unit; of the other components less can be told than of the unit.
 
     Raises:
-        RiotError: The unit does not start, its log holds nothing for it, or nothing can be injected.
+        RiotError: The unit does not start, its log holds nothing for it, nothing can be injected, or one of its
+            own dictionaries has an entry that can never apply.
     """
     registry = workspace.context.registry
     settings = workspace.context.file.unit[unit]
@@ -114,7 +116,9 @@ def test_unit(
     log, leave, include = subject.log, subject.leave, subject.include
     dictionary = dictionary_of(workspace, unit)
     everything = targets_of(log, registry, include=["*"])
-    for problem in dictionary.unmatched(f"{each.topic}:{each.path}" for found in everything.values() for each in found):
+    for problem in never_applied(dictionary, log, registry, everything):
+        if not whole_system:
+            raise problem
         _LOG.warning("riot: %s", problem)
     targets = targets_of(log, registry, leave=leave, include=include)
     schedule = Schedule(

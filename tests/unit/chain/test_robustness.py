@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -191,13 +190,13 @@ def test_trials_that_cannot_be_carried_out_end_the_campaign(tmp_path: Path) -> N
         campaign(bench(tmp_path, broken=lambda case: bool(case.messages)))
 
 
-def test_dictionary_entries_that_match_nothing_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_dictionary_entries_that_match_nothing_are_an_error(tmp_path: Path) -> None:
     text = '[[field]]\npath = "command:sped"\nentries = [{ value = -9.0, reason = "backwards" }]\n'
     (tmp_path / "own.toml").write_text(text)
     one = bench(tmp_path, SYSTEM + 'dictionaries = ["own.toml"]\n')
-    with caplog.at_level(logging.WARNING):
+    with pytest.raises(ConfigError, match=r"own.toml: field\[0\]: no field of the log is called 'command:sped'"):
         campaign(one, trials=2)
-    assert "command:sped" in caplog.text
+    assert not any(case.messages for case in one.machine.executed)
 
 
 def test_nothing_on_the_inputs_of_the_unit(tmp_path: Path) -> None:
