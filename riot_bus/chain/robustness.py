@@ -17,6 +17,7 @@ from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
+from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id, severity
 from riot_bus.chain.external import system_log
@@ -44,8 +45,8 @@ from riot_bus.vocabulary.trial import Verdict
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Variation
     from riot_bus.campaign.store import StoredRunner
+    from riot_bus.campaign.variations import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.sut.baseline import Baseline
@@ -145,6 +146,7 @@ def test_unit(
                 ],
                 positions_of(log, registry),
                 seed=workspace.seed,
+                situations=situations_of(log, registry),
             ),
             ordered=baseline.ordered,
             seconds=seconds,
