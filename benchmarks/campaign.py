@@ -243,7 +243,10 @@ def burst(state: State, topic: str, fields: Fields, at: float) -> bool:
 def at_times(state: State, topic: str, fields: Fields, at: float) -> bool:
     """A voltage below zero, three times of ten."""
     voltage = number(fields, "voltage")
-    return topic == "battery" and voltage is not None and voltage < 0 and bool(state["lucky"] < 0.3)
+    if topic != "battery" or voltage is None or voltage >= 0:
+        return False
+    case: TestCase = state["case"]
+    return random.Random(f"{case.injections!r}:{case.again}").random() < 0.3
 
 
 def in_a_row(state: State, topic: str, fields: Fields, at: float) -> bool:
@@ -273,9 +276,11 @@ def late(state: State, topic: str, fields: Fields, at: float) -> bool:
 
 
 def window(state: State, topic: str, fields: Fields, at: float) -> bool:
-    """A current that is no number does harm in 0.2 s of the log alone."""
-    current = fields.get("current")
-    return topic == "battery" and 3.0 <= at < 3.2 and isinstance(current, float) and current != current
+    """Currents that are far off all through the 0.4 s in which the unit measures its offset."""
+    current = number(fields, "current")
+    if topic == "battery" and 3.0 <= at < 3.4:
+        state["off"] = state.get("off", 0) + (current is None or abs(current) > 1e3)
+    return state.get("off", 0) >= 4
 
 
 def while_mode(state: State, topic: str, fields: Fields, at: float) -> bool:
@@ -349,7 +354,7 @@ class Unit:
         if messages is None:
             messages, _ = inject_log(self.log, case.injections, registry=REGISTRY)
             self.delivered[case.injections] = messages
-        state: State = {"lucky": random.Random(f"{case.injections!r}:{case.again}").random()}
+        state: State = {"case": case}
         outputs = 0
         for position, message in enumerate(messages):
             fields = decoded(message.payload)

@@ -122,7 +122,8 @@ class Covering:
         failed = outcome.verdict is Verdict.FAIL
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
-        self._put_back(placed.item for placed in group if placed not in reached)
+        at = {id(placed) for placed in reached}
+        self._put_back(placed.item for placed in group if id(placed) not in at)
         if (failed or hidden) and len(reached) > 1:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
@@ -220,12 +221,12 @@ class Covering:
             taken.remove((first, first + item.span))
         return None
 
-    def _firsts(self, item: Variation, last: int) -> list[int]:
+    def _firsts(self, item: Variation, last: int) -> Iterable[int]:
         if item.again and item.span == item.times == 1 and self._situations and self._random.random() < _WHILE:
             window = self._random.choice(self._random.choice(self._situations).windows)
             if numbers := numbers_within(window, self._positions[item.topic]):
-                return [self._random.choice(numbers) for _ in range(_TRIES)]
-        return [self._random.randint(0, last) for _ in range(_TRIES * item.times)]
+                return (self._random.choice(numbers) for _ in range(_TRIES))
+        return (self._random.randint(0, last) for _ in range(_TRIES * item.times))
 
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.firsts[0]]

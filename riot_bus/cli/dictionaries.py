@@ -14,6 +14,8 @@ from riot_bus.cli.tables import json_safe, table_console
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from riot_bus.campaign.bindings import Applied
     from riot_bus.inject.dictionary_file import DictionaryFile
 
@@ -133,8 +135,8 @@ def _lines(file: DictionaryFile, found: dict[str, Applied]) -> list[str]:
     """Return a file, one line for each value or mutation; after the tables what they apply to."""
     lines: list[str] = []
     if file.entry:
-        rows = [(each.type or file.type or "any type", _value(each.value), each.reason) for each in file.entry]
-        lines += ["", "values", *_columns(rows)]
+        values = [(each.type or file.type or "any type", _value(each.value), each.reason) for each in file.entry]
+        lines += ["", "values", *_columns(values)]
         lines += sorted({line for at in range(len(file.entry)) for line in _applies(found.get(f"entry[{at}]"))})
     for number, binding in enumerate(file.field):
         kinds = [binding.type or file.type or "", "nothing else" if binding.only else ""]
@@ -177,7 +179,7 @@ def _value(value: Any, *, formula: bool = False) -> str:
     return value if formula and isinstance(value, str) else repr(value)
 
 
-def _columns(rows: list[tuple[str, ...]]) -> list[str]:
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     widths = [min(40, max(len(cell) for cell in column)) for column in zip(*rows, strict=True)]
     return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
 
