@@ -1,14 +1,19 @@
 """Trials until a campaign finds planted faults, and until it has tried everything, on synthetic units.
 
-Run `python benchmarks/campaign.py [--seeds N] [--most TRIALS] [--only FAULT ...] [--json FILE]`. A unit is a function
-of the log that it gets: seven topics of JSON with 48 fields, and one planted fault. The cost is the number of the trial
-whose failure was confirmed by fresh trials, which are not counted. What the campaign needs stands beside uniform random
-values, dictionary sampling, and the campaign without covering, all of them run by the same `run_campaign`.
+Run `python benchmarks/campaign.py [--quick] [--seeds N] [--most TRIALS] [--only FAULT ...] [--kinds KIND ...] [--out
+FILE]`. A unit is a function of the log that it gets: seven topics of JSON with 49 fields, and one planted fault. The
+cost is the number of the trial whose failure was confirmed by fresh trials, which are not counted. What the campaign
+needs stands beside uniform random values, dictionary sampling, and the campaign without covering, all of them run by
+the same `run_campaign`.
+
+Each result is a line of JSON in FILE as soon as it is there. The same command goes on after an interruption, and
+`--table` prints what there is.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import logging
 import math
@@ -29,6 +34,7 @@ from riot_bus.campaign.covering import Covering
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, targets_of
+from riot_bus.campaign.situations import situations_of
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
 from riot_bus.types.registry import TypeRegistry
@@ -56,7 +62,17 @@ def nominal_log(rounds: int = 40) -> tuple[Message, ...]:
         stamp = 1.0 + n / 10
         mode = "dock" if rounds * 0.4 <= n < rounds * 0.6 else "auto"
         found += [
-            (stamp, "mode", {"mode": mode, "previous": "auto", "state": "idle", "level": n % 3}),
+            (
+                stamp,
+                "mode",
+                {
+                    "mode": mode,
+                    "previous": "auto",
+                    "state": "idle",
+                    "level": n % 3,
+                    "phase": 2 if n == rounds * 3 // 4 else 1,
+                },
+            ),
             (
                 stamp + 0.01,
                 "odom",
@@ -227,7 +243,10 @@ def burst(state: State, topic: str, fields: Fields, at: float) -> bool:
 def at_times(state: State, topic: str, fields: Fields, at: float) -> bool:
     """A voltage below zero, three times of ten."""
     voltage = number(fields, "voltage")
-    return topic == "battery" and voltage is not None and voltage < 0 and bool(state["lucky"] < 0.3)
+    if topic != "battery" or voltage is None or voltage >= 0:
+        return False
+    case: TestCase = state["case"]
+    return random.Random(f"{case.injections!r}:{case.again}").random() < 0.3
 
 
 def in_a_row(state: State, topic: str, fields: Fields, at: float) -> bool:
@@ -256,11 +275,57 @@ def late(state: State, topic: str, fields: Fields, at: float) -> bool:
     return topic == "odom" and at - before > 0.33
 
 
+def window(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """Currents that are far off all through the 0.4 s in which the unit measures its offset."""
+    current = number(fields, "current")
+    if topic == "battery" and 3.0 <= at < 3.4:
+        state["off"] = state.get("off", 0) + (current is None or abs(current) > 1e3)
+    return state.get("off", 0) >= 4
+
+
+def while_mode(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """A text that no state has, in a message whose phase is 2, as that of one message is."""
+    return topic == "mode" and fields.get("phase") == 2 and fields.get("state") == ""
+
+
+def after_mode(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """A gear below zero while the phase that another topic has told last is 2."""
+    if topic == "mode":
+        state["phase"] = fields.get("phase")
+    gear = number(fields, "gear", -1e4, 1e4)
+    return topic == "cmd" and state.get("phase") == 2 and gear is not None and gear < 0
+
+
+def two_bursts(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """A queue of twelve that survives one flood and not the next, half a second later or more."""
+    if burst(state, topic, fields, at) and at > state.get("flooded", -1.0) + 0.5:
+        state["floods"] = state.get("floods", 0) + 1
+        state["flooded"] = at
+    return state.get("floods", 0) >= 2
+
+
+def sustained(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """Ten slips in a row that are far from the usual; fewer are filtered out."""
+    if topic == "odom":
+        slip = number(fields, "slip")
+        state["slips"] = state.get("slips", 0) + 1 if slip is None or abs(slip) > 1 else 0
+    return state.get("slips", 0) >= 10
+
+
+def some_lost(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """Four gaps of a second's tenth or more between scans; single losses are made up for."""
+    if topic == "scan":
+        state["gaps"] = state.get("gaps", 0) + (at - state.get("scan", at) > 0.15)
+        state["scan"] = at
+    return state.get("gaps", 0) >= 4
+
+
 FAULTS: dict[str, Step] = {
     each.__name__: each
     for each in (
         value, two_fields, mode, order, missing, length, text_length, missing_key, null, wrong_type, truncated, wraps,
-        stale, burst, at_times, in_a_row, beyond, other_field, late,
+        stale, burst, at_times, in_a_row, beyond, other_field, late, window, while_mode, after_mode, two_bursts,
+        sustained, some_lost,
     )
 }  # fmt: skip
 
@@ -289,7 +354,7 @@ class Unit:
         if messages is None:
             messages, _ = inject_log(self.log, case.injections, registry=REGISTRY)
             self.delivered[case.injections] = messages
-        state: State = {"lucky": random.Random(f"{case.injections!r}:{case.again}").random()}
+        state: State = {"case": case}
         outputs = 0
         for position, message in enumerate(messages):
             fields = decoded(message.payload)
@@ -358,7 +423,7 @@ def covering_of(log: tuple[Message, ...], seed: int) -> tuple[Schedule, Covering
     _, observed, dictionary = parts(log)
     schedule = Schedule(observed, dictionary, seed=seed)
     items = [*schedule.items(), *message_faults(log, REGISTRY), *malformations(log, REGISTRY)]
-    return schedule, Covering(items, positions_of(log, REGISTRY), seed=seed)
+    return schedule, Covering(items, positions_of(log, REGISTRY), seed=seed, situations=situations_of(log, REGISTRY))
 
 
 SCHEDULES: Mapping[str, type[Schedule]] = {"uniform": Uniform, "dictionary": Plain, "drawn": Schedule}
@@ -387,18 +452,54 @@ def trials_until_found(unit: Unit, kind: str, seed: int, most: int) -> int | Non
     return None
 
 
-def one_seed(job: tuple[int, int, tuple[str, ...]]) -> dict[str, dict[str, int | None]]:
-    """Return the trials until each fault is found, by kind of campaign and fault."""
-    seed, most, names = job
-    log = nominal_log()
-    found: dict[str, dict[str, int | None]] = {}
-    for kind in (*SCHEDULES, "riot", "robust twin"):
+@dataclass(frozen=True)
+class Job:
+    """What one process does: campaigns of a kind and seed on the units with each of these faults.
+
+    Attributes:
+        out: Gets a line for each as soon as it ends.
+    """
+
+    kind: str
+    seed: int
+    most: int
+    names: tuple[str, ...]
+    out: Path
+
+    def run(self) -> None:
+        """Run them."""
+        log = nominal_log()
         kept: dict[tuple[Injection, ...], Sequence[Message]] = {}
-        budget, robust = (ROBUST, True) if kind == "robust twin" else (most, False)
-        found[kind] = {
-            name: trials_until_found(Unit(FAULTS[name], robust, log, kept), kind, seed, budget) for name in names
-        }
-    return found
+        robust = self.kind == "robust twin"
+        for name in self.names:
+            unit = Unit(FAULTS[name], robust, log, kept)
+            trials = trials_until_found(unit, "riot" if robust else self.kind, self.seed, self.most)
+            row = {"kind": self.kind, "fault": name, "seed": self.seed, "most": self.most, "trials": trials}
+            with self.out.open("a") as stream:  # one short write, so lines of several processes do not mix
+                stream.write(json.dumps(row) + "\n")
+
+
+@dataclass(frozen=True)
+class CoverageJob:
+    """The trials until all has been tried on a unit of so many fields."""
+
+    fields: int
+    faulty: bool
+    seed: int
+    out: Path
+
+    def run(self) -> None:
+        """Count them."""
+        trials, total = coverage(self.fields, self.seed, faulty=self.faulty)
+        row = {"kind": "coverage", "fields": self.fields, "faulty": self.faulty, "seed": self.seed}
+        with self.out.open("a") as stream:
+            stream.write(json.dumps(row | {"trials": trials, "total": total}) + "\n")
+
+
+def carry_out(job: Job | CoverageJob) -> None:
+    """Do a job, in a process of the pool."""
+    logging.disable()  # injections that meet no field are said once each
+    job.run()
 
 
 def wide_log(fields: int, topics: int, messages: int) -> tuple[Message, ...]:
@@ -439,43 +540,95 @@ def median(values: Sequence[int | None], most: int) -> float:
     return statistics.median(most if each is None else each for each in values)
 
 
-def main() -> None:
-    """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--most", type=int, default=500, help="budget of trials")
-    parser.add_argument("--only", nargs="*", default=list(FAULTS), choices=list(FAULTS))
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    logging.disable()  # injections that meet no field are said once each
-    jobs = [(seed, options.most, tuple(options.only)) for seed in range(options.seeds)]
-    with multiprocessing.Pool(2) as pool:
-        seeds = pool.map(one_seed, jobs, chunksize=1)
+def rows_of(path: Path) -> list[dict[str, Any]]:
+    """Return the results that there are; a line that an interruption has cut off counts as none."""
+    found = []
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            continue
+    return found
+
+
+def table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the figures of the results that there are, budget by budget."""
+    lines = []
     kinds = (*SCHEDULES, "riot")
-    print(f"median trials until found, over {options.seeds} seeds, in brackets how often within {options.most}")
-    print(f"{'fault':>12}" + "".join(f"{kind:>16}" for kind in kinds) + "     robust twin")
-    figures: dict[str, Any] = {"seeds": options.seeds, "most": options.most, "faults": {}}
-    for name in options.only:
-        row = {kind: [each[kind][name] for each in seeds] for kind in (*kinds, "robust twin")}
-        figures["faults"][name] = row
-        cells = [(median(row[kind], options.most), sum(each is not None for each in row[kind])) for kind in kinds]
-        alarms = sum(each is not None for each in row["robust twin"])
-        print(f"{name:>12}" + "".join(f"{middle:>10.0f} ({hits:>3})" for middle, hits in cells) + f"{alarms:>16}")
-    for kind in SCHEDULES:
-        rates = [
-            median(row[kind], options.most) / median(row["riot"], options.most) for row in figures["faults"].values()
+    for most in sorted({row["most"] for row in rows if row["kind"] in kinds}):
+        lines.append(f"median trials until found, in brackets in how many campaigns of how many within {most}")
+        lines.append(f"{'fault':>12}" + "".join(f"{kind:>18}" for kind in kinds) + "     robust twin")
+        ratios: dict[str, list[float]] = {kind: [] for kind in SCHEDULES}
+        for name in FAULTS:
+            of_fault = [row for row in rows if row.get("fault") == name]
+            trials = {
+                kind: [row["trials"] for row in of_fault if row["kind"] == kind and row["most"] == most]
+                for kind in kinds
+            }
+            cells = [
+                f"{median(each, most):.0f} ({sum(one is not None for one in each)}/{len(each)})" if each else "-"
+                for each in trials.values()
+            ]
+            twins = [row["trials"] for row in of_fault if row["kind"] == "robust twin"]
+            alarms = f"{sum(one is not None for one in twins)} of {len(twins)}"
+            if any(trials.values()):
+                lines.append(f"{name:>12}" + "".join(f"{cell:>18}" for cell in cells) + f"{alarms:>16}")
+            for kind in SCHEDULES:
+                if trials[kind] and trials["riot"]:
+                    ratios[kind].append(median(trials[kind], most) / median(trials["riot"], most))
+        lines += [
+            f"{kind}: {statistics.median(each):.1f} x as many trials (median of {len(each)} faults, unfound: budget)"
+            for kind, each in ratios.items()
+            if each
         ]
-        figures[f"{kind} / riot"] = statistics.median(rates)
-        print(f"{kind}: {statistics.median(rates):.1f} times as many trials (median over faults; unfound: the budget)")
-    figures["coverage"] = {}
-    for fields in (40, 200):
-        for faulty in (False, True):
-            found = [coverage(fields, seed, faulty=faulty) for seed in range(3)]
-            name = f"{fields} fields, {'one that fails whatever it is' if faulty else 'robust'}"
-            figures["coverage"][name] = found
-            print(f"all {found[0][1]} things tried, {name}: {', '.join(str(trials) for trials, _ in found)} trials")
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=1))
+    covered: dict[tuple[int, bool], list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["kind"] == "coverage":
+            covered.setdefault((row["fields"], row["faulty"]), []).append(row)
+    for (fields, faulty), found in sorted(covered.items()):
+        name = f"{fields} fields, {'one that fails whatever it is' if faulty else 'robust'}"
+        trials_each = ", ".join(str(row["trials"]) for row in found)
+        lines.append(f"all {found[0]['total']} things tried, {name}: {trials_each} trials")
+    return lines
+
+
+def main() -> None:
+    """Carry out what is missing, and print the figures."""
+    kinds = (*SCHEDULES, "riot", "robust twin")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="three seeds, 150 trials, no coverage")
+    parser.add_argument("--seeds", type=int, help="campaigns of each kind [20]")
+    parser.add_argument("--most", type=int, help="budget of trials [500]")
+    parser.add_argument("--only", nargs="*", default=list(FAULTS), choices=list(FAULTS))
+    parser.add_argument("--kinds", nargs="*", default=[*kinds, "coverage"], choices=[*kinds, "coverage"])
+    parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help="gets the results")
+    parser.add_argument("--table", action="store_true", help="carry nothing out")
+    options = parser.parse_args()
+    seeds = options.seeds or (3 if options.quick else 20)
+    most = options.most or (150 if options.quick else 500)
+    known = {
+        json.dumps({key: row[key] for key in row.keys() - {"trials", "total"}}, sort_keys=True)
+        for row in rows_of(options.out)
+    }
+    jobs: list[Job | CoverageJob] = []
+    for seed in range(seeds):  # seed by seed, so that what is there after an interruption can be compared
+        for kind in (each for each in kinds if each in options.kinds):
+            budget = ROBUST if kind == "robust twin" else most
+            wanted = tuple(
+                name
+                for name in options.only
+                if json.dumps({"fault": name, "kind": kind, "most": budget, "seed": seed}, sort_keys=True) not in known
+            )
+            jobs += [Job(kind, seed, budget, wanted, options.out)] if wanted else []
+    for fields, faulty, seed in itertools.product((40, 200), (False, True), range(3)):
+        key = json.dumps({"faulty": faulty, "fields": fields, "kind": "coverage", "seed": seed}, sort_keys=True)
+        if "coverage" in options.kinds and not options.quick and key not in known:
+            jobs.append(CoverageJob(fields, faulty, seed, options.out))
+    if not options.table:
+        with multiprocessing.Pool(2) as pool:
+            for _ in pool.imap_unordered(carry_out, jobs, chunksize=1):
+                pass
+    print("\n".join(table(rows_of(options.out))))
 
 
 if __name__ == "__main__":

@@ -17,8 +17,10 @@ from riot_bus.vocabulary.trial import TestCase, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Covering, Placed, Variation
+    from riot_bus.campaign.covering import Covering
     from riot_bus.campaign.schedule import Schedule
+    from riot_bus.campaign.stretches import Stretches
+    from riot_bus.campaign.variations import Placed, Variation
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Progress, Runner
@@ -28,7 +30,7 @@ __all__ = ["CampaignResult", "run_campaign"]
 _ROUND = 8
 """Trials that are chosen together, so that the same are on one worker and on eight."""
 _DRAWN = 4
-"""One of so many trials has several injections drawn at random; the others try each thing once."""
+"""One of so many trials has policies on many messages; they are drawn blindly until each thing has been tried once."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3
@@ -231,13 +233,13 @@ def run_campaign(
             trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
             if chosen
             else work.case(log, seed, schedule.injections(trial))
-            for trial, chosen in together.items()
+            for trial, (_, chosen) in together.items()
         }
         outcomes = work.explore(cases)
         work.judge(cases, outcomes)
-        for chosen, outcome in zip(together.values(), outcomes, strict=True):
-            if covering and chosen:
-                covering.take(chosen, outcome, nominal_outputs=work.nominal_outputs)
+        for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
+            if chooser and chosen:
+                chooser.take(chosen, outcome, nominal_outputs=work.nominal_outputs)
         done = batch.stop
         if progress:
             distinct = sum(failure.confirmed for failure in work.failures.values())
@@ -268,8 +270,10 @@ def run_campaign(
     )
 
 
-def _together(covering: Covering | None, trial: int) -> tuple[Placed, ...]:
-    """Return what a trial tries together; nothing if its injections are drawn."""
-    if covering is None or not (trial + 1) % _DRAWN:
-        return ()
-    return covering.next() or covering.further()
+def _together(covering: Covering | None, trial: int) -> tuple[Covering | Stretches | None, tuple[Placed, ...]]:
+    """Return what a trial tries together, and who has chosen that; nothing if its injections are drawn."""
+    if covering is None:
+        return None, ()
+    if not (trial + 1) % _DRAWN:
+        return covering.stretches, covering.policies()
+    return covering, covering.next() or covering.further()

@@ -13,66 +13,41 @@ from __future__ import annotations
 import random
 from bisect import bisect_left
 from collections import Counter, deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.situations import numbers_within
+from riot_bus.campaign.stretches import Stretches
+from riot_bus.campaign.variations import Placed, Variation, sets_value
 from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from riot_bus.vocabulary.injection import Injection
+    from riot_bus.campaign.situations import Situation
     from riot_bus.vocabulary.trial import Outcome
 
-__all__ = ["Covering", "Placed", "Variation", "failure_rates"]
+__all__ = ["Covering", "failure_rates"]
 
 _LARGEST = 256
 """Things in one trial: enough for 10,000 in a minute, and one that fails is found in sixteen trials."""
 _ATTEMPTS = 3
 """Trials that do not get to a thing before it counts as not tried."""
 _SHARE_SILENT = 0.25
+_SEVERAL = 0.06
+"""Share of what is tried further that happens several times in a trial, half of it to whole messages: so few, since
+bursts make trials longer."""
+_TIMES = (2, 3, 4)
 _ALIKE, _TWO, _ROW = 0.25, 0.5, 0.25
-"""Of what is tried further, shares of two fields in one message (with the same value, which few pairs have, or at all)
-and of messages in a row; the rest is elsewhere."""
+"""Of the rest, shares of two fields in one message (with the same value, which few pairs have, or at all) and of
+messages in a row; what is left is elsewhere."""
 _IN_A_ROW = 3
+_WHILE = 0.5
+"""Share of what is tried elsewhere that looks for its message in a situation, be it rare."""
+_TRIES = 8
 _MISSES = 32
 """Things that find no free message before a trial has enough."""
-
-
-@dataclass(frozen=True, slots=True)
-class Variation:
-    """One thing to try, on messages that are still to be chosen.
-
-    Attributes:
-        topic: Topic of the messages.
-        injections: What is done to them.
-        about: What it changes, such as `topic:field`; if one thing about it fails, others may do so alike.
-        span: Messages in a row that it takes.
-        first: Number of the first of them within the topic; None for any.
-        again: Whether it is made of things that have been tried before.
-    """
-
-    topic: str
-    injections: tuple[Injection, ...]
-    about: str
-    span: int = 1
-    first: int | None = None
-    again: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Placed:
-    """A thing on certain messages of its topic, from number `first` on."""
-
-    item: Variation
-    first: int
-
-    @property
-    def injections(self) -> list[Injection]:
-        """What is done to these messages."""
-        last = self.first + self.item.span - 1
-        return [replace(each, first=self.first, last=last) for each in self.item.injections]
 
 
 class Covering:
@@ -82,15 +57,26 @@ class Covering:
         items: What is to be tried.
         positions: For each topic the positions of its messages in the log, ascending.
         seed: Seed of the choices.
+        situations: What the log tells of when fields have which of their few values.
 
     Attributes:
+        stretches: Chooses policies on many messages, of what has passed on single ones.
         tried: Things that were delivered in a trial that tells something of them, and whether they failed alone.
         total: All things.
     """
 
-    def __init__(self, items: Iterable[Variation], positions: Mapping[str, Sequence[int]], *, seed: int) -> None:
+    def __init__(
+        self,
+        items: Iterable[Variation],
+        positions: Mapping[str, Sequence[int]],
+        *,
+        seed: int,
+        situations: Sequence[Situation] = (),
+    ) -> None:
         self._random = random.Random(f"covering:{seed}")  # noqa: S311
         self._positions = positions
+        self._situations = situations
+        self.stretches = Stretches(positions, situations, seed=seed)
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
         # faults of whole messages first: they are few, and many values may wait for the only message of a topic
@@ -104,6 +90,7 @@ class Covering:
         self.total = len(fitting)
         self.tried: list[tuple[Variation, bool]] = []
         self._free: dict[str, list[Variation]] = {}
+        self._faults: dict[str, list[Variation]] = {}
         self._values: dict[object, list[Variation]] = {}
         self._failed: Counter[object] = Counter()
 
@@ -136,7 +123,8 @@ class Covering:
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
         apart = failed or hidden or not outcome.judged
-        self._put_back(placed.item for placed in group if placed not in reached)
+        at = {id(placed) for placed in reached}
+        self._put_back(placed.item for placed in group if id(placed) not in at)
         if apart and len(reached) > 1:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
@@ -165,14 +153,24 @@ class Covering:
         """Whether all has been tried or given out, and what failed is known."""
         return not (self._fresh or self._alone or self._halves)
 
+    def policies(self) -> tuple[Placed, ...]:
+        """Return policies on many messages, for topics of which everything has been tried once; nothing if none has."""
+        waiting = {item.topic for item in self._fresh}
+        return self.stretches.next([topic for topic in self._free if topic not in waiting])
+
     def _vary(self) -> Variation | None:
         """Return something that has not failed alone, to be tried otherwise; None if there happens to be none."""
         one = self._random.choice(self._free[self._random.choice(list(self._free))])
         varied = replace(one, again=True)
+        if self._random.random() < _SEVERAL:
+            if self._faults and self._random.random() < 0.5:
+                varied = replace(self._random.choice(self._faults[self._random.choice(list(self._faults))]), again=True)
+            known = self._failed[varied.injections] or self._failed[varied.about] >= _ATTEMPTS
+            return None if known else replace(varied, times=self._random.choice(_TIMES))
         way = self._random.random()
         if way < _TWO:
             alike = (one.topic, repr(one.injections[0].value)) if way < _ALIKE else one.topic
-            other = self._random.choice(self._values.get(alike, [one]) if _sets_value(one) else [one])
+            other = self._random.choice(self._values.get(alike, [one]) if sets_value(one) else [one])
             if other.about == one.about or other.injections in self._failed:
                 return None
             both = (*one.injections, *other.injections)
@@ -192,11 +190,11 @@ class Covering:
         passed_over: list[Variation] = []
         while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
             item = waiting.popleft()
-            first = self._place(item, taken.setdefault(item.topic, []))
-            if first is None:
+            firsts = self._place(item, taken.setdefault(item.topic, []))
+            if firsts is None:
                 passed_over.append(item)
             else:
-                found.append(Placed(item, first))
+                found.append(Placed(item, firsts))
         waiting.extend(passed_over)
         misses = 0
         while fill and self._free and len(found) < self._size and misses < _MISSES:
@@ -208,20 +206,31 @@ class Covering:
                 found.append(Placed(varied, place))
         return tuple(sorted(found, key=self._position))
 
-    def _place(self, item: Variation, taken: list[tuple[int, int]]) -> int | None:
-        """Return the first of free messages for a thing, and mark them; None if there are none."""
+    def _place(self, item: Variation, taken: list[tuple[int, int]]) -> tuple[int, ...] | None:
+        """Return the first of free messages for a thing, as often as it happens, and mark them; None if too few are."""
         last = len(self._positions[item.topic]) - item.span
-        tries = [item.first] if item.first is not None else [self._random.randint(0, last) for _ in range(8)]
-        for first in tries:
+        found: list[int] = []
+        for first in [item.first] if item.first is not None else self._firsts(item, last):
             span = (first, first + item.span)
             at = bisect_left(taken, span)
             if (at == 0 or taken[at - 1][1] <= first) and (at == len(taken) or taken[at][0] >= span[1]):
                 taken.insert(at, span)
-                return first
+                found.append(first)
+                if len(found) == item.times:
+                    return tuple(sorted(found))
+        for first in found:
+            taken.remove((first, first + item.span))
         return None
 
+    def _firsts(self, item: Variation, last: int) -> Iterable[int]:
+        if item.again and item.span == item.times == 1 and self._situations and self._random.random() < _WHILE:
+            window = self._random.choice(self._random.choice(self._situations).windows)
+            if numbers := numbers_within(window, self._positions[item.topic]):
+                return (self._random.choice(numbers) for _ in range(_TRIES))
+        return (self._random.randint(0, last) for _ in range(_TRIES * item.times))
+
     def _position(self, placed: Placed) -> int:
-        return self._positions[placed.item.topic][placed.first]
+        return self._positions[placed.item.topic][placed.firsts[0]]
 
     def _put_back(self, items: Iterable[Variation]) -> None:
         for item in items:
@@ -236,7 +245,10 @@ class Covering:
         for item in passed:
             if item.span == 1 and item.first is None:
                 self._free.setdefault(item.topic, []).append(item)
-                if _sets_value(item):
+                self.stretches.add(item)
+                if item.injections[0].field is None:
+                    self._faults.setdefault(item.topic, []).append(item)
+                if sets_value(item):
                     for key in (item.topic, (item.topic, repr(item.injections[0].value))):
                         self._values.setdefault(key, []).append(item)
 
@@ -252,12 +264,7 @@ def _delivered(group: Sequence[Placed], outcome: Outcome) -> list[Placed]:
     if counts is None:
         return list(group)
     left = iter(counts)
-    return [placed for placed in group if sum(next(left) for _ in placed.item.injections)]
-
-
-def _sets_value(item: Variation) -> bool:
-    first = item.injections[0]
-    return first.fault == "set" and not str(first.field).startswith("len(")
+    return [placed for placed in group if sum(next(left) for _ in placed.injections)]
 
 
 def failure_rates(tried: Iterable[tuple[Variation, bool]], name: Callable[[Variation], str]) -> dict[str, Proportion]:

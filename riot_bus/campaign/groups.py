@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Group", "groups_of"]
+__all__ = ["Group", "groups_of", "parts_by_topic"]
 
 _ELEMENTS = 4
 _MOST_PLACES = 16
@@ -91,6 +91,14 @@ def groups_of(
                             group = Group(topic, base, mutation, count, most)
                             groups.setdefault(topic, {}).setdefault(family, []).append(group)
     return groups
+
+
+def parts_by_topic(messages: Sequence[Message], registry: TypeRegistry) -> dict[str, list[MessagePart]]:
+    """Return for each topic what messages of which types its messages are, and have in them."""
+    found: dict[str, list[MessagePart]] = {}
+    for topic, (_, samples) in samples_by_topic(messages, registry).items():
+        found[topic] = [part for kind, _ in _by_type(samples) for part in _parts(kind)]
+    return found
 
 
 def _by_type(samples: Iterable[tuple[MessageType, bytes]]) -> Iterable[tuple[MessageType, list[bytes]]]:

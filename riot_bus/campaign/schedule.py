@@ -11,8 +11,8 @@ import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.covering import Variation
 from riot_bus.campaign.targets import Target, targets_of
+from riot_bus.campaign.variations import Variation
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
 
@@ -33,6 +33,8 @@ _GROUPED = 0.3
 """Share of the policies that are mutations, on topics that have some."""
 _SOME, _BURST, _LATE = 0.25, 20, 10.0
 """Share of a topic's messages that is missing at the begin; copies of a burst; gaps by which a late message is late."""
+_MOST_BYTES = 1 << 26
+"""What long values may make messages longer by in a trial, all together."""
 _INDEX = re.compile(r"\[\d+\]")
 
 
@@ -94,12 +96,14 @@ class Schedule:
                 for number in range(max(map(len, known))):
                     at = number % len(targets)
                     if number < len(known[at]):
-                        injection = Injection(topic, targets[at].path, known[at][number].value, seed=self._seed)
-                        found.append(Variation(topic, (injection,), f"{topic}:{family}"))
+                        value = known[at][number].value
+                        most = _MOST_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
+                        injection = Injection(topic, targets[at].path, value, seed=self._seed)
+                        found.append(Variation(topic, (injection,), f"{topic}:{family}", most=most))
         for topic, groups in self._groups.items():
             for family, group in groups.items():
                 found += [
-                    Variation(topic, tuple(each.injections(0, 0, seed=self._seed)), f"{topic} {family}")
+                    Variation(topic, tuple(each.injections(0, 0, seed=self._seed)), f"{topic} {family}", most=each.most)
                     for each in group
                 ]
         return found

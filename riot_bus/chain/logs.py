@@ -15,7 +15,7 @@ from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.model import Leaf
-from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Change
     from riot_bus.sut.context import Context
+    from riot_bus.sut.system import SystemFile
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
@@ -32,6 +33,7 @@ __all__ = [
     "FailingLog",
     "NamedField",
     "NamedFields",
+    "inputs_of",
     "internal_name",
     "learn_types",
     "nominal_values",
@@ -68,6 +70,33 @@ def read_messages(path: Path, *, registry: TypeRegistry) -> tuple[Message, ...]:
         if reader.loss:
             _warn(str(path), str(reader.loss))
         return messages
+
+
+def inputs_of(
+    unit: str, messages: Iterable[Message], *, file: SystemFile, registry: TypeRegistry, path: Path
+) -> tuple[Message, ...]:
+    """Return the messages of a log that are inputs of a unit.
+
+    Args:
+        unit: Its name.
+        messages: The log.
+        file: Describes the unit.
+        registry: Names topics.
+        path: Where the log is.
+
+    Raises:
+        ConfigError: The log holds none.
+    """
+    inputs = file.components[file.unit[unit].component or unit].inputs
+    log = list(messages)
+    found = tuple(message for message in log if any(registry.matches(topic, message.key) for topic in inputs))
+    if not found:
+        raise ConfigError(
+            f"the log holds nothing on the inputs of {unit!r} ({', '.join(inputs) or 'none declared'})",
+            where=str(path),
+            hint=did_you_mean(next(iter(inputs), ""), {registry.topic(message.key) for message in log}),
+        )
+    return found
 
 
 @cache

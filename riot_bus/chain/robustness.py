@@ -10,12 +10,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.bindings import never_applied
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
 from riot_bus.campaign.malformed import malformations
 from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
+from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, finding_id, severity
 from riot_bus.chain.external import system_log
@@ -44,8 +46,8 @@ from riot_bus.vocabulary.trial import Verdict
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from riot_bus.campaign.covering import Variation
     from riot_bus.campaign.store import StoredRunner
+    from riot_bus.campaign.variations import Variation
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.statistics.rates import Proportion
     from riot_bus.sut.baseline import Baseline
@@ -107,7 +109,8 @@ def test_unit(
             of a log that is played to the unit; of the other components less can be told than of the unit.
 
     Raises:
-        RiotError: The unit does not start, its log holds nothing for it, or nothing can be injected.
+        RiotError: The unit does not start, its log holds nothing for it, nothing can be injected, or one of its
+            own dictionaries has an entry that can never apply.
     """
     registry = workspace.context.registry
     settings = workspace.context.file.unit[unit]
@@ -115,7 +118,9 @@ def test_unit(
     log, leave, include = subject.log, subject.leave, subject.include
     dictionary = dictionary_of(workspace, unit)
     everything = targets_of(log, registry, include=["*"])
-    for problem in dictionary.unmatched(f"{each.topic}:{each.path}" for found in everything.values() for each in found):
+    for problem in never_applied(dictionary, log, registry, everything):
+        if not whole_system:
+            raise problem
         _LOG.warning("riot: %s", problem)
     targets = targets_of(log, registry, leave=leave, include=include)
     schedule = Schedule(
@@ -142,6 +147,7 @@ def test_unit(
                 ],
                 positions_of(log, registry),
                 seed=workspace.seed,
+                situations=situations_of(log, registry),
             ),
             ordered=baseline.ordered,
             seconds=seconds,

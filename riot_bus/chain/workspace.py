@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from riot_bus.campaign.store import StoredRunner, TrialStore
-from riot_bus.chain.logs import read_messages
+from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.cluster.workers import ClusterWorkers
 from riot_bus.events import Listener, Listeners, StepFinished, StepProgress, StepStarted, TrialFinished
 from riot_bus.findings.records import FindingRecord
@@ -261,18 +261,7 @@ class Workspace:
         file, registry = self.context.file, self.context.registry
         unit = file.unit[name]
         path = file.root / unit.log if unit.log else self.nominal_log()
-        component = file.components[unit.component or name]
-        log = self._messages(path)
-        messages = tuple(
-            message for message in log if any(registry.matches(topic, message.key) for topic in component.inputs)
-        )
-        if not messages:
-            raise ConfigError(
-                f"the log holds nothing on the inputs of {name!r} ({', '.join(component.inputs) or 'none declared'})",
-                where=str(path),
-                hint=did_you_mean(next(iter(component.inputs), ""), {registry.topic(message.key) for message in log}),
-            )
-        return messages
+        return inputs_of(name, self._messages(path), file=file, registry=registry, path=path)
 
     def known_unit_log(self, name: str) -> tuple[Message, ...]:
         """Return `unit_log` if there is a nominal log already, else nothing: none is recorded for it."""

@@ -10,6 +10,7 @@ import typer
 
 from riot_bus.cli.archives import messages_to_file
 from riot_bus.cli.options import Format, OutputFormat, Salvage
+from riot_bus.cli.tables import json_safe, table_console
 from riot_bus.vocabulary.redaction import escape_control_chars
 
 if TYPE_CHECKING:
@@ -242,18 +243,7 @@ def _print_json(found: LogInfo, ranges: list[TopicFields] | None) -> None:
     document["lossless"] = not found.loss
     if ranges is not None:
         document["fields"] = [asdict(each) for each in ranges]
-    typer.echo(json.dumps(_plain(document), indent=1, default=str))
-
-
-def _plain(value: Any) -> Any:
-    """Return a document without what JSON lacks: infinite numbers become text."""
-    if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, float) and value - value != 0:
-        return str(value)
-    return value
+    typer.echo(json.dumps(json_safe(document), indent=1, default=str))
 
 
 def _print_info(found: LogInfo) -> None:
@@ -272,7 +262,7 @@ def _print_info(found: LogInfo) -> None:
         cells = [escape(escape_control_chars(topic.topic)), escape(escape_control_chars(topic.type or topic.encoding))]
         cells += [str(topic.count), f"{topic.rate:.1f}"]
         table.add_row(*cells, *([str(topic.missing or 0)] if missing else []))
-    _console().print(table)
+    table_console().print(table)
     begun = f", from {_date(found.start)}" if found.start is not None else ""
     profile = f", profile {escape_control_chars(found.profile)}" if found.profile else ""
     typer.echo(f"{found.seconds:.3f} s, {found.count} messages{begun}")
@@ -311,7 +301,7 @@ def _print_ranges(ranges: list[TopicFields]) -> None:
             mark = "+" if each.partial else ""
             cells = (each.path, each.type, f"{each.count}{mark}", str(each.nan or ""), low, high)
             table.add_row(*(escape(escape_control_chars(cell)) for cell in cells))
-        _console().print(table)
+        table_console().print(table)
         if topic.omitted:
             typer.echo(f"and {topic.omitted} further fields, not looked at")
         if partial:
@@ -353,14 +343,6 @@ def _print_fields(listing: Any) -> None:
 def _bounds(field: Any) -> str:
     low, high = ("" if each is None else f"{each:g}" for each in (field.low, field.high))
     return f"  {low}..{high}" if low or high else ""
-
-
-def _console() -> Any:
-    import sys
-
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else 200, highlight=False)
 
 
 def _texts(examples: list[str]) -> str:

@@ -34,6 +34,7 @@ COMMANDS = {
     "ctl": ("ctl",),
     "graph": ("graph",),
     "init": ("init",),
+    "dictionaries": ("dict",),
     "doctor": ("doctor", "interceptors"),
     "fleet": ("fleet",),
     "cluster": ("cluster",),

@@ -23,15 +23,12 @@ from __future__ import annotations
 
 import re
 import struct
-import tomllib
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from importlib import resources
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from riot_bus.inject.mutations import Mutation, RawMessage, RawMutation, read_mutations
+from riot_bus.inject.dictionary_file import TYPES, RawEntry, binds, check_type, eligible, plain_value, read_file
+from riot_bus.inject.mutations import Mutation, read_mutations
 from riot_bus.plugins import DICTIONARIES
 from riot_bus.types.capabilities import SuggestedValue
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
@@ -42,18 +39,9 @@ if TYPE_CHECKING:
 
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["TYPES", "Dictionary", "SuggestedValue", "eligible", "load_dictionary"]
-
-_INTEGERS = {
-    f"{sign}int{bits}": (0, 2**bits - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-    for sign in ("", "u")
-    for bits in (8, 16, 32, 64)
-}
-TYPES = ("bool", *_INTEGERS, "float32", "float64", "string", "bytes")
-"""The primitive types of fields."""
+__all__ = ["TYPES", "Dictionary", "SuggestedValue", "eligible", "installed_files", "load_dictionary", "own_text"]
 
 _INDEX = re.compile(r"\[\d+\]")
-_STRICT = ConfigDict(extra="forbid", strict=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,26 +76,24 @@ class Dictionary:
         Raises:
             ConfigError: Not TOML, an unknown key or type, or a value that the type cannot hold.
         """
-        try:
-            document = _File.model_validate(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"not a TOML file: {error}", where=where) from error
-        except ValidationError as error:
-            raise _explain(error, where) from None
-        _check_type(document.type, f"{where}: type")
+        document = read_file(text, where=where)
+        check_type(document.type, f"{where}: type")
         for index, raw in enumerate(document.entry):
             place = f"{where}: entry[{index}]"
             kind = raw.type or document.type
-            self._entries.append((kind, raw.checked(kind, place)))
+            self._entries.append((kind, _checked(raw, kind, place)))
         for index, binding in enumerate(document.field):
             place = f"{where}: field[{index}]"
             kind = binding.type or document.type
-            _check_type(kind, f"{place}.type")
-            entries = tuple(each.checked(each.type or kind, place) for each in binding.entries)
+            check_type(kind, f"{place}.type")
+            entries = tuple(_checked(each, each.type or kind, place) for each in binding.entries)
             if not entries:
                 raise ConfigError(
                     f"no entries for {binding.path!r}", where=place, hint="add entries = [{ value = ... }]"
                 )
+            if binding.path.rpartition(":")[2].startswith("len("):
+                hint = 'set it by a mutation: [[message]] with mutations = [{ set = { "len(...)" = ... }, ... }]'
+                raise ConfigError(f"{binding.path!r} is a length, which no value is bound to", where=place, hint=hint)
             self._bindings.insert(0, _Binding(binding.path, kind, entries, binding.only, place, own))
         for index, message in enumerate(document.message):
             for mutation in read_mutations(message, where=f"{where}: message[{index}]", own=own):
@@ -134,11 +120,11 @@ class Dictionary:
         Raises:
             ConfigError: The type is unknown, or a binding for this path holds no value that the type can hold.
         """
-        _check_type(type, None)
+        check_type(type, None)
         found: dict[object, SuggestedValue] = {}
         only = False
         for binding in self._bindings if path is not None else ():
-            if not _bound(binding.pattern, path or ""):
+            if not binds(binding.pattern, path or ""):
                 continue
             fitting = [entry for entry in binding.entries if eligible(type, entry.value)]
             if binding.type not in (None, type) or not fitting:
@@ -159,27 +145,34 @@ class Dictionary:
                     found.setdefault(_identity(type, entry.value), entry)
         return tuple(found.values())
 
+    def own(self) -> Dictionary:
+        """Return what the user's own files have of it, values for whole types apart."""
+        found = Dictionary()
+        found._bindings = [each for each in self._bindings if each.own]
+        mine = {name: [each for each in some if each.own] for name, some in self._mutations.items()}
+        found._mutations = {name: some for name, some in mine.items() if some}
+        return found
+
     def unmatched(self, paths: Iterable[str]) -> Iterator[ConfigError]:
-        """Yield what to say of each `[[field]]` of the user's own that none of these fields has values from.
+        """Yield what to say of each `[[field]]` that none of these fields has values from.
 
         Args:
             paths: All fields (`topic:path`); of an array some elements will do.
         """
         known = list(paths)
         for binding in reversed(self._bindings):
-            if binding.own and not any(_bound(_INDEX.sub("[*]", binding.pattern), path) for path in known):
+            if not any(binds(_INDEX.sub("[*]", binding.pattern), path) for path in known):
                 names = [path.rpartition(":")[2] for path in known]
                 hint = did_you_mean(binding.pattern, [*known, *names])
                 yield ConfigError(f"no field of the log is called {binding.pattern!r}", where=binding.where, hint=hint)
 
 
-def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:
-    """Return the dictionary of all installed packages (entry points) and of the user's files.
+def installed_files() -> Iterator[tuple[str, str]]:
+    """Yield names (`package/file.toml`) and texts of the dictionary files of all installed packages.
 
     Raises:
-        ConfigError: A file is missing or wrong.
+        ConfigError: A package cannot be loaded.
     """
-    dictionary = Dictionary()
     for name, module in DICTIONARIES.targets().items():
         try:
             folder = resources.files(DICTIONARIES.load(name))
@@ -190,111 +183,41 @@ def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:
             raise ConfigError(f"this dictionary does not load: {error!r}", where=where) from error
         for file in sorted(folder.iterdir(), key=lambda each: each.name):
             if file.name.endswith(".toml"):
-                dictionary.add(file.read_text(encoding="utf-8"), where=f"{module}/{file.name}")
+                yield f"{module}/{file.name}", file.read_text(encoding="utf-8")
+
+
+def own_text(path: Path) -> str:
+    """Return the text of a dictionary file of the user's own; raises ConfigError if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read the dictionary: {error}", where=str(path)) from error
+
+
+def load_dictionary(files: Sequence[Path] = ()) -> Dictionary:
+    """Return the dictionary of all installed packages (entry points) and of the user's files.
+
+    Raises:
+        ConfigError: A file is missing or wrong.
+    """
+    dictionary = Dictionary()
+    for where, text in installed_files():
+        dictionary.add(text, where=where)
     for path in files:
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"cannot read the dictionary: {error}", where=str(path)) from error
-        dictionary.add(text, where=str(path), own=True)
+        dictionary.add(own_text(path), where=str(path), own=True)
     return dictionary
 
 
-def eligible(type: str, value: Scalar) -> bool:
-    """Return whether a field of this type can hold the value."""
-    if type in _INTEGERS:
-        low, high = _INTEGERS[type]
-        return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
-    if type == "bool":
-        return isinstance(value, bool)
-    if type in ("float32", "float64"):
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return False
-        try:
-            struct.pack("<f" if type == "float32" else "<d", value)
-        except (OverflowError, struct.error):
-            return False
-        return True
-    return isinstance(value, bytes if type == "bytes" else str)
-
-
-class _Hex(BaseModel):
-    model_config = _STRICT
-    hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
-
-
-class _Repeat(BaseModel):
-    model_config = _STRICT
-    repeat: str | _Hex
-    times: Annotated[int, Field(ge=1, le=2**24)]
-
-
-class _RawEntry(BaseModel):
-    model_config = _STRICT
-    value: bool | int | float | str | _Hex | _Repeat
-    reason: Annotated[str, Field(min_length=1)]
-    type: str | None = None
-
-    def checked(self, kind: str | None, where: str) -> SuggestedValue:
-        _check_type(kind, where)
-        value = _plain(self.value)
-        if kind is not None and not eligible(kind, value):
-            shown = value if len(repr(value)) <= 60 else f"{repr(value)[:57]}..."
-            raise ConfigError(f"a {kind} cannot hold {shown!r}", where=where, hint=f"give a value of type {kind}")
-        return SuggestedValue(value, self.reason)
-
-
-class _RawField(BaseModel):
-    model_config = _STRICT
-    path: Annotated[str, Field(min_length=1)]
-    entries: list[_RawEntry]
-    type: str | None = None
-    only: bool = False
-
-
-class _File(BaseModel):
-    model_config = _STRICT
-    type: str | None = None
-    entry: list[_RawEntry] = []
-    field: list[_RawField] = []
-    message: list[RawMessage] = []
-
-
-def _plain(value: Any) -> Scalar:
-    if isinstance(value, _Repeat):
-        return _plain(value.repeat) * value.times
-    return bytes.fromhex(value.hex) if isinstance(value, _Hex) else value
-
-
-def _check_type(kind: str | None, where: str | None) -> None:
-    if kind is not None and kind not in TYPES:
-        raise ConfigError(f"unknown type {kind!r}", where=where, hint=did_you_mean(kind, TYPES))
-
-
-def _bound(pattern: str, path: str) -> bool:
-    literal = pattern.replace("[", "[[]")  # brackets are indices here, not character sets
-    return fnmatchcase(path, literal) or fnmatchcase(path.rpartition(":")[2], literal)
+def _checked(raw: RawEntry, kind: str | None, where: str) -> SuggestedValue:
+    check_type(kind, where)
+    value = plain_value(raw.value)
+    if kind is not None and not eligible(kind, value):
+        shown = value if len(repr(value)) <= 60 else f"{repr(value)[:57]}..."
+        raise ConfigError(f"a {kind} cannot hold {shown!r}", where=where, hint=f"give a value of type {kind}")
+    return SuggestedValue(value, raw.reason)
 
 
 def _identity(kind: str, value: Scalar) -> object:
     if kind in ("float32", "float64"):
         return struct.pack("<d", value)
     return value
-
-
-def _explain(error: ValidationError, where: str) -> ConfigError:
-    problems = error.errors()
-    first = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    tags = ("bool", "int", "float", "str", "_Hex", "_Repeat")
-    place: list[str | int] = [part for part in first["loc"] if part not in tags]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
-    if first["type"] != "extra_forbidden":
-        return ConfigError(first["msg"], where=f"{where}: {key}")
-    word = str(place[-1])
-    model: type[BaseModel] = _File if len(place) == 1 else _RawEntry
-    if place[0] == "message":
-        model = RawMutation if len(place) > 3 else RawMessage
-    elif place[0] == "field" and len(place) == 3:
-        model = _RawField
-    known = model.model_fields
-    return ConfigError(f"unknown key {word!r}", where=f"{where}: {key}", hint=did_you_mean(word, known))

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Mutation", "RawMessage", "RawMutation", "mutate", "read_mutations"]
+__all__ = ["HexBytes", "Mutation", "RawMessage", "RawMutation", "mutate", "read_mutations"]
 
-_STRICT = ConfigDict(extra="forbid", strict=True)
+_STRICT = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
 
 Changes = tuple[tuple[str, "Scalar | Formula"], ...]
 """Paths and their new values, in the order in which they are set."""
@@ -97,27 +97,34 @@ def mutate(kind: MessageType, payload: bytes, changes: Iterable[tuple[str, Scala
     return payload
 
 
-class _Hex(BaseModel):
+class HexBytes(BaseModel):
+    """Bytes, as hexadecimal digits."""
+
     model_config = _STRICT
     hex: Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$")]
 
 
 class RawMutation(BaseModel):
-    """One entry of `mutations`."""
+    """One entry of `mutations`: fields that are changed together."""
 
     model_config = _STRICT
-    set: Annotated[dict[str, bool | int | float | str | _Hex], Field(min_length=1)]
+    set: Annotated[dict[str, bool | int | float | str | HexBytes], Field(min_length=1)]
+    """New values by field path; a text is a formula over the message as it was before."""
     reason: Annotated[str, Field(min_length=1)]
+    """Why this is worth trying."""
 
 
 class RawMessage(BaseModel):
-    """One `[[message]]`."""
+    """One `[[message]]`: mutations of messages of a type, wherever such a one stands."""
 
     model_config = _STRICT
     type: str | Annotated[list[str], Field(min_length=1)]
+    """Type of the messages, or several that have the same fields."""
     mutations: Annotated[list[RawMutation], Field(min_length=1)]
     consistent: str = ""
+    """A formula that is true of sound messages, and false of mutated ones."""
     opt_in: bool = False
+    """Whether they are tried only on fields that `include` in riot.toml names."""
 
 
 def read_mutations(raw: RawMessage, *, where: str, own: bool) -> Iterator[Mutation]:
@@ -148,8 +155,8 @@ def _path(path: str, where: str) -> str:
     return path
 
 
-def _value(value: float | str | _Hex, where: str) -> Scalar | Formula:
-    if isinstance(value, _Hex):
+def _value(value: float | str | HexBytes, where: str) -> Scalar | Formula:
+    if isinstance(value, HexBytes):
         return bytes.fromhex(value.hex)
     if not isinstance(value, str):
         return value

@@ -45,6 +45,7 @@ def log(tmp_path: Path) -> Path:
         ["init", "--mavlink", "{folder}/in.tlog?rate=0", "--seconds", "0.5", "-o", "{out}.toml"],
         ["findings", "{folder}"],
         ["interceptors"],
+        ["dict", "show", "float64", "--log", "{log}"],
     ],
     ids=lambda arguments: arguments[0],
 )

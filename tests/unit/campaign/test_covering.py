@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.campaign.covering import Covering, Placed, Variation, failure_rates
+from riot_bus.campaign.covering import Covering, failure_rates
+from riot_bus.campaign.situations import Situation, Window
+from riot_bus.campaign.variations import Placed, Variation
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -34,7 +36,7 @@ def crash_on(bad: Callable[[Injection], bool], log: Log, *, late: int = 0) -> Ca
     """Return a unit that crashes on the first bad message; `late` more are sent before that is noticed."""
 
     def run(group: Sequence[Placed]) -> Outcome:
-        places = [log[each.item.topic][each.first] for each in group if any(map(bad, each.injections))]
+        places = [log[each.item.topic][each.firsts[0]] for each in group if any(map(bad, each.injections))]
         if not places:
             return Outcome(Verdict.PASS, statistics={"played": 10**6, "outputs": 100})
         return Outcome(Verdict.FAIL, (CRASH,), statistics={"played": min(places) + 1 + late, "outputs": min(places)})
@@ -132,9 +134,9 @@ def test_what_is_silenced_by_others_is_tried_without_them() -> None:
     places = log(1, 100)
 
     def run(group: Sequence[Placed]) -> Outcome:
-        modes = [each.first for each in group if each.item.about == "f0"]
+        modes = [each.firsts[0] for each in group if each.item.about == "f0"]
         silent_from = min(modes, default=100)
-        crashes = [each.first for each in group if each.item.about == "f1" and each.first < silent_from]
+        crashes = [each.firsts[0] for each in group if each.item.about == "f1" and each.firsts[0] < silent_from]
         if crashes:
             return Outcome(Verdict.FAIL, (CRASH,), statistics={"played": 100, "outputs": min(crashes)})
         return Outcome(Verdict.PASS, statistics={"played": 100, "outputs": silent_from})
@@ -149,7 +151,7 @@ def test_what_changes_nothing_is_put_elsewhere_and_at_last_not_called_tried() ->
     places = log(1, 40)
 
     def run(group: Sequence[Placed]) -> Outcome:
-        changes = [(one.field, each.first) for each in group for one in each.injections]
+        changes = [(one.field, each.firsts[0]) for each in group for one in each.injections]
         hits = [0 if field == "f0" or (field == "f1" and first % 2) else 1 for field, first in changes]
         return Outcome(Verdict.PASS, statistics={"played": 40, "outputs": 100, "delivered": hits})
 
@@ -173,7 +175,7 @@ def test_what_was_tried_is_varied_further_without_an_end() -> None:
     places = log(2, 60)
 
     def run(group: Sequence[Placed]) -> Outcome:
-        at = {(each.item.topic, each.first + n): each for each in group for n in range(each.item.span)}
+        at = {(each.item.topic, each.firsts[0] + n): each for each in group for n in range(each.item.span)}
         fails = []
         for (topic, number), each in at.items():
             values = {one.field: one.value for one in each.injections}
@@ -199,6 +201,55 @@ def test_what_was_tried_is_varied_further_without_an_end() -> None:
     assert any("f5" in fields for fields, _ in found)
     assert covering.finished
     assert covering.covered == covering.total == 8 * 12
+
+
+def test_faults_of_whole_messages_come_several_times_in_a_trial() -> None:
+    """A unit survives one burst, and not the next."""
+    places = log(2, 60)
+    burst = Injection("t1", fault="duplicate", copies=20)
+    covering = Covering([*items(2, 8, 12), Variation("t1", (burst,), "t1 duplicate")], places, seed=1)
+    found = []
+    for _ in range(300):
+        group = covering.next() or covering.further()
+        bursts = [one for each in group for one in each.injections if one.fault == "duplicate"]
+        outcome = Outcome(Verdict.FAIL, (CRASH,), statistics={}) if len(bursts) > 1 else Outcome(Verdict.PASS)
+        covering.take(group, outcome, nominal_outputs=100)
+        found += [group[0]] if outcome.verdict is Verdict.FAIL and len(group) == 1 else []
+    assert found
+    assert all(2 <= len(set(each.firsts)) == each.item.times <= 4 for each in found)
+
+
+def test_rare_situations_are_looked_for() -> None:
+    """What happens in one message of 200 alone, in a situation that the log tells, is come upon."""
+
+    def hits(*situations: Situation) -> int:
+        covering = Covering(items(1, 8, 12), {"t0": list(range(200))}, seed=1, situations=situations)
+        count = 0
+        for _ in range(100):
+            group = covering.next() or covering.further()
+            count += any(each.firsts == (120,) and each.item.span == 1 for each in group)
+            covering.take(group, Outcome(Verdict.PASS), nominal_outputs=100)
+        return count
+
+    assert hits(Situation("t0", "mode", (Window(120, 121, 1.2, 1.3),), "mode == 2")) > hits()
+
+
+def test_policies_on_many_messages_wait_until_all_of_a_topic_was_tried() -> None:
+    places = log(2, 60) | {"one": [120]}
+    every = [*items(2, 8, 12), *(Variation("one", (Injection("one", "g", n),), "g") for n in range(90))]
+    covering = Covering(every, places, seed=2)
+    tried: set[int] = set()
+    drawn: set[str] = set()
+    for _ in range(60):
+        waiting = {each.topic for each in every if id(each) not in tried}
+        policies = covering.policies()
+        assert not {each.item.topic for each in policies} & waiting
+        drawn |= {each.item.topic for each in policies}
+        covering.stretches.take(policies, Outcome(Verdict.PASS), nominal_outputs=100)
+        group = covering.next()
+        tried |= {id(each.item) for each in group}
+        covering.take(group, Outcome(Verdict.PASS), nominal_outputs=100)
+    assert drawn == {"t0", "t1"}
 
 
 def test_topics_of_one_message_hold_up_no_others() -> None:
@@ -230,7 +281,7 @@ def test_nothing_is_forgotten_and_no_message_is_changed_twice(
     covering = Covering(every, places, seed=seed)
     run = crash_on(lambda one: (one.field, one.value) in wrong, places, late=late)
     for group in cover(covering, run):
-        taken = [(each.item.topic, each.first + at) for each in group for at in range(each.item.span)]
+        taken = [(each.item.topic, each.firsts[0] + at) for each in group for at in range(each.item.span)]
         assert len(set(taken)) == len(taken)
         assert all(number < messages for _, number in taken)
     assert covering.total == len(every) - (messages < 3)

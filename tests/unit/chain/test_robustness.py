@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,13 @@ from riot_bus.chain.external import system_log
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.events import CampaignFinished, FindingWritten, StepFinished, StepProgress, TrialFinished
-from riot_bus.findings.records import CampaignRecord, FindingRecord
+from riot_bus.findings.records import CampaignRecord, FindingRecord, MinimalRecord
 from riot_bus.findings.steps import MINIMIZE
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.chain.machine import (
     COUNT,
@@ -30,6 +31,7 @@ from tests.unit.chain.machine import (
     bench,
     hangs,
     never_hangs,
+    said,
     share,
 )
 
@@ -191,13 +193,37 @@ def test_trials_that_cannot_be_carried_out_end_the_campaign(tmp_path: Path) -> N
         campaign(bench(tmp_path, broken=lambda case: bool(case.messages)))
 
 
-def test_dictionary_entries_that_match_nothing_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_dictionary_entries_that_match_nothing_are_an_error(tmp_path: Path) -> None:
     text = '[[field]]\npath = "command:sped"\nentries = [{ value = -9.0, reason = "backwards" }]\n'
     (tmp_path / "own.toml").write_text(text)
     one = bench(tmp_path, SYSTEM + 'dictionaries = ["own.toml"]\n')
-    with caplog.at_level(logging.WARNING):
+    with pytest.raises(ConfigError, match=r"own.toml: field\[0\]: no field of the log is called 'command:sped'"):
         campaign(one, trials=2)
-    assert "command:sped" in caplog.text
+    assert not any(case.messages for case in one.machine.executed)
+
+
+def test_what_only_many_messages_bring_about_is_found_replays_and_is_minimized(tmp_path: Path) -> None:
+    """Eight bad speeds in a row: policies on single messages do not come to that."""
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        row = 0
+        for place, message in enumerate(messages):
+            speed = said(message).get("speed", 0)
+            row = row + 1 if isinstance(speed, float) and not abs(speed) < 1e6 else 0
+            if row == 8:
+                return place
+        return None
+
+    one = bench(tmp_path, SYSTEM + 'leave = ["command:mode", "command:note", "command:"]\n', fails=fails)
+    (folder,) = campaign(one, trials=400)
+    record = FindingRecord.load(folder)
+    assert record.rate is not None
+    assert record.rate.value == 1.0
+    assert reproduce(one.workspace, folder, times=2).answer == "still failing"
+    minimal = one.workspace.carry_out(MINIMIZE, folder)
+    assert isinstance(minimal, MinimalRecord)
+    assert len(minimal.kept) == 8
+    assert reproduce(one.workspace, folder, times=2).answer == "still failing"
 
 
 def test_nothing_on_the_inputs_of_the_unit(tmp_path: Path) -> None:

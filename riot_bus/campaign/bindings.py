@@ -1,0 +1,166 @@
+"""What the tables of a dictionary file apply to in a log, and which of them never can."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.groups import groups_of, parts_by_topic
+from riot_bus.campaign.targets import Target, targets_of
+from riot_bus.inject.dictionary import Dictionary
+from riot_bus.inject.dictionary_file import binds, eligible, plain_value
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from riot_bus.inject.dictionary_file import DictionaryFile
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["Applied", "applied", "misfits", "never_applied"]
+
+_INDEX = re.compile(r"\[\d+\]")
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What a table of a dictionary file applies to.
+
+    Attributes:
+        fields: `topic:path` of fields, or of messages that are mutated; `[*]` for the elements of an array.
+        left_alone: Likewise, what it would apply to, but campaigns leave alone.
+    """
+
+    fields: tuple[str, ...]
+    left_alone: tuple[str, ...]
+
+
+def never_applied(
+    dictionary: Dictionary,
+    messages: Sequence[Message],
+    registry: TypeRegistry,
+    fields: Mapping[str, Iterable[Target]],
+) -> Iterator[ConfigError]:
+    """Yield what to say of each table of the user's own that can never apply.
+
+    A field or a message counts if it is there, left alone or not.
+
+    Args:
+        dictionary: Has them.
+        messages: The log.
+        registry: Knows its types.
+        fields: All fields of the log, by topic.
+
+    Raises:
+        ConfigError: A mutation names a field that its type does not have.
+    """
+    own = dictionary.own()
+    yield from own.unmatched(f"{each.topic}:{each.path}" for found in fields.values() for each in found)
+    tables: dict[str, set[str]] = {}
+    for name in own.mutated_types():
+        for mutation in own.mutations_for(name):
+            tables.setdefault(mutation.source, set()).add(name)
+    if not tables:
+        return
+    groups = groups_of(messages, registry, own, include=["*"])
+    made = {one.mutation.source for found in groups.values() for some in found.values() for one in some}
+    types = {part.type_name for found in parts_by_topic(messages, registry).values() for part in found}
+    for where, names in tables.items():
+        if names.isdisjoint(types):
+            told = " or ".join(sorted(names))
+            problem, hint = f"no message of the log is or holds a {told}", did_you_mean(min(names), types)
+        else:
+            problem, hint = "none of its mutations changes a message of the log", "do these messages have the fields?"
+        if where not in made:
+            yield ConfigError(problem, where=where, hint=hint)
+
+
+def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRegistry) -> list[ConfigError]:
+    """Return everything that is wrong with a dictionary file beside a log: what cannot apply, and what does not fit.
+
+    Args:
+        text: Of the file.
+        where: Names it.
+        messages: The log.
+        registry: Knows its types.
+
+    Raises:
+        ConfigError: The file itself is wrong.
+    """
+    dictionary = Dictionary()
+    dictionary.add(text, where=where, own=True)
+    everything = targets_of(messages, registry, include=["*"])
+    found: list[ConfigError] = []
+    try:
+        for problem in never_applied(dictionary, messages, registry, everything):
+            found.append(problem)  # noqa: PERF402 - what was said before one is raised counts
+    except ConfigError as error:
+        found.append(error)
+    for target in (each for fields in everything.values() for each in fields):
+        try:
+            dictionary.values_for(target.type, f"{target.topic}:{target.path}")
+        except ConfigError as error:
+            found.append(error)
+    return list({str(each): each for each in found}.values())
+
+
+def applied(
+    file: DictionaryFile,
+    text: str,
+    messages: Sequence[Message],
+    registry: TypeRegistry,
+    *,
+    leave: Iterable[str] = (),
+    include: Iterable[str] = (),
+) -> dict[str, Applied]:
+    """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log.
+
+    Args:
+        file: The file.
+        text: Its text.
+        messages: The log.
+        registry: Knows its types.
+        leave: Patterns of fields to leave alone, as for `targets_of`.
+        include: Patterns of brittle fields that are asked for.
+    """
+    leave, include = tuple(leave), tuple(include)
+    every = [each for found in targets_of(messages, registry, include=["*"]).values() for each in found]
+    chosen = {each for found in targets_of(messages, registry, leave=leave, include=include).values() for each in found}
+    tables: dict[str, list[tuple[str, bool]]] = {}
+    for number, entry in enumerate(file.entry):
+        kind, value = entry.type or file.type, plain_value(entry.value)
+        holding = (each for each in every if (each.type == kind if kind else eligible(each.type, value)))
+        tables[f"entry[{number}]"] = [(_name(each), each in chosen) for each in holding]
+    for number, binding in enumerate(file.field):
+        pattern = _INDEX.sub("[*]", binding.path)
+        bound = (each for each in every if binds(pattern, f"{each.topic}:{each.path}"))
+        tables[f"field[{number}]"] = [(_name(each), each in chosen) for each in bound]
+    dictionary = Dictionary()
+    dictionary.add(text, where="")
+    groups = groups_of(messages, registry, dictionary, leave=leave, include=include)
+    parts = parts_by_topic(messages, registry)
+    for number, message in enumerate(file.message):
+        types = {message.type} if isinstance(message.type, str) else set(message.type)
+        tables[f"message[{number}]"] = [
+            (f"{topic}:{part.path}".rstrip(":"), f": message[{number}] at {part.path}" in groups.get(topic, {}))
+            for topic, found in parts.items()
+            for part in found
+            if part.type_name in types
+        ]
+    return {name: _sorted_out(rows) for name, rows in tables.items()}
+
+
+def _name(target: Target) -> str:
+    return f"{target.topic}:{_INDEX.sub('[*]', target.path)}"
+
+
+def _sorted_out(rows: Iterable[tuple[str, bool]]) -> Applied:
+    found: dict[str, bool] = {}
+    for name, chosen in rows:
+        found[name] = found.get(name, False) or chosen
+    return Applied(
+        tuple(name for name, chosen in found.items() if chosen),
+        tuple(name for name, chosen in found.items() if not chosen),
+    )

@@ -1,0 +1,128 @@
+"""Situations of a log: while a field that has few values, such as a mode, has one of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from bisect import bisect_left
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.campaign.schedule import positions_of
+from riot_bus.inject.brittle import why_brittle
+from riot_bus.vocabulary.errors import PayloadError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["Situation", "Window", "numbers_within", "situations_of"]
+
+_SAMPLES = 400
+"""Messages of a topic that are looked at, evenly: a second at most for large ones; shorter situations are missed."""
+_VALUES = 6
+"""Values that a field has at most: more are rather a count or a measurement than a mode."""
+_LONG = 64
+"""Texts of modes are shorter."""
+
+
+class Window(NamedTuple):
+    """A stretch of a log: positions of its first message and of the first one behind it; seconds since it began."""
+
+    first: int
+    behind: int
+    start: float
+    end: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """While a field has a value, as the last message of its topic tells.
+
+    Attributes:
+        topic: Topic of the field.
+        path: The field.
+        windows: When that is.
+        where: Predicate for messages of the topic itself; empty if there is none.
+    """
+
+    topic: str
+    path: str
+    windows: tuple[Window, ...]
+    where: str
+
+
+def situations_of(messages: Sequence[Message], registry: TypeRegistry) -> list[Situation]:
+    """Return the situations of a log: one for each value of each field that has few of them.
+
+    Truth values, integers and short texts count; stamps, numbers of messages and the like, and elements of arrays do
+    not.
+
+    Args:
+        messages: The log.
+        registry: Knows its types.
+    """
+    found: list[Situation] = []
+    for topic, positions in sorted(positions_of(messages, registry).items()):
+        columns: dict[str, list[tuple[int, Scalar]]] = {}
+        values: dict[str, set[Scalar]] = {}
+        for position in positions[:: max(1, len(positions) // _SAMPLES)]:
+            for path, value in _modes(messages[position], registry):
+                seen = values.setdefault(path, set())
+                seen.add(value)
+                if len(seen) <= _VALUES:
+                    columns.setdefault(path, []).append((position, value))
+        for path, column in sorted(columns.items()):
+            if 1 < len(values[path]) <= _VALUES:
+                found += _of_field(topic, path, column, messages)
+    return found
+
+
+def numbers_within(window: Window, positions: Sequence[int]) -> range:
+    """Return the numbers of a topic's messages that lie in a window; `positions` are those of all its messages."""
+    return range(bisect_left(positions, window.first), bisect_left(positions, window.behind))
+
+
+def _modes(message: Message, registry: TypeRegistry) -> list[tuple[str, Scalar]]:
+    if message.kind != "put":
+        return []
+    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    try:
+        leaves = () if kind is None else kind.leaves(message.payload, elements=1)
+    except PayloadError:
+        return []
+    return [
+        (leaf.path, leaf.value)
+        for leaf in leaves
+        if (leaf.type in ("bool", "string") or "int" in leaf.type)
+        and "[" not in leaf.path
+        and "(" not in leaf.path
+        and (not isinstance(leaf.value, str) or len(leaf.value) < _LONG)
+        and not why_brittle(leaf.path, kind)
+    ]
+
+
+def _of_field(
+    topic: str, path: str, column: Sequence[tuple[int, Scalar]], messages: Sequence[Message]
+) -> list[Situation]:
+    changes = [column[0], *(after for before, after in pairwise(column) if before[1] != after[1])]
+    ends: list[int | None] = [*(position for position, _ in changes[1:]), None]
+    windows: dict[Scalar, list[Window]] = {}
+    for (first, value), behind in zip(changes, ends, strict=True):
+        start, end = _seconds(messages, first), None if behind is None else _seconds(messages, behind)
+        windows.setdefault(value, []).append(Window(first, len(messages) if behind is None else behind, start, end))
+    return [Situation(topic, path, tuple(each), _predicate(path, value)) for value, each in windows.items()]
+
+
+def _seconds(messages: Sequence[Message], position: int) -> float:
+    """Return the time of a message, in whole microseconds, so that a window that begins there holds it."""
+    return math.floor((messages[position].time - messages[0].time) / 1e3) / 1e6
+
+
+def _predicate(path: str, value: Scalar) -> str:
+    literal = json.dumps(value)
+    return "" if "\\" in literal else f"{path} == {literal}"

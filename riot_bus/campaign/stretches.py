@@ -1,0 +1,148 @@
+"""Chooses policies on many messages: in windows, while a predicate holds, or on a share of them.
+
+What single messages have not brought about may come of many: a state that wears out, a loss that is not made up for.
+What is tried so has passed on a single message; one policy for each topic is tried in a trial, and where it fails, its
+halves are, until it is known which of them fails alone.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import Counter, deque
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.situations import numbers_within
+from riot_bus.campaign.variations import Placed, Variation, sets_value
+from riot_bus.vocabulary.trial import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.campaign.situations import Situation
+    from riot_bus.vocabulary.trial import Outcome
+
+__all__ = ["Stretches"]
+
+_LEAST = 4
+"""Messages in a row that are a stretch: `Covering` tries three."""
+_FAULTS = 0.3
+"""Share of faults of whole messages, which are few beside values."""
+_BOTH = 0.25
+"""Share of policies that set two fields."""
+_ENOUGH = 3
+"""Policies about one thing that fail alone before no more are tried."""
+_SHARES = (0.1, 0.3, 0.5)
+_SHARE_SILENT = 0.25
+_MISSES = 4
+
+
+class Stretches:
+    """Chooses policies on many messages. Equal answers in equal order give equal choices.
+
+    Args:
+        positions: For each topic the positions of its messages in the log, ascending.
+        situations: When fields have which of their few values.
+        seed: Seed of the choices.
+    """
+
+    def __init__(
+        self, positions: Mapping[str, Sequence[int]], situations: Sequence[Situation] = (), *, seed: int
+    ) -> None:
+        self._random = random.Random(f"stretches:{seed}")  # noqa: S311
+        self._positions = positions
+        self._situations = situations
+        self._values: dict[str, dict[str, list[Variation]]] = {}
+        self._faults: dict[str, list[Variation]] = {}
+        self._halves: deque[tuple[Placed, ...]] = deque()
+        self._failed: Counter[str] = Counter()
+        self._size = 1
+
+    def add(self, item: Variation) -> None:
+        """Take in what has passed on a single message, any one of its topic."""
+        if len(self._positions[item.topic]) < _LEAST:
+            return
+        if item.injections[0].field is None:
+            self._faults.setdefault(item.topic, []).append(item)
+        else:
+            self._values.setdefault(item.topic, {}).setdefault(item.about, []).append(item)
+
+    def next(self, topics: Sequence[str]) -> tuple[Placed, ...]:
+        """Return what to try together, at most one policy for each of these topics; it may be nothing."""
+        if self._halves:
+            return self._halves.popleft()
+        known = [topic for topic in topics if topic in self._values or topic in self._faults]
+        chosen = self._random.sample(known, min(len(known), self._size))
+        found = [placed for topic in chosen if (placed := self._policy(topic)) is not None]
+        return tuple(sorted(found, key=lambda placed: self._positions[placed.item.topic][placed.firsts[0]]))
+
+    def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
+        """Take in the outcome of a trial of a group.
+
+        Args:
+            group: From `next`.
+            outcome: What came of it.
+            nominal_outputs: Outputs of a nominal trial.
+        """
+        failed = outcome.verdict is not Verdict.PASS
+        if failed and len(group) > 1:
+            half = len(group) // 2
+            self._halves += (tuple(group[:half]), tuple(group[half:]))
+        elif failed:
+            self._failed[group[0].item.about] += 1
+        missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
+        silent = missing > _SHARE_SILENT * nominal_outputs
+        self._size = max(1, self._size // 2) if failed or silent else min(self._size + 1, len(self._positions))
+
+    def _policy(self, topic: str) -> Placed | None:
+        for _ in range(_MISSES):
+            item = self._item(topic)
+            most = len(self._positions[topic])
+            most = min(most, item.most or most, most // max(each.copies for each in item.injections))
+            if self._failed[item.about] < _ENOUGH and most >= _LEAST:
+                way = self._random.choice((self._row, self._while, self._share))
+                return way(replace(item, again=True), most) or self._row(replace(item, again=True), most)
+        return None
+
+    def _item(self, topic: str) -> Variation:
+        """Return what to do to the messages: any field weighs as much as another one, whatever values it has."""
+        values, faults = self._values.get(topic, {}), self._faults.get(topic, ())
+        if faults and (not values or self._random.random() < _FAULTS):
+            return self._random.choice(faults)
+        one, other = (self._random.choice(values[self._random.choice(list(values))]) for _ in range(2))
+        if self._random.random() >= _BOTH or one.about == other.about or not (sets_value(one) and sets_value(other)):
+            return one
+        most = min((each.most for each in (one, other) if each.most is not None), default=None)
+        about = " and ".join(sorted((one.about, other.about)))
+        return replace(one, injections=(*one.injections, *other.injections), about=about, most=most)
+
+    def _row(self, item: Variation, most: int) -> Placed:
+        """Return it on messages in a row: a window of numbers."""
+        length = round(math.exp(self._random.uniform(math.log(_LEAST), math.log(most))))
+        first = self._random.randint(0, len(self._positions[item.topic]) - length)
+        return Placed(replace(item, span=length), (first,))
+
+    def _while(self, item: Variation, most: int) -> Placed | None:
+        """Return it in a situation: by a predicate that tells, else in a window of time."""
+        if not self._situations:
+            return None
+        situation = self._random.choice(self._situations)
+        window = self._random.choice(situation.windows)
+        own = situation.topic == item.topic and situation.where
+        if own and most == len(self._positions[item.topic]):
+            if any(each.field == situation.path for each in item.injections):
+                return None
+            changes = tuple(replace(each, where=situation.where) for each in item.injections)
+            return Placed(replace(item, injections=changes, span=most), (0,))
+        numbers = numbers_within(window, self._positions[item.topic])
+        if not 0 < len(numbers) <= most:
+            return None
+        changes = tuple(replace(each, start=window.start, end=window.end) for each in item.injections)
+        return Placed(replace(item, injections=changes, span=len(numbers)), (numbers.start,))
+
+    def _share(self, item: Variation, most: int) -> Placed:
+        """Return it on a share of messages in a row, by chance."""
+        share, seed = self._random.choice(_SHARES), self._random.randrange(1 << 31)
+        changes = tuple(replace(each, probability=share, seed=seed) for each in item.injections)
+        return self._row(replace(item, injections=changes), most)

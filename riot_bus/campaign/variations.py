@@ -1,0 +1,60 @@
+"""Things to try, and where in a log they are tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.injection import Injection
+
+__all__ = ["Placed", "Variation", "sets_value"]
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """One thing to try, on messages that are still to be chosen.
+
+    Attributes:
+        topic: Topic of the messages.
+        injections: What is done to them.
+        about: What it changes, such as `topic:field`; if one thing about it fails, others may do so alike.
+        span: Messages in a row that it takes.
+        first: Number of the first of them within the topic; None for any.
+        again: Whether it is made of things that have been tried before.
+        times: How often it happens in a trial.
+        most: Messages that it may change in a trial, so that what it makes larger fits into memory; None for any.
+    """
+
+    topic: str
+    injections: tuple[Injection, ...]
+    about: str
+    span: int = 1
+    first: int | None = None
+    again: bool = False
+    times: int = 1
+    most: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A thing on certain messages of its topic, from the numbers in `firsts` on, which ascend."""
+
+    item: Variation
+    firsts: tuple[int, ...]
+
+    @property
+    def injections(self) -> list[Injection]:
+        """What is done to these messages; a window of time says itself which they are."""
+        span = self.item.span
+        return [
+            each if each.start or each.end is not None else replace(each, first=at, last=at + span - 1)
+            for at in self.firsts
+            for each in self.item.injections
+        ]
+
+
+def sets_value(item: Variation) -> bool:
+    """Return whether a thing gives a field a value, which other fields may get too."""
+    first = item.injections[0]
+    return first.fault == "set" and not str(first.field).startswith("len(")

@@ -1,0 +1,190 @@
+"""`riot dict`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat, UnitName
+from riot_bus.cli.tables import json_safe, table_console
+from riot_bus.vocabulary.redaction import escape_control_chars
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.campaign.bindings import Applied
+    from riot_bus.inject.dictionary_file import DictionaryFile
+
+__all__ = ["register"]
+
+WRONG = 2
+_SHOWN = 8
+"""Fields that a table applies to, and that are named; JSON has all."""
+
+_System = Annotated[
+    Path | None,
+    typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file whose unit's inputs are looked at."),
+]
+_Log = Annotated[Path | None, typer.Option(metavar="LOG", help="Log to look at. [default: that of the system file]")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    group = typer.Typer(no_args_is_help=True)
+    group.command("list")(list_all)
+    for command in (show, validate, schema):
+        group.command()(command)
+    app.add_typer(group, name="dict", help="Dictionaries: the values and mutations that campaigns try.")
+
+
+def list_all(
+    *,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system", "-s", envvar="RIOT_SYSTEM", help="System file whose own dictionaries are listed, too."
+        ),
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """List the dictionaries of all installed packages, and those that a system file names."""
+    from riot_bus.chain.dictionaries import list_dictionaries
+
+    found = list_dictionaries(system)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps([asdict(each) for each in found], indent=1))
+        return
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("dictionary", overflow="fold")
+    for column in ("values", "fields", "mutations"):
+        table.add_column(column, justify="right")
+    if system is not None:
+        table.add_column("units", overflow="fold")
+    for each in found:
+        counts = (str(number or "") for number in (each.values, each.fields, each.mutations))
+        table.add_row(*_cells(each.name, *counts, *([", ".join(each.units)] if system is not None else [])))
+    table_console().print(table)
+
+
+def show(
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A listed one, such as float64, or a file.")],
+    *,
+    log: _Log = None,
+    system: _System = None,
+    unit: UnitName = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Show the values and mutations of a dictionary, and with a log which of its fields they apply to."""
+    from riot_bus.chain.dictionaries import beside, find_dictionary, what_applies
+
+    where = beside(log, system, unit)
+    name, text = find_dictionary(name)
+    file, found = what_applies(name, text, where)
+    if form is OutputFormat.JSON:
+        document: dict[str, Any] = {"name": name, "file": file.model_dump(mode="json", exclude_defaults=True)}
+        if where is not None:
+            document |= {"log": where.name, "applies": {key: asdict(each) for key, each in found.items()}}
+        typer.echo(json.dumps(json_safe(document), indent=1))
+        return
+    lines = [name if where is None else f"{name} beside {where.name}", *_lines(file, found)]
+    typer.echo("\n".join(map(escape_control_chars, lines)))
+
+
+def validate(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="Dictionary file.")],
+    *,
+    log: _Log = None,
+    system: _System = None,
+    unit: UnitName = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say what is wrong with a dictionary file, and beside a log what of it can never apply. Exit code 2: something."""
+    from riot_bus.chain.dictionaries import beside, wrong_with
+
+    where = beside(log, system, unit)
+    counted, problems = wrong_with(path, where)
+    if form is OutputFormat.JSON:
+        told = [{"where": each.where, "message": each.message, "hint": each.hint} for each in problems]
+        document = {"file": str(path), "log": where.name if where else None, "errors": told}
+        typer.echo(json.dumps(document, indent=1))
+    else:
+        for each in problems:
+            typer.echo("\n".join(map(escape_control_chars, f"riot: {each}".split("\n"))), err=True)
+        if not problems and counted is not None:
+            parts = f"{counted.values} values, {counted.fields} bindings, {counted.mutations} mutations"
+            checked = f"all can apply to {where.name}" if where else "not held against a log (--log, --system)"
+            typer.echo(escape_control_chars(f"{path}: {parts}; {checked}"))
+    if problems:
+        raise typer.Exit(WRONG)
+
+
+def schema() -> None:
+    """Print the JSON Schema of dictionary files."""
+    from riot_bus.inject.dictionary_file import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=1))
+
+
+def _lines(file: DictionaryFile, found: dict[str, Applied]) -> list[str]:
+    """Return a file, one line for each value or mutation; after the tables what they apply to."""
+    lines: list[str] = []
+    if file.entry:
+        values = [(each.type or file.type or "any type", _value(each.value), each.reason) for each in file.entry]
+        lines += ["", "values", *_columns(values)]
+        lines += sorted({line for at in range(len(file.entry)) for line in _applies(found.get(f"entry[{at}]"))})
+    for number, binding in enumerate(file.field):
+        kinds = [binding.type or file.type or "", "nothing else" if binding.only else ""]
+        told = ", ".join(filter(None, kinds))
+        lines += ["", f"field {binding.path}" + (f" ({told})" if told else "")]
+        lines += _columns([(_value(each.value), each.reason) for each in binding.entries])
+        lines += _applies(found.get(f"field[{number}]"))
+    for number, message in enumerate(file.message):
+        names = message.type if isinstance(message.type, str) else ", ".join(message.type)
+        lines += ["", f"message {names}" + (" (on request)" if message.opt_in else "")]
+        lines += [f"  consistent: {message.consistent}"] if message.consistent else []
+        rows = [
+            (", ".join(f"{path} = {_value(value, formula=True)}" for path, value in each.set.items()), each.reason)
+            for each in message.mutations
+        ]
+        lines += [*_columns(rows), *_applies(found.get(f"message[{number}]"))]
+    return lines
+
+
+def _applies(found: Applied | None) -> list[str]:
+    if found is None:
+        return []
+    lines = [f"  -> {_few(found.fields)}"] if found.fields or not found.left_alone else []
+    return lines + ([f"  left alone, or nothing to change: {_few(found.left_alone)}"] if found.left_alone else [])
+
+
+def _few(names: tuple[str, ...]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return (", ".join(names[:_SHOWN]) or "nothing in this log") + more
+
+
+def _value(value: Any, *, formula: bool = False) -> str:
+    """Return a value about as the file has it."""
+    if hasattr(value, "times"):
+        return f"{value.times} x {_value(value.repeat)}"
+    if hasattr(value, "hex") and not isinstance(value, float):
+        return f"0x{value.hex}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if formula and isinstance(value, str) else repr(value)
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [min(40, max(len(cell) for cell in column)) for column in zip(*rows, strict=True)]
+    return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+
+def _cells(*cells: str) -> list[str]:
+    from rich.markup import escape
+
+    return [escape(escape_control_chars(each)) for each in cells]
