@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Progress, Scalar
 
-__all__ = ["Answers", "ask_in_contexts", "bring_in", "contexts", "near_the_limit", "with_context"]
+__all__ = ["ContextAnswers", "ask_in_contexts", "bring_in", "contexts", "near_the_limit", "with_context"]
 
 _LONGEST = 1000
 """So many nominal messages at most come before: a trial should stay about as cheap as one of the nominal log."""
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
+class ContextAnswers:
     """Trials behind nominal messages: what the rule says of each, and whether the unit failed.
 
     Attributes:
@@ -102,17 +102,19 @@ def ask_in_contexts(
     found: Sequence[tuple[Message, ...]],
     asked: Sequence[Mapping[str, Scalar]],
     predicted: Sequence[bool],
-) -> list[Answers]:
+) -> list[ContextAnswers]:
     """Ask trials behind each context."""
     cases = [_case(questions, context, values) for context in found for values in asked]
     failed = [questions.failed(outcome) for outcome in questions.runner.run(cases)]
     return [
-        Answers(context, tuple(asked), tuple(predicted), tuple(failed[at : at + len(asked)]))
+        ContextAnswers(context, tuple(asked), tuple(predicted), tuple(failed[at : at + len(asked)]))
         for at, context in zip(range(0, len(cases), max(1, len(asked))), found, strict=True)
     ]
 
 
-def bring_in(questions: UnitQuestions, answers: Answers, *, progress: Progress | None = None) -> tuple[Message, ...]:
+def bring_in(
+    questions: UnitQuestions, answers: ContextAnswers, *, progress: Progress | None = None
+) -> tuple[Message, ...]:
     """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
 
     Args:

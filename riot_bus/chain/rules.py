@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.chain.contexts import Answers
+    from riot_bus.chain.contexts import ContextAnswers
     from riot_bus.chain.workspace import StepRun
 
 __all__ = ["rules"]
@@ -94,7 +94,7 @@ class _Found:
     variables: Sequence[Variable]
     scale: dict[str, float]
     learned: LearnedRule
-    answers: Sequence[Answers]
+    answers: Sequence[ContextAnswers]
     context: int = 0
 
 
@@ -150,7 +150,7 @@ class _Teacher:
         answers = ask_in_contexts(questions, contexts(questions.nominal_log(), self._registry), asked, predicted)
         return _Found(questions, variables, scale, learned, answers, context)
 
-    def learn_behind(self, found: _Found, wrong: Answers) -> _Found | None:
+    def learn_behind(self, found: _Found, wrong: ContextAnswers) -> _Found | None:
         """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be told."""
         failing = next((values for values, failed in zip(wrong.asked, wrong.failed, strict=True) if failed), None)
         context = bring_in(found.questions, wrong, progress=self.step.progress) if failing else ()
