@@ -85,7 +85,8 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         return wrong
 
     learned = questions.settle(search, contradicted, rounds=_ROUNDS)
-    return _record(learned, {name: _spread(values) for name, values in observed.items()})
+    scale = {name: _spread(values) for name, values in observed.items()}
+    return _record(learned, scale, {one.name: one.type for one in variables})
 
 
 def _unexplained(learned: LearnedRule, variables: Sequence[Variable]) -> list[Sample]:
@@ -108,7 +109,7 @@ def _proportion(one: Proportion) -> ProportionRecord:
     return ProportionRecord(value=one.rate, low=one.low, high=one.high, count=one.hits, total=one.total)
 
 
-def _record(learned: LearnedRule, scale: dict[str, float]) -> RuleRecord:
+def _record(learned: LearnedRule, scale: dict[str, float], types: dict[str, str]) -> RuleRecord:
     return RuleRecord(
         text=learned.rule.text(),
         rule=learned.rule.to_dict(),
@@ -118,6 +119,7 @@ def _record(learned: LearnedRule, scale: dict[str, float]) -> RuleRecord:
         balanced_accuracy=learned.balanced_accuracy,
         checks=learned.checks,
         scale=scale,
+        types=types,
         samples=tuple(
             RuleSample(
                 values={name: json_value(value) for name, value in sample.assignment.items()},

@@ -347,6 +347,7 @@ class RuleRecord(Artefact):
     balanced_accuracy: float
     checks: int = Field(default=0, description="fresh trials behind these rates")
     scale: dict[str, float]
+    types: dict[str, str] = {}
     samples: tuple[RuleSample, ...] = ()
 
     @property
