@@ -7,7 +7,7 @@ fields.json        relevant fields, each with its two-trial certificate
 rule.json          the rule in one line, and as data
 permeability.json  which external fields reach the relevant ones
 activation.json/.mcap  the external messages that make the whole system fail, and the region around them
-report.html, reproduce.sh
+report.html, reproduce.sh, riot_test_ID.py
 """
 
 from __future__ import annotations
