@@ -7,6 +7,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.generalize.forms.standalone import div, larger, leg, quotient, smaller
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree
 
 if TYPE_CHECKING:
@@ -22,34 +23,6 @@ _HUGE = 2**1023
 """Integers from here on count as infinite: they are no floating-point numbers any more."""
 
 
-def _div(a: float, b: float) -> float:
-    a, b = float(a), float(b)
-    if b:
-        return a / b
-    if not a or a != a or b != b:
-        return math.nan
-    return math.copysign(math.inf, a) * math.copysign(1.0, b)
-
-
-def _quotient(a: float, b: float) -> float:
-    if not b:
-        return math.nan
-    return a // b if isinstance(a, int) and isinstance(b, int) else a / b
-
-
-def _leg(a: float, b: float) -> float:
-    a, b = float(a), float(b)
-    return math.sqrt((a - b) * (a + b)) if abs(b) <= abs(a) < math.inf else math.nan
-
-
-def _larger(a: float, b: float) -> float:
-    return math.nan if a != a or b != b else max(a, b)
-
-
-def _smaller(a: float, b: float) -> float:
-    return math.nan if a != a or b != b else min(a, b)
-
-
 def _not_finite(value: float) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
@@ -62,13 +35,13 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": operator.add,
     "sub": operator.sub,
     "mul": operator.mul,
-    "div": _div,
+    "div": div,
     "mod": operator.mod,
     "hypot": lambda a, b: math.hypot(float(a), float(b)),
-    "max": _larger,
-    "min": _smaller,
-    "quotient": _quotient,
-    "leg": _leg,
+    "max": larger,
+    "min": smaller,
+    "quotient": quotient,
+    "leg": leg,
 }
 
 _COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
