@@ -15,6 +15,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.forms.cpp_form import OPERATIONS, cpp_file
 from riot_bus.generalize.forms.repair import Repair, why_not_repairable
 from riot_bus.generalize.forms.tree import OPERATIONS as ALL
+from riot_bus.generalize.forms.tree import ROOTS
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.errors import ConfigError
@@ -70,8 +71,12 @@ def test_it_agrees_with_the_rule(tmp_path: Path) -> None:
     by_kind: dict[str, list[Literal]] = {}
     for literal in every_literal():
         by_kind.setdefault(literal.feature.kind, []).append(literal)
-    few = [each for literals in by_kind.values() for each in literals[3 :: max(1, len(literals) // 3)][:3]]
-    rules = [Rule(tuple((literal,) for literal in few[start : start + 6])) for start in range(0, len(few), 6)]
+    few = {kind: literals[5 :: max(1, len(literals) // 3)][:3] for kind, literals in by_kind.items()}
+    single = [Rule(((literals[0],),)) for kind, literals in few.items() if kind in ROOTS]
+    rest = [
+        Rule(tuple((each,) for literals in list(few.values())[start::3] for each in literals)) for start in range(3)
+    ]
+    rules = [*single, *rest]
     assert agree(rules, [rows(400, seed=11)], tmp_path) > 50
 
 
