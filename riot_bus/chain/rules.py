@@ -5,6 +5,7 @@ from __future__ import annotations
 from statistics import pstdev
 from typing import TYPE_CHECKING
 
+from riot_bus.chain.forms import with_forms
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
@@ -86,7 +87,8 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
 
     learned = questions.settle(search, contradicted, rounds=_ROUNDS)
     scale = {name: _spread(values) for name, values in observed.items()}
-    return _record(learned, scale, {one.name: one.type for one in variables})
+    record = _record(learned, scale, {one.name: one.type for one in variables})
+    return with_forms(record, questions.finding, folder)
 
 
 def _unexplained(learned: LearnedRule, variables: Sequence[Variable]) -> list[Sample]:

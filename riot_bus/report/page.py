@@ -34,6 +34,7 @@ _ROWS = 60
 _TAIL = 6000
 _PATHS = 200
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
+_FORMS = ("rule.json", "sanitize.py", "sanitize.hpp")
 _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
     "permeable": "The outside world influences the inputs that the unit fails on. No confirmed run has made it fail.",
@@ -149,6 +150,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
         "files": [name for name in (*_SHARED, regression_name(view.finding)) if (view.directory / name).is_file()],
+        "forms": [name for name in _FORMS if (view.directory / name).is_file()],
         "evidence": _evidence(view.directory),
         "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
     }

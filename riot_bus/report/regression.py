@@ -14,7 +14,7 @@ from riot_bus.report.formats import write_file
 if TYPE_CHECKING:
     from riot_bus.findings.records import FindingRecord
 
-__all__ = ["regression_name", "trials_for", "write_regression_test"]
+__all__ = ["file_stem", "regression_name", "trials_for", "write_regression_test"]
 
 _FEWEST, _MOST = 3, 60
 _MISSED = 0.05
@@ -59,7 +59,7 @@ def test_{function}():
 
 def regression_name(finding: FindingRecord) -> str:
     """Return the name of the file; pytest does not collect it unless it is named, since it fails today."""
-    return f"riot_test_{_stem(finding)}.py"
+    return f"riot_test_{file_stem(finding)}.py"
 
 
 def trials_for(rate: float) -> int:
@@ -86,17 +86,18 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
         component=_plain(finding.component),
         what=f"fails ({_plain(finding.monitor)}) on a log of riot's",
         name=regression_name(finding),
-        stem=_stem(finding),
+        stem=file_stem(finding),
         system=ascii(system),
         trials=trials,
         why=f"The failure came{seen} when it was found{rest}.",
         signature=ascii(finding.signature),
-        function=_stem(finding),
+        function=file_stem(finding),
     )
     return write_file(text, directory / regression_name(finding))
 
 
-def _stem(finding: FindingRecord) -> str:
+def file_stem(finding: FindingRecord) -> str:
+    """Return the finding's id as files and functions can have it."""
     return re.sub(r"[^A-Za-z0-9]+", "_", finding.id)[:100].strip("_") or "finding"
 
 
