@@ -26,7 +26,7 @@ COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "reports": ("report", "findings", "trials", "compare"),
     "guard": ("guard",),
-    "logs": ("info", "types", "export"),
+    "logs": ("info", "types", "export", "show"),
     "archives": ("import",),
     "play": ("play",),
     "edit": ("edit",),
