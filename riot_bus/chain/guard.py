@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.chain.workspace import Workspace
+    from riot_bus.sut.context import Context
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["GuardPlan", "GuardTrial", "plan_guard"]
@@ -58,12 +59,22 @@ class GuardPlan:
         toml: Lines for riot.toml.
         command: The command that starts a router with it.
         trials: What it does to the logs of the finding, the nominal one first if there is one.
+        bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
     """
 
     rule: str
     toml: str
     command: str
     trials: tuple[GuardTrial, ...]
+    bypassed: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return what people should know before they use it."""
+        told = [f"it fails when {self.rule}", *(each.text() for each in self.trials)]
+        if self.bypassed:
+            names = ", ".join(self.bypassed)
+            told.append(f"nothing is intercepted between the unit and {names} on its segment: give it one of its own")
+        return [*told, f"without riot.toml: {self.command}"]
 
 
 def plan_guard(
@@ -79,11 +90,11 @@ def plan_guard(
     Raises:
         ConfigError: There is no rule, or a guard cannot carry it out.
     """
-    record, path = RuleRecord.load(folder), folder / RuleRecord.FILE
+    record, finding, path = RuleRecord.load(folder), FindingRecord.load(folder), folder / RuleRecord.FILE
     file, registry = workspace.context.file, workspace.context.registry
     failing = "minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap"
     logs: list[tuple[str, Sequence[Message]]] = [
-        ("nominal log", workspace.known_unit_log(FindingRecord.load(folder).unit)),
+        ("nominal log", workspace.known_unit_log(finding.unit)),
         (failing, FailingLog.load(folder / failing, registry=registry).messages),
     ]
     trials = tuple(_tried(name, log, Guard(path, action), workspace) for name, log in logs if log)
@@ -92,7 +103,20 @@ def plan_guard(
     toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {_quoted(value)}" for key, value in table.items())])
     option = f"guard rule={_quoted(str(path))} action={action}"
     command = f"riot router --system {shlex.quote(str(file.path))} --interceptor {shlex.quote(option)}"
-    return GuardPlan(record.text, toml, command, trials)
+    topics = Guard(path, action).topics
+    keys = {one.key for _, log in logs for one in log if registry.topic(one.key) in topics}
+    return GuardPlan(record.text, toml, command, trials, _bypassed(workspace.context, finding.component, keys))
+
+
+def _bypassed(context: Context, component: str, keys: set[str]) -> tuple[str, ...]:
+    """Return the components that publish some of these keys on the segment of a component."""
+    components, matches = context.file.components, context.registry.matches
+    own = components[component].segment if component in components else None
+    return tuple(
+        name
+        for name, each in components.items()
+        if name != component and each.segment == own and any(matches(out, key) for out in each.outputs for key in keys)
+    )
 
 
 def _tried(name: str, log: Sequence[Message], guard: Guard, workspace: Workspace) -> GuardTrial:

@@ -49,7 +49,6 @@ def guard(
     if form is OutputFormat.JSON:
         typer.echo(json.dumps(asdict(plan), indent=1))
         return
-    told = [f"{record.unit} fails when {plan.rule}", *(each.text() for each in plan.trials)]
-    for line in (*told, f"without riot.toml: {plan.command}"):
+    for line in plan.lines():
         typer.echo(f"# {escape_control_chars(line)}")
     typer.echo(plan.toml)

@@ -130,11 +130,12 @@ def show_log(reader: LogReader, *, registry: TypeRegistry, most: int = 20) -> Sh
     total = sum(1 for _ in reader.messages())
     originals: dict[int, Message] = {}
     modified = 0
-    for original in reader.originals():
+    for each in reader.originals():
         modified += 1
         if len(originals) < most:
-            originals[original.sequence] = original
-    shown, first = [], None
+            originals[each.sequence] = each
+    shown: list[tuple[int, ShownMessage]] = []
+    first: int | None = None
     waiting = dict(originals)
     for number, message in enumerate(reader.messages()):
         first = message.time if first is None else first

@@ -34,7 +34,7 @@ def div(a: float, b: float) -> float:
     return math.copysign(math.inf, a) * math.copysign(1.0, b)
 
 
-def quotient(a: float, b: float) -> float:
+def quotient(a: int | float, b: int | float) -> int | float:
     """Divide; integers give the whole number below. NaN if there is no such number."""
     if not b:
         return math.nan
@@ -47,14 +47,14 @@ def leg(a: float, b: float) -> float:
     return math.sqrt((a - b) * (a + b)) if abs(b) <= abs(a) < math.inf else math.nan
 
 
-def larger(a: float, b: float) -> float:
+def larger(a: int | float, b: int | float) -> int | float:
     """Return the larger number, a float if one is; NaN if one is."""
     if isinstance(a, float) or isinstance(b, float):
         a, b = float(a), float(b)
     return math.nan if a != a or b != b else max(a, b)
 
 
-def smaller(a: float, b: float) -> float:
+def smaller(a: int | float, b: int | float) -> int | float:
     """Return the smaller number, a float if one is; NaN if one is."""
     return -larger(-a, -b)
 
@@ -100,7 +100,7 @@ def near(root: float, kind: str, largest: float) -> Iterator[Any]:
     """Yield values of a type at a root and beside it."""
     if kind in INTEGERS:
         low, high = INTEGERS[kind]
-        yield from (value for step in STEPS if low <= (value := math.floor(root) + step) <= high)
+        yield from (whole for step in STEPS if low <= (whole := math.floor(root) + step) <= high)
         return
     bits, lowest = FLOATS[kind]
     # Rounding of a sum may be off by the last place of its largest part, of a quotient by its own.

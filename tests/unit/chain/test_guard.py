@@ -5,6 +5,7 @@ import tomllib
 import pytest
 
 from riot_bus.chain.guard import plan_guard
+from riot_bus.chain.workspace import Workspace
 from riot_bus.config.router_settings import RouterSettings
 from riot_bus.interceptors.guard import Guard
 from riot_bus.interceptors.parsing import build_all, from_text
@@ -72,3 +73,16 @@ def test_without_a_rule_the_step_is_named(tmp_path):
     with pytest.raises(ConfigError) as caught:
         plan_guard(made.workspace, made.folder)
     assert "riot rules" in str(caught.value)
+
+
+def test_who_shares_the_unit_s_segment_is_told_since_nothing_is_intercepted_there(one):
+    plan = plan_guard(one.workspace, one.folder)
+    assert plan.bypassed == ("governor",)
+    assert "nothing is intercepted between the unit and governor on its segment" in "\n".join(plan.lines())
+    own = one.workspace.context.file.path.read_text().replace('"inside"]', '"inside", "own"]')
+    place = own.index("[components.drive]")
+    one.workspace.context.file.path.write_text(
+        own[:place] + own[place:].replace('segment = "inside"', 'segment = "own"')
+    )
+    with Workspace(one.workspace.context.file.path, one.workspace.out, runners=one.machine) as apart:
+        assert plan_guard(apart, one.folder).bypassed == ()
