@@ -13,14 +13,13 @@ from pathlib import Path
 import pytest
 
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import FindingRecord, MinimalRecord
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.report.regression import write_regression_test
+from riot_bus.sut.context import open_system
 from riot_bus.vocabulary.message import Message
-from riot_bus.vocabulary.trial import TestCase
 from riot_bus.zenoh.session import wait_until
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess
@@ -28,6 +27,7 @@ from tests.integration.router_process import RouterProcess
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(240)]
 
 ROOT = Path(__file__).parents[2]
+SIGNATURE = "crash in planner: window: return Window((ctypes.c_int8 * (update.x * update.y)).from_buffer(self._cells))"
 FIX = "        if not 0 <= update.x * update.y <= WORKSPACE:\n            update.x = update.y = 0\n"
 
 
@@ -47,21 +47,17 @@ def update(x: int, y: int, number: int = 0) -> Message:
 
 
 def write_finding(rover: Path) -> Path:
-    """Write a finding of the planner as the first steps do, with the signature that a trial shows."""
+    """Write a finding of the planner as the first steps do."""
     folder = rover / "riot-out/findings/crash-planner-1"
     folder.mkdir(parents=True)
-    with Workspace(rover / "riot.toml", rover / "riot-out", jobs=1) as workspace:
-        failing = update(-3, 700)
-        (outcome,) = workspace.runners.unit("planner", lambda: ()).run([TestCase((failing,))])
-        (violation,) = outcome.violations
-        record = FindingRecord(
-            id="crash-planner-1", system="rover", system_file=str(rover / "riot.toml"), unit="planner",
-            component="planner", monitor=violation.monitor, signature=violation.signature,
-        )  # fmt: skip
-        record.save(folder)
-        MinimalRecord(before=9, kept=(0,), topics=("/map_updates",), one_minimal=True).save(folder)
-        log = FailingLog((failing,), {0: update(3, 700)})
-        log.save(folder / "minimal.mcap", context=workspace.context, metadata={})
+    record = FindingRecord(
+        id="crash-planner-1", system="rover", system_file=str(rover / "riot.toml"), unit="planner",
+        component="planner", monitor="crash", signature=SIGNATURE,
+    )  # fmt: skip
+    record.save(folder)
+    MinimalRecord(before=9, kept=(0,), topics=("/map_updates",), one_minimal=True).save(folder)
+    log = FailingLog((update(-3, 700),), {0: update(3, 700)})
+    log.save(folder / "minimal.mcap", context=open_system(rover / "riot.toml"), metadata={})
     write_regression_test(folder, record)
     return folder
 

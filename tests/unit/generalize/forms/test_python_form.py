@@ -65,9 +65,9 @@ def test_it_agrees_with_the_rule() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
-def test_it_agrees_with_the_rule_on_a_million_rows() -> None:
+def test_every_literal_agrees() -> None:
     for number, rule in enumerate(every_rule(size=2)):
-        agree(rule, rows(4_000, seed=number))
+        agree(rule, rows(200, seed=number))
 
 
 PAPER = Feature("mul", ("/map_updates:x", "/map_updates:y"))
