@@ -38,6 +38,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
+from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
@@ -378,6 +379,7 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
         )
     record.save(folder)
     write_reproduce(folder)
+    write_regression_test(folder, record)
     if not (folder / EVIDENCE).is_dir():
         kept = baseline if subject.whole_system else None
         signature = failure.violation.signature

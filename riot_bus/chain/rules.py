@@ -7,6 +7,7 @@ from statistics import pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
+from riot_bus.chain.forms import with_forms
 from riot_bus.chain.prediction import explained
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.chain.relevance import considered_fields, field_spaces
@@ -74,7 +75,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     trials, wrong = explained(record, step, finding.unit, finding.signature)
     missed = sum(failed for _, failed in wrong)
     rate = _proportion(proportion(trials - len(wrong), trials))
-    return record.model_copy(update={"in_campaign": rate, "missed": missed})
+    return with_forms(record.model_copy(update={"in_campaign": rate, "missed": missed}), finding, folder)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +224,7 @@ def _record(found: _Found) -> RuleRecord:
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
         scale=found.scale,
+        types={one.name: one.type for one in found.variables},
         samples=tuple(
             RuleSample(
                 values={name: json_value(value) for name, value in sample.assignment.items()},

@@ -1,4 +1,4 @@
-"""`riot info`, `riot types`, `riot export`."""
+"""`riot info`, `riot types`, `riot export`, `riot show`."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def register(app: typer.Typer) -> None:
     app.command()(info)
     app.command()(types)
     app.command()(export)
+    app.command()(show)
 
 
 def info(
@@ -175,6 +176,38 @@ def export(
         if not count:
             typer.echo(f"riot: no message has a value of {escape_control_chars(name)}", err=True)
     _end(done.loss, None, log)
+
+
+def show(
+    what: Annotated[Path, typer.Argument(metavar="LOG|FINDING", help="A log, or the folder of a finding.")],
+    *,
+    most: Annotated[int, typer.Option("--most", min=1, help="Most messages that are shown.")] = 20,
+    type_: _Types = None,
+    msg: _Definitions = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Show the messages of a short log, of a finding the few that are needed, with what was changed marked."""
+    import json
+
+    from riot_bus.chain.workspace import open_finding
+    from riot_bus.log.reader import LogReader
+    from riot_bus.log.showing import show_log
+
+    log = what
+    if what.is_dir() and ((what / "finding.json").is_file() or (what / "findings").is_dir()):
+        folder, _ = open_finding(what)
+        minimal = folder / "minimal.mcap"
+        log = minimal if minimal.is_file() else folder / "failure.mcap"
+    log = _file_of(log)
+    with LogReader(log) as reader:
+        shown = show_log(reader, registry=_registry(reader, type_, msg), most=most)
+        loss = reader.loss
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps({"log": str(log), **shown.to_json()}, indent=1))
+    else:
+        for line in (str(log), *shown.lines()):
+            typer.echo(escape_control_chars(line))
+    _end(loss, None, log)
 
 
 def _registry(reader: LogReader, declared: list[str] | None, definitions: list[Path] | None) -> TypeRegistry:

@@ -25,7 +25,8 @@ _END_S, _STDERR = 30.0, 2
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "reports": ("report", "findings", "trials", "compare", "predict"),
-    "logs": ("info", "types", "export"),
+    "guard": ("guard",),
+    "logs": ("info", "types", "export", "show"),
     "archives": ("import",),
     "play": ("play",),
     "edit": ("edit",),

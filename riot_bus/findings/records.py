@@ -4,10 +4,10 @@ finding.json       what failed, how it was found
 failure.mcap       the failing log as found: modified and unmodified messages with provenance
 minimal.json/.mcap the few messages that are needed
 fields.json        relevant fields, each with its two-trial certificate
-rule.json          the rule in one line, and as data
+rule.json          the rule in one line, and as data; sanitize.py, sanitize.hpp
 permeability.json  which external fields reach the relevant ones
 activation.json/.mcap  the external messages that make the whole system fail, and the region around them
-report.html, reproduce.sh
+report.html, reproduce.sh, riot_test_ID.py
 """
 
 from __future__ import annotations
@@ -379,6 +379,10 @@ class RuleRecord(Artefact):
     in_campaign: ProportionRecord | None = None
     missed: int = 0
     scale: dict[str, float]
+    types: dict[str, str] = {}
+    stl: str = Field(default="", description="as a formula of signal temporal logic")
+    stl_signals: dict[str, str] = Field(default={}, description="field of each signal of the formula")
+    stl_missing: str = Field(default="", description="why there is no formula")
     samples: tuple[RuleSample, ...] = ()
 
     @property

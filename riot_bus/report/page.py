@@ -17,6 +17,7 @@ from riot_bus.report.diagram import links
 from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load
 from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
+from riot_bus.report.regression import regression_name
 from riot_bus.report.statements import not_tried, statements
 from riot_bus.vocabulary.errors import MissingExtraError
 
@@ -33,6 +34,7 @@ _ROWS = 60
 _TAIL = 6000
 _PATHS = 200
 _SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
+_FORMS = ("rule.json", "sanitize.py", "sanitize.hpp")
 _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",
     "permeable": "The outside world influences the inputs that the unit fails on. No confirmed run has made it fail.",
@@ -147,7 +149,8 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "statements": statements(view),
         "gaps": not_tried(view, open_questions=open_questions),
         "rows": _ROWS,
-        "files": [name for name in _SHARED if (view.directory / name).is_file()],
+        "files": [name for name in (*_SHARED, regression_name(view.finding)) if (view.directory / name).is_file()],
+        "forms": [name for name in _FORMS if (view.directory / name).is_file()],
         "evidence": _evidence(view.directory),
         "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
     }

@@ -20,7 +20,12 @@ from riot_bus.findings.records import (
     FindingRecord,
     MinimalRecord,
     PermeabilityRecord,
+    ProportionRecord,
+    RuleRecord,
 )
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import UNKNOWN, Baseline
@@ -333,3 +338,14 @@ def write_permeability(one: Bench, *strengths: tuple[str, float]) -> None:
         for name, strength in strengths
     )
     PermeabilityRecord(edges=edges, runs=8).save(one.folder)
+
+
+def write_rule(one: Bench) -> None:
+    """Write the rule of the drive's failure."""
+    slow = Literal(Feature("raw", (SPEED,)), "<", 1)
+    rule = Rule(((Literal(Feature("raw", (MODE,)), "==", "step"), slow),))
+    sure = ProportionRecord(value=1.0, low=0.9, high=1.0, count=30, total=30)
+    RuleRecord(
+        text=rule.text(), rule=rule.to_dict(), python=rule.python(), precision=sure, recall=sure, checks=60,
+        balanced_accuracy=1.0, scale={SPEED: 1.0}, types={MODE: "string", SPEED: "float64"},
+    ).save(one.folder)  # fmt: skip

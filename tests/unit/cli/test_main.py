@@ -25,7 +25,7 @@ def test_each_module_has_the_commands_by_which_it_is_found(module: str) -> None:
 def test_one_command_needs_its_module_alone() -> None:
     everything = typer.main.get_group(make_app()).commands
     assert sorted(everything) == sorted(name for commands in COMMANDS.values() for name in commands)
-    assert list(typer.main.get_group(make_app("info")).commands) == ["info", "types", "export"]
+    assert list(typer.main.get_group(make_app("info")).commands) == ["info", "types", "export", "show"]
     assert list(typer.main.get_group(make_app("--version")).commands) == list(everything)
 
 

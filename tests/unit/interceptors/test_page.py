@@ -1,5 +1,6 @@
 """What the page for users says is true."""
 
+import json
 import os
 import re
 import shlex
@@ -10,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.rule import Rule
 from riot_bus.interceptors.catalogue import _CONDITIONS, describe, names
 from riot_bus.interceptors.parsing import from_tables, from_text
 
@@ -30,6 +34,9 @@ def folder(tmp_path, monkeypatch):
     stop = re.search(r"^    # stop\.py\n((?:    .*\n)+)", PAGE, re.MULTILINE).group(1)
     (tmp_path / "stop.py").write_text(re.sub(r"^    ", "", stop, flags=re.MULTILINE))
     (tmp_path / "plan.toml").write_text('[[inject]]\ntopic = "/odom"\nfield = "x"\nvalue = 1\n')
+    rule = Rule(((Literal(Feature("mul", ("/map_updates:x", "/map_updates:y")), "<", 0),),)).to_dict()
+    types = {"/map_updates:x": "int32", "/map_updates:y": "int32"}
+    (tmp_path / "rule.json").write_text(json.dumps({"rule": rule, "types": types}))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

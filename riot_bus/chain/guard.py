@@ -1,0 +1,131 @@
+"""A guard made of a finding's rule, and tried on the finding's logs before it stands in front of the unit."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.chain.logs import FailingLog
+from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.interceptors.guard import Guard
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.vocabulary.counting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.sut.context import Context
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["GuardPlan", "GuardTrial", "plan_guard"]
+
+
+@dataclass(frozen=True, slots=True)
+class GuardTrial:
+    """What a guard does to a log.
+
+    Attributes:
+        log: Name of the log.
+        messages: Messages of the unit's input in it.
+        met: For how many of them the rule held.
+        done: What was done with these: dropped, clamped, held, reported.
+        unread: How many could not be judged, since they lack a field of the rule.
+    """
+
+    log: str
+    messages: int
+    met: int
+    done: dict[str, int]
+    unread: int
+
+    def text(self) -> str:
+        """Return it in a line."""
+        done = ", ".join(f"{count} {what}" for what, count in self.done.items()) or "all pass as they are"
+        unread = f"; {self.unread} pass that lack a field of the rule" if self.unread else ""
+        return f"{self.log}: the rule holds for {self.met} of {counted(self.messages, 'message')}: {done}{unread}"
+
+
+@dataclass(frozen=True, slots=True)
+class GuardPlan:
+    """A guard as riot.toml and the command line name it, and what it does to the finding's logs.
+
+    Attributes:
+        rule: The finding's rule, as text.
+        toml: Lines for riot.toml.
+        command: The command that starts a router with it.
+        trials: What it does to the logs of the finding, the nominal one first if there is one.
+        bypassed: Components that publish a topic of the rule on the unit's own segment, where nothing is intercepted.
+    """
+
+    rule: str
+    toml: str
+    command: str
+    trials: tuple[GuardTrial, ...]
+    bypassed: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return what people should know before they use it."""
+        told = [f"it fails when {self.rule}", *(each.text() for each in self.trials)]
+        if self.bypassed:
+            names = ", ".join(self.bypassed)
+            told.append(f"nothing is intercepted between the unit and {names} on its segment: give it one of its own")
+        return [*told, f"without riot.toml: {self.command}"]
+
+
+def plan_guard(
+    workspace: Workspace, folder: Path, *, action: Literal["drop", "clamp", "hold", "report"] = "drop"
+) -> GuardPlan:
+    """Try a guard on the logs of a finding, and say how to put it in front of the unit.
+
+    Args:
+        workspace: Where the finding is from.
+        folder: The finding.
+        action: What is done with messages for which the rule holds.
+
+    Raises:
+        ConfigError: There is no rule, or a guard cannot carry it out.
+    """
+    record, finding, path = RuleRecord.load(folder), FindingRecord.load(folder), folder / RuleRecord.FILE
+    file, registry = workspace.context.file, workspace.context.registry
+    failing = "minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap"
+    logs: list[tuple[str, Sequence[Message]]] = [
+        ("nominal log", workspace.known_unit_log(finding.unit)),
+        (failing, FailingLog.load(folder / failing, registry=registry).messages),
+    ]
+    trials = tuple(_tried(name, log, Guard(path, action), workspace) for name, log in logs if log)
+    root = file.path.resolve().parent
+    table = {"use": "guard", "rule": os.path.relpath(path.resolve(), root), "action": action}
+    toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {_quoted(value)}" for key, value in table.items())])
+    option = f"guard rule={_quoted(str(path))} action={action}"
+    command = f"riot router --system {shlex.quote(str(file.path))} --interceptor {shlex.quote(option)}"
+    topics = Guard(path, action).topics
+    keys = {one.key for _, log in logs for one in log if registry.topic(one.key) in topics}
+    return GuardPlan(record.text, toml, command, trials, _bypassed(workspace.context, finding.component, keys))
+
+
+def _bypassed(context: Context, component: str, keys: set[str]) -> tuple[str, ...]:
+    """Return the components that publish some of these keys on the segment of a component."""
+    components, matches = context.file.components, context.registry.matches
+    own = components[component].segment if component in components else None
+    return tuple(
+        name
+        for name, each in components.items()
+        if name != component and each.segment == own and any(matches(out, key) for out in each.outputs for key in keys)
+    )
+
+
+def _tried(name: str, log: Sequence[Message], guard: Guard, workspace: Workspace) -> GuardTrial:
+    pipeline = Pipeline([guard], registry=workspace.context.registry)
+    for message in log:
+        pipeline.feed(message)
+    unread = sum(each.count for each in pipeline.errors.values())
+    return GuardTrial(name, len(log), guard.met.total(), dict(guard.done), unread)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML, but for DEL

@@ -1,0 +1,54 @@
+"""`riot guard`."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from riot_bus.cli.options import Finding, Format, OutputFormat
+
+__all__ = ["register"]
+
+DEFAULT_OUT = Path("riot-out")
+
+
+class _Action(StrEnum):
+    DROP = "drop"
+    CLAMP = "clamp"
+    HOLD = "hold"
+    REPORT = "report"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(guard)
+
+
+def guard(
+    finding: Finding = DEFAULT_OUT,
+    *,
+    action: Annotated[
+        _Action, typer.Option("--action", "-a", help="What is done with a message that meets the rule.")
+    ] = _Action.DROP,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Print the lines for riot.toml that put a guard in front of a unit, and what it does to the finding's logs."""
+    from dataclasses import asdict
+
+    from riot_bus.chain.guard import plan_guard
+    from riot_bus.chain.workspace import Workspace, open_finding
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    folder, record = open_finding(finding)
+    with Workspace(Path(record.system_file), folder.parent.parent, seed=record.seed) as workspace:
+        plan = plan_guard(workspace, folder, action=action.value)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(asdict(plan), indent=1))
+        return
+    for line in plan.lines():
+        typer.echo(f"# {escape_control_chars(line)}")
+    typer.echo(plan.toml)

@@ -1,0 +1,96 @@
+"""The nearest values for which a rule does not hold, as its thresholds tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from riot_bus.generalize.forms.function import compiled, term_judges
+from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS, Root, Term, nearest
+from riot_bus.generalize.forms.tree import NO_ROOTS, Terms, Tree, roots
+
+__all__ = ["Repair", "unit_of", "where_it_changes", "why_not_repairable"]
+
+
+def why_not_repairable(terms: Terms, names: Sequence[str], types: Mapping[str, str]) -> str:
+    """Return why a rule has no nearest values for which it does not hold; empty if it has.
+
+    Args:
+        terms: Of the rule.
+        names: Variables that may be changed.
+        types: Of the variables.
+    """
+    movable = [name for name in names if _is_number(types.get(name, ""))]
+    for term in terms:
+        if not any(roots(literal, name) for literal in term for name in movable):
+            text = " and ".join(literal.text() for literal in term) or "always"
+            kinds = [NO_ROOTS[literal.feature.kind] for literal in term if literal.feature.kind in NO_ROOTS]
+            return f"{text!r} has no nearest value for which it is false" + (f": {kinds[0]}" if kinds else "")
+    return ""
+
+
+def where_it_changes(
+    terms: Terms, movable: Sequence[str], types: Mapping[str, str]
+) -> list[tuple[str, Tree, int | float]]:
+    """Return variable, root and threshold of each literal that a number may be moved out of."""
+    literals = dict.fromkeys(literal for term in terms for literal in term)
+    return [
+        (name, root, literal.value)
+        for literal in literals
+        for name in movable
+        if _is_number(types.get(name, "")) and isinstance(literal.value, int | float)
+        for root in roots(literal, name)
+    ]
+
+
+def unit_of(scale: Mapping[str, float], name: str) -> float:
+    """Return the unit of a variable's moves: its nominal spread, 1 where it is missing."""
+    return scale[name] if scale.get(name, 0) > 0 else 1.0
+
+
+class Repair:
+    """Changes values so that a rule does not hold; see `standalone.nearest`.
+
+    Args:
+        terms: Of the rule.
+        names: Of all values, in their order.
+        movable: Those that may be changed.
+        types: By name.
+        scale: Nominal spread by name, in units of which moves are measured.
+    """
+
+    def __init__(
+        self,
+        terms: Terms,
+        names: Sequence[str],
+        *,
+        movable: Sequence[str],
+        types: Mapping[str, str],
+        scale: Mapping[str, float],
+    ) -> None:
+        self._terms: list[Term] = [_spread(judge) for judge in term_judges(terms, names)]
+        self._kinds = [types.get(name, "") for name in names]
+        self._units = [unit_of(scale, name) for name in names]
+        self._roots: list[Root] = [
+            (names.index(name), _spread(compiled(root, names)), value)
+            for name, root, value in where_it_changes(terms, movable, types)
+        ]
+
+    def __call__(self, values: Sequence[Any]) -> list[Any] | None:
+        """Return values for which the rule does not hold; None if there are none to be found.
+
+        Args:
+            values: In the order of the names; the rule holds for them.
+        """
+        try:
+            return nearest(values, self._terms, self._roots, self._kinds, self._units)
+        except (OverflowError, TypeError):  # a value is of another type than it should be, or larger
+            return None
+
+
+def _spread(function: Callable[[Sequence[Any]], Any]) -> Callable[..., Any]:
+    return lambda *values: function(values)
+
+
+def _is_number(kind: str) -> bool:
+    return kind in FLOATS or kind in INTEGERS

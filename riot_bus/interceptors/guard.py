@@ -1,0 +1,218 @@
+"""The interceptor that stands in front of a unit and does not let through what a rule says it fails on."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+from riot_bus.generalize.forms.function import judge_of
+from riot_bus.generalize.forms.repair import Repair, why_not_repairable
+from riot_bus.generalize.rule import Rule
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.selector import parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.pipeline.event import Event
+
+__all__ = ["Guard"]
+
+_LOG = logging.getLogger(__name__)
+_MOST_BYTES = 1 << 24
+"""No rule.json is larger: it has a few hundred samples."""
+_WILD = re.compile(r"[*$?#]")
+_NUMBERED = re.compile(r"(.*)\[(\d+)\]")
+
+
+class _Field(NamedTuple):
+    place: int
+    path: str
+
+
+@dataclass
+class Guard:
+    """Keep from a unit what a rule says it fails on; all other messages pass as they are.
+
+    Where the rule relates fields of several topics, a message is judged with the latest delivered values of the other
+    topics; until each has come once, what needs it does not hold. A message that lacks a field of the rule passes, and
+    is an error of this interceptor.
+
+    Args:
+        rule: A finding's rule.json.
+        action: What is done with a message for which the rule holds: drop it; clamp its fields to the nearest values
+            for which the rule does not hold; hold its fields at those of the last good message; or report it and let
+            it pass. Where clamp or hold cannot help, it is dropped.
+    """
+
+    name: ClassVar[str] = "guard"
+    rule: Path
+    action: Literal["drop", "clamp", "hold", "report"] = "drop"
+
+    def __post_init__(self) -> None:
+        record = _read(self.rule)
+        embedded = record.get("rule", record)
+        self._rule = Rule.from_json(embedded if isinstance(embedded, Mapping) else {})
+        self._names = self._rule.variables
+        self._fields = self._by_topic()
+        self.topics = list(self._fields)
+        self.met: Counter[str] = Counter()
+        """Messages for which the rule held, by topic."""
+        self.done: Counter[str] = Counter()
+        """What was done with them: dropped, clamped, held, reported."""
+        self._judge = judge_of(self._rule.terms, self._names)
+        self._delivered: list[Any] = [None] * len(self._names)
+        self._good: set[str] = set()
+        self._repairs = self._clamps(record) if self.action == "clamp" else {}
+
+    def _by_topic(self) -> dict[str, list[_Field]]:
+        found: dict[str, list[_Field]] = {}
+        numbers: dict[str, set[str]] = {}
+        for place, variable in enumerate(self._names):
+            topic, colon, path = variable.rpartition(":")
+            numbered = _NUMBERED.fullmatch(topic)
+            topic, number = numbered.groups() if numbered else (topic, "")
+            numbers.setdefault(topic, set()).add(number)
+            if not colon or not topic or not path or _WILD.search(topic) or not _selects(topic):
+                raise ConfigError(f"{variable!r} is no field of a topic", where=str(self.rule))
+            if len(numbers[topic]) > 1:
+                hint = "a guard judges one message at a time; mend the unit, or check where several come together"
+                raise ConfigError(
+                    f"the rule relates several messages of {topic!r} to each other", where=str(self.rule), hint=hint
+                )
+            found.setdefault(topic, []).append(_Field(place, path))
+        if not found:
+            hint = "it is never or always met, so there is nothing to tell messages apart by"
+            raise ConfigError("the rule has no fields", where=str(self.rule), hint=hint)
+        return found
+
+    def _clamps(self, record: Mapping[str, Any]) -> dict[str, Repair]:
+        types, scale = _texts(record.get("types")), _numbers(record.get("scale"))
+        if missing := sorted(set(self._names) - set(types)):
+            hint = "`riot rules` of this version writes them; drop and hold do not need them"
+            raise ConfigError(f"clamp has to know the type of {missing[0]!r}", where=str(self.rule), hint=hint)
+        repairs = {}
+        for topic, fields in self._fields.items():
+            # the length of an array is none of a message's values: changing it would invent elements
+            movable = [self._names[each.place] for each in fields if not each.path.startswith("len(")]
+            if why := self._why_not(movable, types):
+                hint = "use drop or hold"
+                raise ConfigError(f"clamp is not defined for {topic}: {why}", where=str(self.rule), hint=hint)
+            repairs[topic] = Repair(self._rule.terms, self._names, movable=movable, types=types, scale=scale)
+        return repairs
+
+    def _why_not(self, movable: Sequence[str], types: Mapping[str, str]) -> str:
+        own = set(movable)
+        # a message changes the truth of those terms alone that have one of its fields
+        terms = (
+            tuple(term for term in self._rule.terms if any(own & set(literal.feature.args) for literal in term))
+            if len(self._fields) > 1
+            else self._rule.terms
+        )
+        return why_not_repairable(terms, movable, types)
+
+    def message(self, event: Event) -> None:
+        """Judge it, and do something only if the rule holds."""
+        fields = self._fields.get(event.topic)
+        if fields is None:
+            return
+        values = self._read(event, fields)
+        if values is None:
+            return
+        if self._judge(values):
+            values = self._act(event, fields, values)
+        if values is not None:
+            self._delivered = values
+            self._good.add(event.topic)
+
+    def _read(self, event: Event, fields: Sequence[_Field]) -> list[Any] | None:
+        values = self._delivered.copy()
+        try:
+            for place, path in fields:
+                values[place] = event.read(path)
+        except PayloadError:
+            if event.original.kind == "delete":
+                return None
+            raise
+        return values
+
+    def _act(self, event: Event, fields: Sequence[_Field], values: list[Any]) -> list[Any] | None:
+        """Return the values that are delivered and good; None if there are none."""
+        self.met[event.topic] += 1
+        if self.action == "report":
+            self._tell(event, values, "reported")
+            return None
+        wanted = self._wanted(event.topic, values)
+        if wanted is not None:
+            try:
+                for place, path in fields:
+                    if wanted[place] is not values[place]:
+                        event.set(path, wanted[place])
+                now = self._read(event, fields)
+            except PayloadError:
+                now = None
+            if now is not None and not self._judge(now):
+                self._tell(event, values, "clamped" if self.action == "clamp" else "held")
+                return now
+        event.drop()
+        self._tell(event, values, "dropped")
+        return None
+
+    def _wanted(self, topic: str, values: list[Any]) -> list[Any] | None:
+        if self.action == "clamp":
+            return self._repairs[topic](values)
+        return self._delivered if self.action == "hold" and topic in self._good else None
+
+    def _tell(self, event: Event, values: list[Any], what: str) -> None:
+        self.done[what] += 1
+        count = self.met.total()
+        if count & (count - 1) == 0:  # the first, and then ever more rarely
+            told = ", ".join(f"{name} = {str(value)[:40]}" for name, value in zip(self._names, values, strict=True))
+            _LOG.warning("guard: message %d of %s %s (%s); so far %d", event.index, event.topic, what, told, count)
+
+    def stop(self) -> None:
+        """Tell what was done."""
+        if self.met:
+            done = ", ".join(f"{count} {what}" for what, count in self.done.items())
+            _LOG.warning("guard: %s: the rule held for %d messages: %s", self.rule, self.met.total(), done)
+
+
+def _selects(topic: str) -> bool:
+    try:
+        parsed = parse_selector(topic)
+    except ConfigError:
+        return False
+    return parsed.topic == topic and parsed.field is None and parsed.where is None
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise ConfigError(f"this file has more than {_MOST_BYTES} bytes, so it is no rule", where=str(path))
+        record = json.loads(data)
+    except OSError as error:
+        raise ConfigError(f"cannot read the rule: {error.strerror}", where=str(path)) from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"the rule is not JSON: {error}", where=str(path)) from error
+    if not isinstance(record, dict):
+        raise ConfigError("this is not a rule", where=str(path), hint="name the rule.json of a finding")
+    return record
+
+
+def _texts(given: Any) -> dict[str, str]:
+    return {k: v for k, v in given.items() if isinstance(v, str)} if isinstance(given, dict) else {}
+
+
+def _numbers(given: Any) -> dict[str, float]:
+    if not isinstance(given, dict):
+        return {}
+    return {k: float(v) for k, v in given.items() if isinstance(v, int | float) and 0 < v < math.inf}

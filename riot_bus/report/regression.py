@@ -1,0 +1,106 @@
+"""The pytest file of a finding: it fails as long as the unit does, and passes once that is mended."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.report.format import clean
+from riot_bus.report.formats import write_file
+
+if TYPE_CHECKING:
+    from riot_bus.findings.records import FindingRecord
+
+__all__ = ["file_stem", "regression_name", "trials_for", "write_regression_test"]
+
+_FEWEST, _MOST = 3, 60
+_MISSED = 0.05
+"""How often a failure that comes as often as when it was found may be missed."""
+
+_TEXT = '''\
+"""{component} {what}.
+
+riot found this; this file is about the finding in its folder. It plays the shortest failing log there to fresh
+processes of {component}, as `riot reproduce` does: the test fails as long as the failure comes, and passes once
+it is mended.
+
+    pytest {name}
+
+It needs riot_bus and what it plays to, nothing else. To have it in a test suite, copy the whole folder there and
+call this file test_{stem}.py.
+"""
+
+import os
+from pathlib import Path
+
+from riot_bus.testing.regression import reproduce_finding
+
+FINDING = Path(__file__).resolve().parent
+
+SYSTEM = Path(os.environ.get("RIOT_SYSTEM", FINDING / {system}))
+"""Says how the unit is started; set RIOT_SYSTEM if the folder was moved."""
+
+TRIALS = {trials}
+"""{why}"""
+
+SIGNATURE = {signature}
+
+
+def test_{function}():
+    found = reproduce_finding(FINDING, system=SYSTEM, trials=TRIALS)
+    assert found.answer == "fixed", (
+        f"{{found.failed}} of {{found.trials}} trials of {{found.log}} fail: {{SIGNATURE}}: {{found.detail}}"
+    )
+'''
+
+
+def regression_name(finding: FindingRecord) -> str:
+    """Return the name of the file; pytest does not collect it unless it is named, since it fails today."""
+    return f"riot_test_{file_stem(finding)}.py"
+
+
+def trials_for(rate: float) -> int:
+    """Return how many trials show a failure of this rate again but for one time in 20; no fewer than 3."""
+    if rate >= 1:
+        return _FEWEST
+    return min(_MOST, max(_FEWEST, math.ceil(math.log(_MISSED) / math.log1p(-rate)))) if rate > 0 else _MOST
+
+
+def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
+    """Write the test into the directory of a finding.
+
+    Args:
+        directory: The finding's directory.
+        finding: Its record.
+    """
+    seen = f" in {finding.rate.count} of {finding.rate.total} trials" if finding.rate else ""
+    rate = finding.rate.value if finding.rate else 1.0
+    trials = trials_for(rate)
+    missed = (1 - rate) ** trials
+    rest = f"; as often, it would be missed once in {1 / missed:.0f} runs" if missed > 0 else ""
+    system = os.path.relpath(os.path.abspath(finding.system_file), directory.resolve())
+    text = _TEXT.format(
+        component=_plain(finding.component),
+        what=f"fails ({_plain(finding.monitor)}) on a log of riot's",
+        name=regression_name(finding),
+        stem=file_stem(finding),
+        system=ascii(system),
+        trials=trials,
+        why=f"The failure came{seen} when it was found{rest}.",
+        signature=ascii(finding.signature),
+        function=file_stem(finding),
+    )
+    return write_file(text, directory / regression_name(finding))
+
+
+def file_stem(finding: FindingRecord) -> str:
+    """Return the finding's id as files and functions can have it."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", finding.id)[:100].strip("_") or "finding"
+
+
+def _plain(text: str) -> str:
+    """Return text that can stand in a docstring."""
+    return clean(text, limit=60).replace("\\", "/").replace('"', "'")

@@ -1,0 +1,48 @@
+"""What the pytest file in a finding's folder asks: does the failure still come?"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.chain.reproduce import Reproduction, reproduce
+from riot_bus.chain.workspace import Workspace
+from riot_bus.findings.records import FindingRecord
+from riot_bus.vocabulary.errors import ConfigError
+
+if TYPE_CHECKING:
+    from riot_bus.sut.runners import RunnerFactory
+
+__all__ = ["reproduce_finding"]
+
+_NOMINAL = "nominal.mcap"
+
+
+def reproduce_finding(
+    folder: Path, *, system: Path, trials: int = 3, runners: RunnerFactory | None = None
+) -> Reproduction:
+    """Play the shortest failing log of a finding to fresh components, and leave nothing behind.
+
+    Args:
+        folder: The finding.
+        system: Path of riot.toml; if there is none, that of the finding's record.
+        trials: Fresh trials.
+        runners: Give the runners; processes of this machine by default.
+
+    Raises:
+        InconclusiveError: It fails in some trials and passes in others, or fails in another way.
+        ConfigError: There is no riot.toml or no log.
+        EnvironmentFaultError: The components do not start.
+    """
+    record = FindingRecord.load(folder)
+    file = next((path for path in (system, Path(record.system_file)) if path.is_file()), None)
+    if file is None:
+        raise ConfigError("there is no riot.toml", where=str(system), hint="set RIOT_SYSTEM to its path")
+    with tempfile.TemporaryDirectory(prefix="riot-") as name:
+        out = Path(name)
+        nominal = folder.resolve().parent.parent / _NOMINAL
+        if nominal.is_file():  # what it shows of the unit tells some failures, such as silence
+            (out / _NOMINAL).symlink_to(nominal)
+        with Workspace(file, out, seed=record.seed, runners=runners, fresh=True) as workspace:
+            return reproduce(workspace, folder, times=trials)

@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.testing.regression import reproduce_finding
+from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
+from tests.unit.chain.machine import Bench, bench, write_minimal
+
+
+def asked(one: Bench, system: Path | None = None) -> tuple[str, int]:
+    file = one.workspace.context.file.path
+    found = reproduce_finding(one.folder, system=system or file, trials=4, runners=one.machine)
+    return found.answer, found.failed
+
+
+def test_it_answers_as_reproduce_does_and_leaves_nothing(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    one.workspace.nominal_log()
+    before = sorted(tmp_path.rglob("*"))
+    assert asked(one) == ("still failing", 4)
+    write_minimal(one, speed=5.0)
+    assert asked(one) == ("fixed", 0)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert one.machine.closed
+
+
+def test_trials_that_disagree_are_no_pass(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: case.seed == 1)
+    write_minimal(one)
+    with pytest.raises(InconclusiveError):
+        asked(one)
+
+
+def test_a_folder_that_was_moved_finds_the_system_of_its_record(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    assert asked(one, tmp_path / "elsewhere/riot.toml") == ("still failing", 4)
+    (tmp_path / "riot.toml").unlink()
+    with pytest.raises(ConfigError, match="RIOT_SYSTEM"):
+        reproduce_finding(one.folder, system=tmp_path / "elsewhere/riot.toml", runners=one.machine)
