@@ -27,6 +27,7 @@ from generalize import ddmin
 
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
+from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Scalar
 
@@ -100,7 +101,7 @@ def minimized(n: int, unit: Unit, triggers: Callable[[frozenset[int]], bool], ne
         return [unit.answer(triggers(frozenset(question))) for question in questions]
 
     try:
-        found = minimize(n, ask)
+        found = minimize(n, ask, noise=Noise.after(*unit.confirmed(), nominal_total=4))
     except InconclusiveError:
         return None
     kept = frozenset(found.kept)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
+from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
 from riot_bus.findings.records import FindingRecord, Value
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
+from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import suggested_values
-from riot_bus.vocabulary.trial import Outcome, Scalar, TestCase
+from riot_bus.vocabulary.trial import Outcome, Runner, Scalar, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +21,7 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.workspace import StepRun, Workspace
 
-__all__ = ["UnitQuestions", "dictionary_of", "draws_for", "json_value"]
+__all__ = ["FreshCases", "UnitQuestions", "dictionary_of", "draws_for", "json_value", "noise_of"]
 
 FoundT = TypeVar("FoundT")
 
@@ -46,6 +50,45 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
         if not any(same_scalar(value, other) for other in values):
             values.append(value)
     return tuple(values)
+
+
+def noise_of(finding: FindingRecord) -> Noise:
+    """Return what a campaign has shown of the rates of a failure, and of the same failure without its cause."""
+    rate, nominal = finding.rate, finding.nominal
+    false = nominal if nominal is not None and nominal.count == 0 else None
+    return Noise.after(
+        *((rate.count, rate.total) if rate else ()), nominal_total=false.total if false is not None else 0
+    )
+
+
+class FreshCases:
+    """Executes a case each time by a fresh trial: the store knows the first, second, ... of each.
+
+    Args:
+        runner: Executes trials.
+        after: So many trials of each case are someone else's; the next ones are asked.
+    """
+
+    def __init__(self, runner: Runner, *, after: int = 0) -> None:
+        self._runner = runner
+        self._after = after
+        self._asked: Counter[str] = Counter()
+
+    @property
+    def parallelism(self) -> int:
+        """How many trials run at once."""
+        return self._runner.parallelism
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Return the outcomes of fresh trials, also of cases that are alike."""
+        numbered = []
+        for case in cases:
+            digest = case.digest()
+            # A first trial is numbered 0 as everywhere; 1 to 20 are those that have confirmed the finding.
+            number = self._after + self._asked[digest]
+            numbered.append(replace(case, again=number + CONFIRMATIONS if number else 0))
+            self._asked[digest] += 1
+        return self._runner.run(numbered)
 
 
 class UnitQuestions:

@@ -267,7 +267,18 @@ class FindingRecord(Artefact):
 
 
 class MinimalRecord(Artefact):
-    """The few messages that are needed (RIOT II-B a)."""
+    """The few messages that are needed (RIOT II-B a).
+
+    Attributes:
+        one_minimal: Whether it was shown that they fail and that without any one of them nothing does.
+        confidence: How sure that is at least; 0 if it was not shown.
+        failed: How many of how many trials of them failed.
+        without: Likewise for each of them, when it alone was left out; none of none where what is left has no modified
+            message, which is no cause to look for.
+        interrupted: Whether the search was; then this is the best so far, and `riot minimize` goes on.
+        missing: Topics of messages that fail in the same place without any modified one, since others are missing;
+            with `missing_failed`, how many of how many trials of them did.
+    """
 
     FILE = "minimal.json"
     STEP = "minimize"
@@ -275,12 +286,26 @@ class MinimalRecord(Artefact):
     kept: tuple[int, ...]
     topics: tuple[str, ...]
     one_minimal: bool
+    confidence: float = 0.0
+    failed: tuple[int, int] = (0, 0)
+    without: tuple[tuple[int, int], ...] = ()
+    interrupted: bool = False
+    missing: tuple[str, ...] = ()
+    missing_failed: tuple[int, int] = (0, 0)
 
     @property
     def summary(self) -> str:
         """How many messages are needed, and of which topics."""
         needed = ", ".join(self.topics) or "none (it fails without any input)"
-        return f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed} ({counted(self.trials, 'trial')})"
+        proven = "" if self.one_minimal else ", not proven to be minimal"
+        other = f"; {', '.join(self.missing)} alone, unmodified, fails likewise" if self.missing else ""
+        kept = f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed}"
+        return f"{kept} ({counted(self.trials, 'trial')}{proven}){other}"
+
+    @classmethod
+    def exists(cls, directory: Path) -> bool:
+        """Return whether the search has ended: what it had when it was interrupted does not count."""
+        return super().exists(directory) and not cls.load(directory).interrupted
 
 
 class CertificateRecord(_Model):

@@ -78,6 +78,7 @@ MINIMIZE = ChainStep(
     "Shrink a finding's failing log to the few messages that are needed.",
     "riot_bus.findings.records:MinimalRecord",
     "riot_bus.chain.minimize:minimize",
+    (StepOption("budget", 2000, "Trials at most.", min=2),),
 )
 RELEVANCE = ChainStep(
     "relevance",

@@ -1,4 +1,4 @@
-"""A cache and counter in front of a batch oracle, and the weighted search for a flip of its answers."""
+"""What stands between a search and a batch oracle: a cache, or fresh trials and decisions from all of them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import accumulate
 from typing import Generic, TypeVar
 
+from riot_bus.statistics.noise import FlipSearch, Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
-__all__ = ["Oracle", "assignment_key", "find_flip", "same_scalar", "scalar_key"]
+__all__ = ["BudgetSpentError", "Oracle", "Trials", "assignment_key", "same_scalar", "scalar_key"]
 
 QuestionT = TypeVar("QuestionT")
 
@@ -84,6 +85,135 @@ class Oracle(Generic[QuestionT]):
             if self._progress is not None:
                 self._progress(self.trials, self.expected, doing)
         return [self._answers[key] for key in keys]
+
+
+class BudgetSpentError(Exception):
+    """The trials that a search may take are spent; caught by the search, which tells what it has."""
+
+
+class Trials(Generic[QuestionT]):
+    """Asks a question by a fresh trial each time, decides from all answers, and learns how reliable they are.
+
+    Args:
+        ask: The batch oracle.
+        key: What makes two questions the same.
+        noise: What is known of the rate of failures and of false ones.
+        budget: Most trials.
+        parallelism: Questions worth asking in one batch.
+        progress: Told after every batch.
+    """
+
+    def __init__(
+        self,
+        ask: Ask[QuestionT],
+        *,
+        key: Callable[[QuestionT], Hashable],
+        noise: Noise | None,
+        budget: int,
+        parallelism: int = 1,
+        progress: Progress | None = None,
+    ) -> None:
+        self._ask = ask
+        self._key = key
+        self._budget = budget
+        self._parallelism = max(1, parallelism)
+        self._progress = progress
+        self._counts: dict[Hashable, tuple[int, int]] = {}
+        self.noise = noise or Noise.after()
+        self.spent = 0
+
+    def counts(self, question: QuestionT) -> tuple[int, int]:
+        """Return how many trials of a question have failed, and how many passed."""
+        return self._counts.get(self._key(question), (0, 0))
+
+    def flip(
+        self, masses: Sequence[float], at: Callable[[int], QuestionT], *, rises: bool, sure: float, doing: str
+    ) -> int:
+        """Return the hypothesis that a `FlipSearch` finds.
+
+        Args:
+            masses: Prior weights of the hypotheses.
+            at: Gives the input at a position of the chain.
+            rises: Whether inputs trigger the failure from the flip on.
+            sure: Probability that ends the search.
+            doing: What is going on, for `progress`.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        search = FlipSearch(masses, self.noise, rises=rises)
+        while search.confidence < sure:
+            positions = search.questions(self._batch())
+            for position, failed in zip(positions, self._asked([at(place) for place in positions], doing), strict=True):
+                search.tell(position, failed=failed)
+        self.noise = search.noise
+        return search.found
+
+    def triggers(
+        self,
+        questions: Sequence[QuestionT],
+        *,
+        prior: float,
+        doubt: float,
+        doing: str,
+        least: int = 1,
+        first: bool = False,
+    ) -> list[float]:
+        """Return for each question the probability that it triggers the failure.
+
+        Args:
+            questions: Different ones.
+            prior: Of each, before any trial of it.
+            doubt: A probability below this, or above one minus this, decides.
+            doing: What is going on, for `progress`.
+            least: Trials of each question at least, earlier ones of it counted.
+            first: Whether the first that is found to trigger the failure ends it; later ones may then be open.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        searches = []
+        for question in questions:
+            chance = self.noise.triggers(*self.counts(question), prior=prior)
+            searches.append(FlipSearch([chance, 1 - chance], self.noise, rises=True))
+
+        def probability(index: int) -> float:
+            search = searches[index]
+            return search.confidence if search.found == 0 else 1 - search.confidence
+
+        while True:
+            chances = [probability(index) for index in range(len(questions))]
+            asked = [sum(self.counts(question)) >= least for question in questions]
+            if first and any(enough and chance > 1 - doubt for enough, chance in zip(asked, chances, strict=True)):
+                break
+            open_ = [i for i, chance in enumerate(chances) if not asked[i] or doubt < chance < 1 - doubt]
+            if not open_:
+                break
+            batch = open_[: self._batch()]
+            for i, failed in zip(batch, self._asked([questions[i] for i in batch], doing), strict=True):
+                searches[i].tell(0, failed=failed)
+        self.noise = self.noise.joined([search.noise for search in searches])
+        return chances
+
+    def _batch(self) -> int:
+        """Return how many questions to ask at once."""
+        left = self._budget - self.spent
+        if left <= 0:
+            raise BudgetSpentError
+        return min(self._parallelism, left)
+
+    def _asked(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
+        answers = [bool(answer) for answer in self._ask(questions)]
+        if len(answers) != len(questions):
+            raise InconclusiveError(f"{len(questions)} trials were asked for, but {len(answers)} outcomes came back")
+        self.spent += len(questions)
+        for question, failed in zip(questions, answers, strict=True):
+            key = self._key(question)
+            fails, passes = self._counts.get(key, (0, 0))
+            self._counts[key] = (fails + failed, passes + (not failed))
+        if self._progress is not None:
+            self._progress(self.spent, None, doing)
+        return answers
 
 
 def find_flip(

@@ -24,18 +24,39 @@ class Statement:
 
 def statements(view: FindingView) -> list[Statement]:
     """Return the claims of the finished steps."""
-    found = [_failure(view)]
-    if view.minimal:
-        kept = plural(len(view.minimal.kept), "message")
-        needed = "each of those kept was left out once, and the failure went away"
+    return [_failure(view), *_minimal(view), *_fields(view), *_rule(view), *_outside(view)]
+
+
+def _minimal(view: FindingView) -> list[Statement]:
+    minimal = view.minimal
+    if minimal is None:
+        return []
+    (failed, total), without = minimal.failed, minimal.without
+    left_out = sum(trials for _, trials in without)
+    evidence = f"{failed} of {plural(total, 'trial')} of them failed" if total else "no trial of them alone is known"
+    if left_out:
+        evidence += (
+            f"; with one of them left out, {sum(hits for hits, _ in without)} of {plural(left_out, 'trial')} "
+            f"({min(trials for _, trials in without if trials)} or more for each)"
+        )
+    if any(trials == 0 for _, trials in without):
+        evidence += "; without the modified one nothing is left that could be the cause"
+    confidence = "not proven to be minimal: the search ended before that"
+    if minimal.one_minimal:
+        sure = f"{share(minimal.confidence)}: " if minimal.confidence else ""
+        confidence = f"{sure}they suffice, and none of them can be left out"
+    kept = plural(len(minimal.kept), "message")
+    found = [Statement(f"{kept} of {minimal.before} suffice for the failure", evidence, confidence)]
+    if minimal.missing:
+        hits, trials = minimal.missing_failed
         found.append(
             Statement(
-                f"{kept} of {view.minimal.before} suffice for the failure",
-                needed if view.minimal.one_minimal else "the search ended before each of them was left out once",
-                "minimal as to single messages" if view.minimal.one_minimal else "perhaps fewer would do",
+                f"a part of the log fails likewise with nothing modified ({_names(minimal.missing)})",
+                f"{hits} of {plural(trials, 'trial')} failed",
+                "another cause: the messages kept fail only when modified",
             )
         )
-    return found + _fields(view) + _rule(view) + _outside(view)
+    return found
 
 
 def _failure(view: FindingView) -> Statement:
@@ -76,6 +97,10 @@ def _fields(view: FindingView) -> list[Statement]:
             )
         )
     return found
+
+
+def _names(topics: Sequence[str]) -> str:
+    return clean(", ".join(topics[:8]) + (", ..." if len(topics) > 8 else ""))
 
 
 def _proportion(what: ProportionRecord) -> tuple[str, str]:

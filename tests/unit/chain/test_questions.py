@@ -2,7 +2,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from riot_bus.chain.questions import UnitQuestions, json_value
+from riot_bus.campaign.confirm import CONFIRMATIONS
+from riot_bus.chain.questions import FreshCases, UnitQuestions, json_value, noise_of
+from riot_bus.findings.records import FindingRecord, ProportionRecord
 from riot_bus.vocabulary.trial import Verdict
 from tests.unit.chain.machine import MODE, SPEED, bench, said, write_minimal
 
@@ -53,3 +55,26 @@ def test_nominal_values_are_thinned_out(tmp_path: Path) -> None:
     questions = UnitQuestions(one.run(), one.folder)
     values = questions.nominal(questions.fields.fields.values(), at_most=20)
     assert {name: len(some) for name, some in values.items()} == {MODE: 20, SPEED: 20, "command:note": 20}
+
+
+def test_fresh_cases_are_new_trials_each_time_and_the_store_knows_them(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    case = UnitQuestions(one.run(), one.folder).case({SPEED: -1.0})
+    for _ in range(2):
+        cases = FreshCases(one.run().unit_runner("drive"))
+        cases.run([case, case])
+        cases.run([case])
+    numbers = [each.again for each in one.machine.executed]
+    assert numbers == [0, CONFIRMATIONS + 1, CONFIRMATIONS + 2]
+    assert cases.parallelism == 4
+
+
+def test_what_a_campaign_has_shown_of_the_rate_is_taken_in(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    finding = FindingRecord.load(one.folder)
+    rare = ProportionRecord(value=0.3, low=0.1, high=0.6, count=3, total=10)
+    assert noise_of(finding.model_copy(update={"rate": rare})).rate < 0.5 < noise_of(finding).rate
+    never = ProportionRecord(value=0, low=0, high=0.1, count=0, total=40)
+    assert noise_of(finding.model_copy(update={"nominal": never})).false_rate < noise_of(finding).false_rate
