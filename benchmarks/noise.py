@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generalize import ddmin
 
 from riot_bus.generalize.minimize import minimize
-from riot_bus.generalize.relevance import FieldSpace, relevant_fields
+from riot_bus.generalize.relevance import PASSING_STRAIGHT, FieldSpace, relevant_fields
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Scalar
@@ -188,9 +188,11 @@ def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds:
 
         begun, drawn = time.perf_counter(), 0
         try:
-            found = relevant_fields(fields, ask, seed=seed)
+            known = Noise.after(*unit.confirmed(), nominal_total=4)
+            found = relevant_fields(fields, ask, seed=seed, noise=known)
             right: bool | None = {one.name for one in found.fields} == set(wanted)
-            drawn = 2 * found.straight
+            right = right if found.complete else None
+            drawn = found.straight + PASSING_STRAIGHT
             straight.append(drawn)
         except InconclusiveError:
             right = None

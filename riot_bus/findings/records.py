@@ -311,7 +311,8 @@ class MinimalRecord(Artefact):
 class CertificateRecord(_Model):
     """Two trials that differ in one field: the log with `failing` fails, with `passing` it does not.
 
-    `confirmed` counts fresh repetitions (failing side that failed, passing side that passed, of how many each).
+    `confirmed_failing` of `repeats` fresh trials of the failing side failed, `confirmed_passing` of `passing_repeats`
+    of the passing side did not (of `repeats` too in older files).
     """
 
     failing: Value
@@ -322,10 +323,16 @@ class CertificateRecord(_Model):
     confirmed_failing: int
     confirmed_passing: int
     repeats: int
+    passing_repeats: int = 0
+
+    @property
+    def passing_total(self) -> int:
+        """Fresh trials of the passing side."""
+        return self.passing_repeats or self.repeats
 
 
 class FieldRecord(_Model):
-    """One relevant field: an exceptional value causes the failure, or a nominal one is needed for it."""
+    """One relevant field: the value that fails in its certificate is an exceptional one, or a nominal one."""
 
     name: str
     kind: Literal["exceptional", "nominal"]
@@ -335,7 +342,14 @@ class FieldRecord(_Model):
 
 
 class FieldsRecord(Artefact):
-    """Relevant fields (RIOT II-B b). `bound`: with 95 % confidence the rest changes the outcome at most so often."""
+    """Relevant fields (RIOT II-B b).
+
+    Attributes:
+        bound: With 95 % confidence, the other fields change the outcome in at most this share of random draws.
+        straight: Draws in a row behind it, none of which changed the outcome.
+        unconfirmed: Fields that the search named, and whose certificate fresh trials did not confirm.
+        complete: Whether the search has ended by itself, not since its trials were spent.
+    """
 
     FILE = "fields.json"
     STEP = "relevance"
@@ -343,12 +357,16 @@ class FieldsRecord(Artefact):
     considered: tuple[str, ...]
     bound: float
     straight: int
+    unconfirmed: tuple[str, ...] = ()
+    complete: bool = True
 
     @property
     def summary(self) -> str:
         """Which fields matter."""
         names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
-        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')})"
+        names += "".join(f", {name} (unconfirmed)" for name in self.unconfirmed)
+        spent = "" if self.complete else "; trials spent before the search had ended"
+        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')}{spent})"
 
 
 class RuleSample(_Model):

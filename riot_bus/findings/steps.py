@@ -86,6 +86,7 @@ RELEVANCE = ChainStep(
     "Find the fields that matter, each with two trials that differ in it alone.",
     "riot_bus.findings.records:FieldsRecord",
     "riot_bus.chain.relevance:relevance",
+    (StepOption("budget", 1000, "Trials of the search at most.", min=2),),
 )
 RULES = ChainStep(
     "rules",

@@ -31,6 +31,9 @@ _DOUBT = 0.03
 """What ends the trials of the result and of each message's need together, less than what may be claimed: rates of 0.9
 are often not told from 1 by then (benchmarks/noise.py)."""
 
+_FAILS = 0.98
+"""Prior that the whole log fails: fresh trials of it have confirmed the finding."""
+
 _SURE = 0.95
 """Of one search: the check at the end finds what is wrong."""
 
@@ -143,7 +146,7 @@ class _Search:
         whole = self.best
         try:
             fails = self.trials.triggers(
-                [whole], prior=1 - _DOUBT, doubt=_DOUBT, doing="checking the whole and the empty log"
+                [whole], prior=_FAILS, doubt=_DOUBT, doing="checking the whole and the empty log"
             )[0]
             if fails < 0.5:
                 failed, passed = self.trials.counts(whole)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import struct
-from bisect import bisect_left
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from itertools import accumulate
 from typing import Generic, TypeVar
 
 from riot_bus.statistics.noise import FlipSearch, Noise
@@ -116,7 +114,7 @@ class Trials(Generic[QuestionT]):
         self._ask = ask
         self._key = key
         self._budget = budget
-        self._parallelism = max(1, parallelism)
+        self.parallelism = max(1, parallelism)
         self._progress = progress
         self._counts: dict[Hashable, tuple[int, int]] = {}
         self.noise = noise or Noise.after()
@@ -127,7 +125,14 @@ class Trials(Generic[QuestionT]):
         return self._counts.get(self._key(question), (0, 0))
 
     def flip(
-        self, masses: Sequence[float], at: Callable[[int], QuestionT], *, rises: bool, sure: float, doing: str
+        self,
+        masses: Sequence[float],
+        at: Callable[[int], QuestionT],
+        *,
+        rises: bool,
+        sure: float,
+        doing: str,
+        told: Sequence[tuple[int, bool]] = (),
     ) -> int:
         """Return the hypothesis that a `FlipSearch` finds.
 
@@ -137,11 +142,14 @@ class Trials(Generic[QuestionT]):
             rises: Whether inputs trigger the failure from the flip on.
             sure: Probability that ends the search.
             doing: What is going on, for `progress`.
+            told: Positions with what `ask` has answered for them, whether they failed.
 
         Raises:
             BudgetSpentError: There are no trials left for it.
         """
         search = FlipSearch(masses, self.noise, rises=rises)
+        for position, failed in told:
+            search.tell(position, failed=failed)
         while search.confidence < sure:
             positions = search.questions(self._batch())
             for position, failed in zip(positions, self._asked([at(place) for place in positions], doing), strict=True):
@@ -200,7 +208,15 @@ class Trials(Generic[QuestionT]):
         left = self._budget - self.spent
         if left <= 0:
             raise BudgetSpentError
-        return min(self._parallelism, left)
+        return min(self.parallelism, left)
+
+    def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
+        """Return whether one fresh trial of each of the first questions failed, of as many as are worth asking at once.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        return self._asked(questions[: self._batch()], doing)
 
     def _asked(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
         answers = [bool(answer) for answer in self._ask(questions)]
@@ -214,37 +230,3 @@ class Trials(Generic[QuestionT]):
         if self._progress is not None:
             self._progress(self.spent, None, doing)
         return answers
-
-
-def find_flip(
-    masses: Sequence[float], probe: Callable[[Sequence[int]], Sequence[bool]], *, low: int, parallelism: int = 1
-) -> int:
-    """Return a position where `probe` is True and the position before it is not, by weighted bisection.
-
-    `probe` is known (or defined) to be False at `low` and True at `low + len(masses)`. Of several flips one is found.
-
-    Args:
-        masses: Prior weight that the flip is at position `low + 1 + i`.
-        probe: Answers a batch of positions.
-        low: Known False.
-        parallelism: Positions per batch; k positions divide the mass into k + 1 parts.
-    """
-    total = list(accumulate((max(float(mass), 0.0) + 1e-12 for mass in masses), initial=0.0))
-    first, last = 0, len(masses)
-    while last - first > 1:
-        mass = total[last] - total[first]
-        cuts = set()
-        for part in range(1, parallelism + 1):
-            goal = total[first] + mass * part / (parallelism + 1)
-            at = bisect_left(total, goal, first + 1, last)
-            if at - 1 > first and goal - total[at - 1] < total[min(at, last)] - goal:
-                at -= 1
-            cuts.add(min(max(at, first + 1), last - 1))
-        ordered = sorted(cuts)
-        answers = probe([low + cut for cut in ordered])
-        hit = next((index for index, answer in enumerate(answers) if answer), len(ordered))
-        if hit < len(ordered):
-            last = ordered[hit]
-        if hit > 0:
-            first = ordered[hit - 1]
-    return low + last

@@ -78,22 +78,36 @@ def _fields(view: FindingView) -> list[Statement]:
     for one in view.fields.fields[:20]:
         proof = one.certificate
         low, _ = exact_interval(proof.confirmed_failing, proof.repeats)
-        clear, _ = exact_interval(proof.confirmed_passing, proof.repeats)
+        clear, _ = exact_interval(proof.confirmed_passing, proof.passing_total)
         sure = f"95 %: fails at least {share(low)} of the time with it, passes at least {share(clear)} without"
         evidence = (
             f"two trials that differ in it alone; {proof.confirmed_failing} of {proof.repeats} failed, "
-            f"{proof.confirmed_passing} of {proof.repeats} passed"
+            f"{proof.confirmed_passing} of {proof.passing_total} passed"
         )
         found.append(
             Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
         )
-    rest = len(view.fields.considered) - len(view.fields.fields)
-    if rest > 0:
+    found += [
+        Statement(f"{clean(name)} may be relevant", "fresh trials of its certificate did not confirm it", "unconfirmed")
+        for name in view.fields.unconfirmed[:20]
+    ]
+    rest = len(view.fields.considered) - len(view.fields.fields) - len(view.fields.unconfirmed)
+    if rest > 0 and view.fields.straight:
+        ended = "" if view.fields.complete else "; the trials were spent before the search had ended"
         found.append(
             Statement(
-                f"the other {plural(rest, 'field')} of these messages do not matter",
-                f"{plural(view.fields.straight, 'trial')} in a row with all of them varied, none changed the outcome",
-                f"95 %: they change the outcome at most {share(view.fields.bound)} of the time",
+                f"the other {plural(rest, 'field')} of these messages hardly matter",
+                f"{plural(view.fields.straight, 'trial')} in a row with all of them at random values, none changed the "
+                f"outcome{ended}",
+                f"95 %: of such random values at most {share(view.fields.bound)} change the outcome",
+            )
+        )
+    elif rest > 0:
+        found.append(
+            Statement(
+                f"whether the other {plural(rest, 'field')} matter is not known",
+                "the trials were spent before all of them were varied together",
+                "not tested",
             )
         )
     return found

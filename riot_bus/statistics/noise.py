@@ -22,7 +22,7 @@ rates of 0.9 be taken for 1: benchmarks/noise.py holds both against each other."
 _RATES = (1.0, 0.97, 0.93, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _AS_GOOD = 0.995
 """Of questions that tell as much, the first is asked: the shortest prefix."""
-_FALSE = ((0.001, 0.6), (0.004, 0.2), (0.01, 0.15), (0.03, 0.05))
+_FALSE = ((0.001, 0.6), (0.004, 0.2), (0.01, 0.13), (0.03, 0.05), (0.1, 0.02))
 """Chances of a failure without its cause, and their priors; never 0, so that no single trial decides for good."""
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 
 import pytest
 
@@ -60,7 +61,7 @@ def test_several_questions_divide_what_is_left() -> None:
     positions = search.questions(3)
     assert len(positions) == 3
     parts = [0, *sorted(positions), 1000]
-    assert max(b - a for a, b in zip(parts, parts[1:], strict=False)) <= 500
+    assert max(b - a for a, b in pairwise(parts)) <= 500
     batches = 0
     while search.confidence < 0.95:
         for position in search.questions(3):
