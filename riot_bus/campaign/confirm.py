@@ -10,9 +10,12 @@ from riot_bus.statistics.rates import Proportion, proportion
 if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Runner, TestCase
 
-__all__ = ["repeat", "repeat_in_order"]
+__all__ = ["CONFIRMATIONS", "repeat", "repeat_in_order"]
 
-_FIRST, _MOST, _ENOUGH = 4, 20, 3
+CONFIRMATIONS = 20
+"""Fresh trials of a case at most."""
+
+_FIRST, _ENOUGH = 4, 3
 """Four fresh failures of four bound the rate from below by 0.4 at 95 %, which is enough to go on with. What does not
 always fail gets up to twenty trials, in which a failure of one in five is missed once in eighty-seven times."""
 
@@ -26,12 +29,12 @@ def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
         runner: Executes trials.
     """
     hits = total = 0
-    while total < _MOST:
-        count = _FIRST if not total else min(_MOST - total, max(_FIRST, runner.parallelism))
+    while total < CONFIRMATIONS:
+        count = _FIRST if not total else min(CONFIRMATIONS - total, max(_FIRST, runner.parallelism))
         cases = [replace(case, again=number) for number in range(total + 1, total + count + 1)]
         hits += sum(outcome.failed_as(signature) for outcome in runner.run(cases))
         total += count
-        if hits == total or (hits >= _ENOUGH and total >= _MOST // 2):
+        if hits == total or (hits >= _ENOUGH and total >= CONFIRMATIONS // 2):
             break
     return proportion(hits, total)
 

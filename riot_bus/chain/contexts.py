@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ContextAnswers", "ask_in_contexts", "bring_in", "contexts", "near_the_limit", "with_context"]
 
+_DOUBT, _SURE = 0.02, 0.002
+"""Few trials carry the claim that a rule holds for the unit, so those that are against it have to be sure."""
 _LONGEST = 1000
 """So many nominal messages at most come before: a trial should stay about as cheap as one of the nominal log."""
 
@@ -105,7 +107,10 @@ def ask_in_contexts(
 ) -> list[ContextAnswers]:
     """Ask trials behind each context."""
     cases = [_case(questions, context, values) for context in found for values in asked]
-    failed = [questions.failed(outcome) for outcome in questions.runner.run(cases)]
+    failed = questions.decide(cases, doubt=_DOUBT)
+    against = [place for place, answer in enumerate(failed) if answer != predicted[place % len(asked)]]
+    for place, answer in zip(against, questions.decide([cases[n] for n in against], doubt=_SURE), strict=True):
+        failed[place] = answer
     return [
         ContextAnswers(context, tuple(asked), tuple(predicted), tuple(failed[at : at + len(asked)]))
         for at, context in zip(range(0, len(cases), max(1, len(asked))), found, strict=True)
@@ -129,7 +134,7 @@ def bring_in(
 
     def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
         cases = [_case(questions, [context[place] for place in kept], values) for kept in parts]
-        return [questions.failed(outcome) == failed for outcome in questions.runner.run(cases)]
+        return [answer == failed for answer in questions.decide(cases, doubt=_DOUBT)]
 
     latest = {topic: place for place, topic in enumerate(topics)}
     weights = [10.0 if latest[topic] == place else 1.0 for place, topic in enumerate(topics)]

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from copy import copy
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
 from riot_bus.findings.records import FindingRecord, Value
-from riot_bus.generalize.oracle import same_scalar
+from riot_bus.generalize.oracle import BudgetSpentError, Trials, same_scalar
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
+from riot_bus.statistics.noise import Noise
 from riot_bus.types.capabilities import suggested_values
-from riot_bus.vocabulary.trial import Outcome, Scalar, TestCase
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Outcome, Runner, Scalar, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["UnitQuestions", "dictionary_of", "draws_for", "json_value"]
-
-FoundT = TypeVar("FoundT")
+__all__ = ["FreshCases", "UnitQuestions", "dictionary_of", "draws_for", "json_value", "noise_of"]
 
 _OBSERVED = 8
+_DOUBT = 0.05
+_MOST_TRIALS = 10_000
+"""Far more than a rule takes at a rate of 0.2; each takes a tenth of a second at least."""
 
 
 def json_value(value: Scalar) -> Value:
@@ -50,6 +56,45 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
     return tuple(values)
 
 
+def noise_of(finding: FindingRecord) -> Noise:
+    """Return what a campaign has shown of the rates of a failure, and of the same failure without its cause."""
+    rate, nominal = finding.rate, finding.nominal
+    false = nominal if nominal is not None and nominal.count == 0 else None
+    return Noise.after(
+        *((rate.count, rate.total) if rate else ()), nominal_total=false.total if false is not None else 0
+    )
+
+
+class FreshCases:
+    """Executes a case each time by a fresh trial: the store knows the first, second, ... of each.
+
+    Args:
+        runner: Executes trials.
+        after: So many trials of each case are someone else's; the next ones are asked.
+    """
+
+    def __init__(self, runner: Runner, *, after: int = 0) -> None:
+        self._runner = runner
+        self._after = after
+        self._asked: Counter[str] = Counter()
+
+    @property
+    def parallelism(self) -> int:
+        """How many trials run at once."""
+        return self._runner.parallelism
+
+    def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
+        """Return the outcomes of fresh trials, also of cases that are alike."""
+        numbered = []
+        for case in cases:
+            digest = case.digest()
+            # A first trial is numbered 0 as everywhere; 1 to 20 are those that have confirmed the finding.
+            number = self._after + self._asked[digest]
+            numbered.append(replace(case, again=number + CONFIRMATIONS if number else 0))
+            self._asked[digest] += 1
+        return self._runner.run(numbered)
+
+
 class UnitQuestions:
     """Asks a unit whether it fails when fields of its minimal log have other values.
 
@@ -71,12 +116,20 @@ class UnitQuestions:
         self.fields = NamedFields(FailingLog.load(folder / "minimal.mcap", registry=registry), registry=registry)
         self.dictionary = dictionary_of(step.workspace, self.finding.unit)
         self.runner = step.unit_runner(self.finding.unit)
-        self._corrected: dict[str, bool] = {}
+        cases = FreshCases(self.runner)
+        self._noise = noise_of(self.finding)
+        self._trials: Trials[TestCase] = Trials(
+            lambda asked: [self.failed(outcome) for outcome in cases.run(asked)],
+            key=TestCase.digest,
+            noise=self._noise,
+            budget=_MOST_TRIALS,
+            parallelism=self.runner.parallelism,
+        )
 
     def within(self, fields: NamedFields) -> UnitQuestions:
         """Return the same questions over another log."""
         other = copy(self)
-        other.fields, other._corrected = fields, {}
+        other.fields = fields
         return other
 
     def nominal_log(self) -> tuple[Message, ...]:
@@ -93,48 +146,43 @@ class UnitQuestions:
         values = nominal_values(log, paths, registry=self._workspace.context.registry, at_most=at_most)
         return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
 
-    def case(self, values: Mapping[str, Scalar], *, again: int = 0) -> TestCase:
-        """Return the minimal log with values set by name; `again` numbers its repetitions with fresh processes."""
-        return TestCase(
-            self.fields.with_values(values), seed=self._workspace.seed + again, ordered=self.finding.ordered
-        )
-
-    def repeat(self, questions: Sequence[Mapping[str, Scalar]], numbers: range) -> list[Sequence[Outcome]]:
-        """Return for each question the outcomes of its repetitions with these numbers."""
-        outcomes = self.runner.run([self.case(values, again=again) for values in questions for again in numbers])
-        return [outcomes[start : start + len(numbers)] for start in range(0, len(outcomes), len(numbers))]
+    def case(self, values: Mapping[str, Scalar]) -> TestCase:
+        """Return the minimal log with values set by name."""
+        return TestCase(self.fields.with_values(values), seed=self._workspace.seed, ordered=self.finding.ordered)
 
     def failed(self, outcome: Outcome) -> bool:
         """Return whether an outcome is the failure that is asked for."""
         return outcome.failed_as(self.finding.signature)
 
-    def ask(self, questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
-        """Return for each assignment of values whether the unit fails; answers that were corrected stay so."""
-        cases = [self.case(values) for values in questions]
-        outcomes = self.runner.run(cases)
-        return [
-            self._corrected.get(case.digest(), self.failed(outcome))
-            for case, outcome in zip(cases, outcomes, strict=True)
-        ]
+    def fresh(self, *, after: int = 0) -> Ask[Mapping[str, Scalar]]:
+        """Return what asks by a fresh trial each time; see `FreshCases` for `after`."""
+        cases = FreshCases(self.runner, after=after)
+        return lambda asked: [self.failed(one) for one in cases.run([self.case(values) for values in asked])]
 
-    def settle(
-        self,
-        search: Callable[[], FoundT],
-        contradicted: Callable[[FoundT], Sequence[tuple[Mapping[str, Scalar], bool]]],
-        *,
-        rounds: int,
-    ) -> FoundT:
-        """Search; correct the answers that repetitions contradict, and search again (all others come from the store).
+    def decide(self, cases: Sequence[TestCase], *, doubt: float = _DOUBT) -> list[bool]:
+        """Return for each case whether it triggers the failure, from as many fresh trials as that takes.
+
+        One trial decides where nothing has shown that the failure comes only sometimes. What is known of a case counts.
 
         Args:
-            search: Finds something by `ask`.
-            contradicted: Says which answers behind it are wrong: the values, and the answer that is right.
-            rounds: At most so many searches; what the last one finds stands.
+            cases: The cases.
+            doubt: Probability of an answer being wrong at most.
+
+        Raises:
+            InconclusiveError: All trials that this may take are spent.
         """
-        for _ in range(rounds):
-            found = search()
-            wrong = contradicted(found)
-            if not wrong:
-                break
-            self._corrected.update({self.case(values).digest(): answer for values, answer in wrong})
-        return found
+        by_digest = {case.digest(): case for case in cases}
+        try:
+            chances = self._trials.triggers(list(by_digest.values()), prior=0.5, doubt=doubt, doing="deciding")
+        except BudgetSpentError:
+            raise InconclusiveError(
+                f"{_MOST_TRIALS} trials have not told when it fails: it comes too seldom",
+                hint=f"its rate is about {self._noise.rate:.2f}; what makes it come more often?",
+            ) from None
+        self._trials.noise = self._noise  # how many of the cases trigger it is not known, so they do not tell its rate
+        found = {digest: chance > 0.5 for digest, chance in zip(by_digest, chances, strict=True)}
+        return [found[case.digest()] for case in cases]
+
+    def ask(self, questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
+        """Return for each assignment of values whether it triggers the failure; see `decide`."""
+        return self.decide([self.case(values) for values in questions])

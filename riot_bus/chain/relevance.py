@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
-from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
+from riot_bus.chain.questions import UnitQuestions, draws_for, json_value, noise_of
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord
-from riot_bus.generalize.relevance import FieldSpace, Relevance, RelevantField, relevant_fields
+from riot_bus.generalize.oracle import scalar_key
+from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import why_brittle
-from riot_bus.vocabulary.trial import Scalar, Verdict
+from riot_bus.vocabulary.trial import Ask, Scalar
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.statistics.noise import Noise
     from riot_bus.sut.context import Context
     from riot_bus.sut.system import Unit
 
 __all__ = ["considered_fields", "field_spaces", "relevance"]
 
-_REPEATS = 3
-_ROUNDS = 4
-_STRAIGHT = 12
+_REPEATS, _MOST = 3, 30
+"""Fresh trials of each side of a certificate: at least, and at most; 30 decide at a rate of 0.2."""
+_DOUBT = 0.05
+_AFTER = 1000
+"""Trials of the minimal log itself, by which it was chosen, are none of these."""
 _INJECTED_PRIOR = 10.0
 
 
@@ -43,15 +48,15 @@ def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
     return [field for field in fields.fields.values() if wanted(field)]
 
 
-def relevance(step: StepRun, folder: Path) -> FieldsRecord:
+def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRecord:
     """Find the relevant fields of `minimal.mcap` and write the certificates' logs.
 
-    Each certificate's trials are repeated; an answer that its repetitions contradict is corrected, and the search done
-    again with it (all other answers come from the store).
+    Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped.
 
     Args:
         step: The running step.
         folder: The finding.
+        budget: Most trials of the search.
 
     Raises:
         ConfigError: The step before has not been done.
@@ -61,25 +66,32 @@ def relevance(step: StepRun, folder: Path) -> FieldsRecord:
     context = step.workspace.context
     questions = UnitQuestions(step, folder)
     considered = considered_fields(questions.fields, context.file.unit[questions.finding.unit])
-    spaces = field_spaces(questions, considered)
-
-    def search() -> tuple[Relevance, tuple[FieldRecord, ...]]:
-        found = relevant_fields(
-            spaces,
-            questions.ask,
-            seed=step.workspace.seed,
-            straight=_STRAIGHT,
-            parallelism=questions.runner.parallelism,
-            progress=step.progress,
-        )
-        return found, tuple(_confirmed(context, folder, one, questions) for one in found.fields)
-
-    found, records = questions.settle(search, _contradicted, rounds=_ROUNDS)
+    ask = questions.fresh(after=_AFTER)
+    found = relevant_fields(
+        field_spaces(questions, considered),
+        ask,
+        seed=step.workspace.seed,
+        noise=noise_of(questions.finding),
+        budget=budget,
+        parallelism=questions.runner.parallelism,
+        progress=step.progress,
+    )
+    records, unconfirmed = [], []
+    for one in found.fields:
+        sides = [_repeated(one.certificate.failing, 1, ask, found.noise)]
+        if sides[0].confirmed:
+            sides.append(_repeated(one.certificate.passing, 0, ask, found.noise))
+        if all(side.confirmed for side in sides):
+            records.append(_record(context, folder, one, questions, sides))
+        else:
+            unconfirmed.append(one.name)
     return FieldsRecord(
-        fields=records,
+        fields=tuple(records),
         considered=tuple(field.name for field in considered),
-        bound=min(1.0, found.bound),
+        bound=found.bound,
         straight=found.straight,
+        unconfirmed=tuple(unconfirmed),
+        complete=found.complete,
     )
 
 
@@ -93,28 +105,38 @@ def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> 
             field.original,
             draws_for(field, questions.dictionary, observed[field.name]),
             prior=1.0 if field.original is None else _INJECTED_PRIOR,
+            observed=tuple({scalar_key(value): value for value in observed[field.name]}.values()),
         )
         for field in considered
     ]
 
 
-def _contradicted(
-    searched: tuple[Relevance, Sequence[FieldRecord]],
-) -> list[tuple[Mapping[str, Scalar], bool]]:
-    """Return the questions that most of the repetitions of a certificate's trials answer otherwise, and that answer."""
-    wrong: list[tuple[Mapping[str, Scalar], bool]] = []
-    for one, record in zip(searched[0].fields, searched[1], strict=True):
-        certificate = record.certificate
-        if 2 * certificate.confirmed_failing < certificate.repeats:
-            wrong.append((one.certificate.failing, False))
-        if 2 * certificate.confirmed_passing < certificate.repeats:
-            wrong.append((one.certificate.passing, True))
-    return wrong
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """What fresh trials of one side of a certificate have shown: how many of how many were as they should."""
+
+    right: int
+    total: int
+    confirmed: bool
 
 
-def _confirmed(context: Context, folder: Path, found: RelevantField, questions: UnitQuestions) -> FieldRecord:
-    """Repeat both trials of a certificate with fresh processes and keep their logs."""
-    logs, counts = [], []
+def _repeated(values: Mapping[str, Scalar], fails: int, ask: Ask[Mapping[str, Scalar]], noise: Noise) -> _Side:
+    """Repeat one side of a certificate until fresh trials alone decide about it, or are too many."""
+    failed = total = 0
+    while True:
+        count = max(1, _REPEATS - total)
+        failed, total = failed + sum(ask([values] * count)), total + count
+        chance = noise.triggers(failed, total - failed)
+        if not _DOUBT < chance < 1 - _DOUBT or total >= _MOST:
+            sure = chance if fails else 1 - chance
+            return _Side(failed if fails else total - failed, total, sure >= 1 - _DOUBT)
+
+
+def _record(
+    context: Context, folder: Path, found: RelevantField, questions: UnitQuestions, sides: Sequence[_Side]
+) -> FieldRecord:
+    """Write the two logs of a certificate and return the field's record."""
+    logs = []
     for side, values in (("failing", found.certificate.failing), ("passing", found.certificate.passing)):
         path = folder / "certificates" / f"{re.sub(r'[^A-Za-z0-9]+', '-', found.name).strip('-')}.{side}.mcap"
         path.parent.mkdir(exist_ok=True)
@@ -122,20 +144,17 @@ def _confirmed(context: Context, folder: Path, found: RelevantField, questions: 
         messages, originals = questions.fields.with_values(values), questions.fields.log.originals
         FailingLog(messages, originals).save(path, context=context, metadata=metadata)
         logs.append(str(path.relative_to(folder)))
-        (outcomes,) = questions.repeat([values], range(1, _REPEATS + 1))
-        if side == "failing":
-            counts.append(sum(map(questions.failed, outcomes)))
-        else:
-            counts.append(sum(outcome.verdict is Verdict.PASS for outcome in outcomes))
+    failing, passing = sides
     certificate = CertificateRecord(
         failing=json_value(found.certificate.failing[found.name]),
         passing=json_value(found.certificate.passing[found.name]),
         others={name: json_value(value) for name, value in found.certificate.failing.items() if name != found.name},
         failing_log=logs[0],
         passing_log=logs[1],
-        confirmed_failing=counts[0],
-        confirmed_passing=counts[1],
-        repeats=_REPEATS,
+        confirmed_failing=failing.right,
+        repeats=failing.total,
+        confirmed_passing=passing.right,
+        passing_repeats=passing.total,
     )
     leaf = questions.fields.fields[found.name].leaf
     return FieldRecord(

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from statistics import pstdev
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
 from riot_bus.chain.prediction import explained
-from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
+from riot_bus.chain.questions import UnitQuestions, draws_for, json_value, noise_of
 from riot_bus.chain.relevance import considered_fields, field_spaces
 from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.relevance import relevant_fields
+from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
 from riot_bus.generalize.sampling import columns_of
 from riot_bus.statistics.rates import proportion
@@ -29,8 +32,10 @@ if TYPE_CHECKING:
 __all__ = ["rules"]
 
 _NOMINAL = 200
-_ROUNDS = 3
-_ODD = 20
+_ROUNDS = 4
+_ODD, _FEW, _SURE = 20, 3, 0.002
+"""So many samples that the rule gets wrong are asked again, and of others on which it depends, until they are wrong
+with this probability at most."""
 _NEAR = 6
 """So many trials that fail, and as many that pass, are asked again behind each part of the nominal log."""
 _CONTEXTS = 2
@@ -40,7 +45,7 @@ _CONTEXTS = 2
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
     """Learn the rule.
 
-    Samples that it gets wrong are asked again; an answer that two repetitions contradict is corrected.
+    Each answer is decided from as many fresh trials as it takes, and those that the rule gets wrong from more of them.
 
     Args:
         step: The running step.
@@ -124,8 +129,9 @@ class _Teacher:
             for field in named
         ]
 
-        def search() -> LearnedRule:
-            return learn_rule(
+        scale = {name: _spread(values) for name, values in observed.items()}
+        for _ in range(_ROUNDS):
+            learned = learn_rule(
                 variables,
                 questions.ask,
                 seed=self.step.workspace.seed,
@@ -134,19 +140,10 @@ class _Teacher:
                 parallelism=questions.runner.parallelism,
                 progress=self.step.progress,
             )
-
-        def contradicted(learned: LearnedRule) -> list[tuple[Mapping[str, Scalar], bool]]:
-            odd = _unexplained(learned, variables)
-            repeated = questions.repeat([one.assignment for one in odd], range(1, 3))
-            wrong: list[tuple[Mapping[str, Scalar], bool]] = []
-            for sample, outcomes in zip(odd, repeated, strict=True):
-                second, third = map(questions.failed, outcomes)
-                if second == third != sample.failed:
-                    wrong.append((sample.assignment, second))
-            return wrong
-
-        learned = questions.settle(search, contradicted, rounds=_ROUNDS)
-        scale = {name: _spread(values) for name, values in observed.items()}
+            doubtful = _doubtful(learned, variables, scale)
+            again = questions.decide([questions.case(one.assignment) for one in doubtful], doubt=_SURE)
+            if again == [one.failed for one in doubtful]:
+                break
         asked, predicted = near_the_limit(learned, variables, scale, count=_NEAR)
         answers = ask_in_contexts(questions, contexts(questions.nominal_log(), self._registry), asked, predicted)
         return _Found(questions, variables, scale, learned, answers, context)
@@ -174,8 +171,9 @@ class _Teacher:
         ]
         relevant = relevant_fields(
             field_spaces(questions, considered),
-            questions.ask,
+            questions.fresh(),
             seed=self.step.workspace.seed,
+            noise=noise_of(questions.finding),
             parallelism=questions.runner.parallelism,
             progress=self.step.progress,
         )
@@ -187,10 +185,23 @@ class _Teacher:
         return self.learn(questions, passing, context=found.context + len(context))
 
 
-def _unexplained(learned: LearnedRule, variables: Sequence[Variable]) -> list[Sample]:
-    """Return the few samples that the rule gets wrong: asked again, they may turn out differently."""
-    predicted = learned.rule.predict(columns_of(variables, [one.assignment for one in learned.samples]))
-    return [one for one, said in zip(learned.samples, predicted, strict=True) if bool(said) != one.failed][:_ODD]
+def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float]) -> list[Sample]:
+    """Return the samples on which a rule depends, so that one wrong answer would make it another one.
+
+    They are those that it gets wrong, failing ones by which alone a term stands, and passing ones next to its limit.
+    """
+    samples, rule = learned.samples, learned.rule
+    columns = columns_of(variables, [one.assignment for one in samples])
+    failed = np.array([one.failed for one in samples])
+    predicted = rule.predict(columns)
+    chosen = list(np.flatnonzero(predicted != failed)[:_ODD])
+    held = np.array([Rule((term,)).predict(columns) for term in rule.terms]).reshape(len(rule.terms), len(samples))
+    for term in held:
+        alone = np.flatnonzero(term & failed & (held.sum(axis=0) == 1))
+        chosen += list(alone) if len(alone) <= _FEW else []
+    passing = np.flatnonzero(~failed & ~predicted)
+    near = np.argsort(rule.distance(columns, scale)[passing], kind="stable")[:_FEW]
+    return [samples[n] for n in dict.fromkeys([*chosen, *passing[near]])]
 
 
 def _typed(value: Value, like: Scalar) -> Scalar:

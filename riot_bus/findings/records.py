@@ -286,7 +286,18 @@ class FindingRecord(Artefact):
 
 
 class MinimalRecord(Artefact):
-    """The few messages that are needed (RIOT II-B a)."""
+    """The few messages that are needed (RIOT II-B a).
+
+    Attributes:
+        one_minimal: Whether it was shown that they fail and that without any one of them nothing does.
+        confidence: How sure that is at least; 0 if it was not shown.
+        failed: How many of how many trials of them failed.
+        without: Likewise for each of them, when it alone was left out; none of none where what is left has no modified
+            message, which is no cause to look for.
+        interrupted: Whether the search was; then this is the best so far, and `riot minimize` goes on.
+        missing: Topics of messages that fail in the same place without any modified one, since others are missing;
+            with `missing_failed`, how many of how many trials of them did.
+    """
 
     FILE = "minimal.json"
     STEP = "minimize"
@@ -294,18 +305,33 @@ class MinimalRecord(Artefact):
     kept: tuple[int, ...]
     topics: tuple[str, ...]
     one_minimal: bool
+    confidence: float = 0.0
+    failed: tuple[int, int] = (0, 0)
+    without: tuple[tuple[int, int], ...] = ()
+    interrupted: bool = False
+    missing: tuple[str, ...] = ()
+    missing_failed: tuple[int, int] = (0, 0)
 
     @property
     def summary(self) -> str:
         """How many messages are needed, and of which topics."""
         needed = ", ".join(self.topics) or "none (it fails without any input)"
-        return f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed} ({counted(self.trials, 'trial')})"
+        proven = "" if self.one_minimal else ", not proven to be minimal"
+        other = f"; {', '.join(self.missing)} alone, unmodified, fails likewise" if self.missing else ""
+        kept = f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed}"
+        return f"{kept} ({counted(self.trials, 'trial')}{proven}){other}"
+
+    @classmethod
+    def exists(cls, directory: Path) -> bool:
+        """Return whether the search has ended: what it had when it was interrupted does not count."""
+        return super().exists(directory) and not cls.load(directory).interrupted
 
 
 class CertificateRecord(_Model):
     """Two trials that differ in one field: the log with `failing` fails, with `passing` it does not.
 
-    `confirmed` counts fresh repetitions (failing side that failed, passing side that passed, of how many each).
+    `confirmed_failing` of `repeats` fresh trials of the failing side failed, `confirmed_passing` of `passing_repeats`
+    of the passing side did not (of `repeats` too in older files).
     """
 
     failing: Value
@@ -316,10 +342,16 @@ class CertificateRecord(_Model):
     confirmed_failing: int
     confirmed_passing: int
     repeats: int
+    passing_repeats: int = 0
+
+    @property
+    def passing_total(self) -> int:
+        """Fresh trials of the passing side."""
+        return self.passing_repeats or self.repeats
 
 
 class FieldRecord(_Model):
-    """One relevant field: an exceptional value causes the failure, or a nominal one is needed for it."""
+    """One relevant field: the value that fails in its certificate is an exceptional one, or a nominal one."""
 
     name: str
     kind: Literal["exceptional", "nominal"]
@@ -329,7 +361,14 @@ class FieldRecord(_Model):
 
 
 class FieldsRecord(Artefact):
-    """Relevant fields (RIOT II-B b). `bound`: with 95 % confidence the rest changes the outcome at most so often."""
+    """Relevant fields (RIOT II-B b).
+
+    Attributes:
+        bound: With 95 % confidence, the other fields change the outcome in at most this share of random draws.
+        straight: Draws in a row behind it, none of which changed the outcome.
+        unconfirmed: Fields that the search named, and whose certificate fresh trials did not confirm.
+        complete: Whether the search has ended by itself, not since its trials were spent.
+    """
 
     FILE = "fields.json"
     STEP = "relevance"
@@ -337,12 +376,16 @@ class FieldsRecord(Artefact):
     considered: tuple[str, ...]
     bound: float
     straight: int
+    unconfirmed: tuple[str, ...] = ()
+    complete: bool = True
 
     @property
     def summary(self) -> str:
         """Which fields matter."""
         names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
-        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')})"
+        names += "".join(f", {name} (unconfirmed)" for name in self.unconfirmed)
+        spent = "" if self.complete else "; trials spent before the search had ended"
+        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')}{spent})"
 
 
 class RuleSample(_Model):

@@ -78,6 +78,7 @@ MINIMIZE = ChainStep(
     "Shrink a finding's failing log to the few messages that are needed.",
     "riot_bus.findings.records:MinimalRecord",
     "riot_bus.chain.minimize:minimize",
+    (StepOption("budget", 2000, "Trials at most.", min=2),),
 )
 RELEVANCE = ChainStep(
     "relevance",
@@ -85,6 +86,7 @@ RELEVANCE = ChainStep(
     "Find the fields that matter, each with two trials that differ in it alone.",
     "riot_bus.findings.records:FieldsRecord",
     "riot_bus.chain.relevance:relevance",
+    (StepOption("budget", 1000, "Trials of the search at most.", min=2),),
 )
 RULES = ChainStep(
     "rules",

@@ -2,35 +2,75 @@
 
 Weighted search for the shortest failing prefix: it ends with a needed message. Keep that one, cut what comes behind,
 repeat with the kept ones in front until they alone fail. About log2(n) trials per needed message, where delta debugging
-takes two to three times as many.
+takes two to three times as many. Answers may be wrong: each search goes on until its result is likely enough, and what
+was cut wrongly is found missing, and searched for again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from riot_bus.generalize.oracle import Oracle, find_flip
+from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["Minimal", "minimize"]
+__all__ = ["CONFIDENCE", "Minimal", "minimize"]
 
 SAME_GROUP = 8.0
 """How much likelier a message is needed when another one of its group (topic) is."""
+
+BUDGET = 2000
+"""Trials at most: enough for three needed of 5,000 failing three times in ten (about 400), or 150 that always do."""
+
+CONFIDENCE = 0.95
+"""Of all that is claimed about the result together."""
+
+_DOUBT = 0.03
+"""What ends the trials of the result and of each message's need together, less than what may be claimed: rates of 0.9
+are often not told from 1 by then (benchmarks/noise.py)."""
+
+_FAILS = 0.98
+"""Prior that the whole log fails: fresh trials of it have confirmed the finding."""
+
+_SURE = 0.95
+"""Of one search: the check at the end finds what is wrong."""
+
+_UNNEEDED = 0.1
+"""Prior that a message which a search has found is not needed after all, or that those found are not enough."""
+
+_IDLE = 0.02
+"""Prior that the failure needs no message at all."""
+
+_CUT = 0.02
+"""Prior that an earlier search has cut a needed message."""
+
+_LEAST = 1e-3
+"""Prior of all messages without weight together: they are found too, later."""
 
 
 @dataclass(frozen=True, slots=True)
 class Minimal:
     """The result of a minimisation.
 
-    `kept` are indices into the log, ascending. `one_minimal` says that removing any one of them was tried and stops the
-    failure.
+    Attributes:
+        kept: Indices into the log, ascending.
+        trials: All that were asked.
+        one_minimal: Whether it was shown that `kept` triggers the failure, and without any one of it nothing does.
+        confidence: How sure that is at least; 0 if it was not shown.
+        failed: How many of how many trials of `kept` failed.
+        without: Likewise for each of `kept`, when it alone is left out.
+        noise: What is known of the rates of failure by now.
     """
 
     kept: tuple[int, ...]
     trials: int
     one_minimal: bool
+    confidence: float
+    failed: tuple[int, int]
+    without: tuple[tuple[int, int], ...]
+    noise: Noise
 
     @property
     def needs_messages(self) -> bool:
@@ -44,21 +84,30 @@ def minimize(
     *,
     weights: Sequence[float] | None = None,
     groups: Sequence[str] | None = None,
+    causes: Collection[int] | None = None,
+    noise: Noise | None = None,
+    budget: int = BUDGET,
     parallelism: int = 1,
     progress: Progress | None = None,
+    better: Callable[[Minimal], None] | None = None,
 ) -> Minimal:
     """Find a 1-minimal failing part of a log.
 
     Args:
         n: Number of messages; they are called 0..n-1 in log order.
-        ask: Each question is an ascending tuple of kept messages; True = still fails with the same signature.
+        ask: Each question is an ascending tuple of kept messages, and each time a fresh trial; True = failed with the
+            same signature.
         weights: Prior weight of each message to be needed (injected ones high, then those close before the failure).
         groups: Topic of each message; needed messages often share one.
+        causes: Messages of which at least one has to be kept; parts without any have another cause, and are not asked.
+        noise: What is known of the rates of failure.
+        budget: Most trials. Where they end, the best so far is the result, and is said to be not proven.
         parallelism: Questions worth asking in one batch.
         progress: Told after every batch.
+        better: Told of each smaller part that was found to fail, which is not proven to be minimal yet.
 
     Returns:
-        The kept messages. They fail; without any one of them they do not.
+        The kept messages. `one_minimal` says whether they were shown to be minimal.
 
     Raises:
         InconclusiveError: If the whole log does not fail.
@@ -69,65 +118,139 @@ def minimize(
     prior = [1.0] * n if weights is None else [float(weight) for weight in weights]
     if not all(weight >= 0 for weight in prior):
         raise ValueError("weights must not be negative")
-    oracle: Oracle[tuple[int, ...]] = Oracle(ask, key=lambda question: question, progress=progress)
-    whole, empty = oracle.ask([tuple(range(n)), ()], "checking the whole and the empty log")
-    if not whole:
-        raise InconclusiveError(
-            f"the whole log ({n} messages) does not fail with this signature, so there is nothing to minimise",
-            hint="replay it several times; if it fails only sometimes, raise the number of repetitions",
-        )
-    if empty:
-        return Minimal((), oracle.trials, one_minimal=True)
-    kept = _search(oracle, prior, groups, parallelism)
-    kept = _without_removable(oracle, kept, parallelism)
-    return Minimal(tuple(sorted(kept)), oracle.trials, one_minimal=True)
+    trials: Trials[tuple[int, ...]] = Trials(
+        ask, key=lambda question: question, noise=noise, budget=budget, parallelism=parallelism, progress=progress
+    )
+    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better).run()
 
 
-def _search(
-    oracle: Oracle[tuple[int, ...]], prior: list[float], groups: Sequence[str] | None, parallelism: int
-) -> list[int]:
-    """Return a failing set by repeated search for the shortest failing prefix; latest found last."""
-    kept: list[int] = []
-    prior = list(prior)
-    order = sorted(range(len(prior)), key=lambda item: (-prior[item], item))
-    while order:
-        doing = f"looking for needed message {len(kept) + 1}"
+class _Search:
+    """The state of one run of `minimize`."""
 
-        def probe(lengths: Sequence[int], doing: str = doing, order: list[int] = order) -> list[bool]:
-            return oracle.ask([tuple(sorted(kept + order[:length])) for length in lengths], doing)
+    def __init__(
+        self,
+        trials: Trials[tuple[int, ...]],
+        prior: list[float],
+        groups: Sequence[str] | None,
+        causes: frozenset[int] | None,
+        better: Callable[[Minimal], None] | None,
+    ) -> None:
+        self.trials = trials
+        self.prior = prior
+        self.groups = groups
+        self.causes = causes
+        self.better = better
+        self.best = tuple(range(len(prior)))
 
-        masses = [prior[item] for item in order]
-        if kept:
-            # The position "nothing else is needed" gets half of the mass: most failures need one or two messages.
-            length = find_flip([sum(masses) or 1.0, *masses], probe, low=-1, parallelism=parallelism)
+    def run(self) -> Minimal:
+        whole = self.best
+        try:
+            fails = self.trials.triggers(
+                [whole], prior=_FAILS, doubt=_DOUBT, doing="checking the whole and the empty log"
+            )[0]
+            if fails < 0.5:
+                failed, passed = self.trials.counts(whole)
+                raise InconclusiveError(
+                    f"the whole log ({len(whole)} messages) does not fail with this signature ({failed} of "
+                    f"{failed + passed} trials), so there is nothing to minimise",
+                    hint="replay it several times; it may fail too rarely to be told apart from chance",
+                )
+            if not whole or (self._may((), ()) and self._fails((), _IDLE, "checking the whole and the empty log")):
+                return self._result((), shown=True)
+            return self._result(self._minimal(), shown=True)
+        except BudgetSpentError:
+            return self._result(self.best, shown=False)
+
+    def _fails(self, kept: tuple[int, ...], prior: float, doing: str, *, least: int = 1) -> bool:
+        return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing, least=least)[0] > 0.5
+
+    def _minimal(self) -> tuple[int, ...]:
+        """Search, and check what was found; what the check refutes is mended, and checked again."""
+        kept: tuple[int, ...] = ()
+        while True:
+            kept = self._search(kept)
+            while self._fails(kept, 1 - _UNNEEDED, "checking what was found"):
+                self._found(kept)
+                rest = self._without_removable(kept)
+                if rest == kept:
+                    # Seen twice: that a failure without its cause ends the search is the likeliest mistake.
+                    if self._fails(kept, 1 - _UNNEEDED, "checking what was found", least=2):
+                        return kept
+                    break
+                kept = rest
+
+    def _without_removable(self, kept: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a part of a failing set without one message that is not needed, or the set if all are needed."""
+        parts = [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
+        questions = [part for part in parts if self._may(part, ())]
+        doing = "checking that every kept message is needed"
+        doubt = _DOUBT / (2 * max(1, len(kept)))
+        chances = self.trials.triggers(questions, prior=_UNNEEDED, doubt=doubt, doing=doing, first=True)
+        likeliest = max(range(len(questions)), key=chances.__getitem__, default=None)
+        return kept if likeliest is None or chances[likeliest] < 0.5 else questions[likeliest]
+
+    def _search(self, start: tuple[int, ...]) -> tuple[int, ...]:
+        """Return a set that fails, likely: the start and what repeated search for the shortest failing prefix finds."""
+        kept = list(start)
+        prior, order = list(self.prior), self._order(kept, self.prior)
+        cut = 0.0
+        while order:
+            masses = [prior[item] for item in order]
+            total = sum(masses) or float(len(masses))
+            least = total * _LEAST / len(masses)
+            # "Nothing else is needed" gets half of the mass: most failures need one or two messages.
+            start_prior = 0.5 if kept else _IDLE
+            alone = self.trials.noise.triggers(*self.trials.counts(tuple(sorted(kept))), prior=start_prior)
+
+            def at(length: int, kept: list[int] = kept, order: list[int] = order) -> tuple[int, ...]:
+                return tuple(sorted(kept + order[:length]))
+
+            masses = [total * alone / max(1 - alone, 1e-9), *(max(mass, least) for mass in masses), total * cut]
+            impossible = next(place for place in range(len(masses)) if self._may(kept, order[:place]))
+            length = self.trials.flip(
+                [0.0] * impossible + masses[impossible:],
+                at,
+                rises=True,
+                sure=_SURE,
+                doing=f"looking for needed message {len(kept) + 1}",
+            )
             if length == 0:
                 break
-        else:
-            length = find_flip(masses, probe, low=0, parallelism=parallelism)
-        found = order[length - 1]
-        kept.append(found)
-        order = order[: length - 1]
-        if groups is not None and sum(groups[item] == groups[found] for item in kept) == 1:
-            for item in order:
-                if groups[item] == groups[found]:
-                    prior[item] *= SAME_GROUP
-            order.sort(key=lambda item: (-prior[item], item))
-    return kept
+            if length > len(order):  # a needed message was cut
+                order, cut = self._order(kept, prior), 0.0
+                continue
+            found = order[length - 1]
+            kept.append(found)
+            order, cut = order[: length - 1], _CUT
+            self._found(tuple(sorted(kept + order)))
+            if self.groups is not None and sum(self.groups[item] == self.groups[found] for item in kept) == 1:
+                for item in order:
+                    if self.groups[item] == self.groups[found]:
+                        prior[item] *= SAME_GROUP
+                order.sort(key=lambda item: (-prior[item], item))
+        return tuple(sorted(kept))
 
+    def _may(self, kept: Sequence[int], more: Sequence[int]) -> bool:
+        """Return whether these messages may have the cause that is looked for."""
+        return self.causes is None or not self.causes.isdisjoint(kept) or not self.causes.isdisjoint(more)
 
-def _without_removable(oracle: Oracle[tuple[int, ...]], kept: list[int], parallelism: int) -> list[int]:
-    """Return a 1-minimal part of a failing set: the proof for a monotone system, the repair for others."""
-    kept = sorted(kept)
-    start = 0
-    while start < len(kept):
-        batch = range(start, min(start + parallelism, len(kept)))
-        questions = [tuple(kept[:index] + kept[index + 1 :]) for index in batch]
-        answers = oracle.ask(questions, "checking that every kept message is needed")
-        removable = next((index for index, answer in zip(batch, answers, strict=True) if answer), None)
-        if removable is None:
-            start += parallelism
-        else:
-            # What comes before was needed in the larger set; in a system that is not monotone that may have changed.
-            del kept[removable]
-            start = 0
-    return kept
+    def _order(self, kept: Sequence[int], prior: Sequence[float]) -> list[int]:
+        chosen = set(kept)
+        return sorted((item for item in range(len(prior)) if item not in chosen), key=lambda item: (-prior[item], item))
+
+    def _found(self, part: tuple[int, ...]) -> None:
+        if len(part) < len(self.best):
+            self.best = part
+            if self.better is not None:
+                self.better(self._result(part, shown=False))
+
+    def _result(self, kept: tuple[int, ...], *, shown: bool) -> Minimal:
+        parts = [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
+        counts = [self.trials.counts(kept), *map(self.trials.counts, parts)]
+        noise = self.trials.noise
+        doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]
+        asked = [of for part, of in zip(parts, counts[1:], strict=True) if self._may(part, ())]
+        doubts += [noise.triggers(*of, prior=_UNNEEDED) for of in asked]
+        of = [(failed, failed + passed) for failed, passed in counts]
+        shown = shown and sum(doubts) <= 1 - CONFIDENCE
+        return Minimal(kept, self.trials.spent, shown, CONFIDENCE if shown else 0.0, of[0], tuple(of[1:]), noise)

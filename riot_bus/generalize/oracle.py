@@ -1,17 +1,16 @@
-"""A cache and counter in front of a batch oracle, and the weighted search for a flip of its answers."""
+"""What stands between a search and a batch oracle: a cache, or fresh trials and decisions from all of them."""
 
 from __future__ import annotations
 
 import struct
-from bisect import bisect_left
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from itertools import accumulate
 from typing import Generic, TypeVar
 
+from riot_bus.statistics.noise import FlipSearch, Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
-__all__ = ["Oracle", "assignment_key", "find_flip", "same_scalar", "scalar_key"]
+__all__ = ["BudgetSpentError", "Oracle", "Trials", "assignment_key", "same_scalar", "scalar_key"]
 
 QuestionT = TypeVar("QuestionT")
 
@@ -86,35 +85,148 @@ class Oracle(Generic[QuestionT]):
         return [self._answers[key] for key in keys]
 
 
-def find_flip(
-    masses: Sequence[float], probe: Callable[[Sequence[int]], Sequence[bool]], *, low: int, parallelism: int = 1
-) -> int:
-    """Return a position where `probe` is True and the position before it is not, by weighted bisection.
+class BudgetSpentError(Exception):
+    """The trials that a search may take are spent; caught by the search, which tells what it has."""
 
-    `probe` is known (or defined) to be False at `low` and True at `low + len(masses)`. Of several flips one is found.
+
+class Trials(Generic[QuestionT]):
+    """Asks a question by a fresh trial each time, decides from all answers, and learns how reliable they are.
 
     Args:
-        masses: Prior weight that the flip is at position `low + 1 + i`.
-        probe: Answers a batch of positions.
-        low: Known False.
-        parallelism: Positions per batch; k positions divide the mass into k + 1 parts.
+        ask: The batch oracle.
+        key: What makes two questions the same.
+        noise: What is known of the rate of failures and of false ones.
+        budget: Most trials.
+        parallelism: Questions worth asking in one batch.
+        progress: Told after every batch.
     """
-    total = list(accumulate((max(float(mass), 0.0) + 1e-12 for mass in masses), initial=0.0))
-    first, last = 0, len(masses)
-    while last - first > 1:
-        mass = total[last] - total[first]
-        cuts = set()
-        for part in range(1, parallelism + 1):
-            goal = total[first] + mass * part / (parallelism + 1)
-            at = bisect_left(total, goal, first + 1, last)
-            if at - 1 > first and goal - total[at - 1] < total[min(at, last)] - goal:
-                at -= 1
-            cuts.add(min(max(at, first + 1), last - 1))
-        ordered = sorted(cuts)
-        answers = probe([low + cut for cut in ordered])
-        hit = next((index for index, answer in enumerate(answers) if answer), len(ordered))
-        if hit < len(ordered):
-            last = ordered[hit]
-        if hit > 0:
-            first = ordered[hit - 1]
-    return low + last
+
+    def __init__(
+        self,
+        ask: Ask[QuestionT],
+        *,
+        key: Callable[[QuestionT], Hashable],
+        noise: Noise | None,
+        budget: int,
+        parallelism: int = 1,
+        progress: Progress | None = None,
+    ) -> None:
+        self._ask = ask
+        self._key = key
+        self._budget = budget
+        self.parallelism = max(1, parallelism)
+        self._progress = progress
+        self._counts: dict[Hashable, tuple[int, int]] = {}
+        self.noise = noise or Noise.after()
+        self.spent = 0
+
+    def counts(self, question: QuestionT) -> tuple[int, int]:
+        """Return how many trials of a question have failed, and how many passed."""
+        return self._counts.get(self._key(question), (0, 0))
+
+    def flip(
+        self,
+        masses: Sequence[float],
+        at: Callable[[int], QuestionT],
+        *,
+        rises: bool,
+        sure: float,
+        doing: str,
+        told: Sequence[tuple[int, bool]] = (),
+    ) -> int:
+        """Return the hypothesis that a `FlipSearch` finds.
+
+        Args:
+            masses: Prior weights of the hypotheses.
+            at: Gives the input at a position of the chain.
+            rises: Whether inputs trigger the failure from the flip on.
+            sure: Probability that ends the search.
+            doing: What is going on, for `progress`.
+            told: Positions with what `ask` has answered for them, whether they failed.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        search = FlipSearch(masses, self.noise, rises=rises)
+        for position, failed in told:
+            search.tell(position, failed=failed)
+        while search.confidence < sure:
+            positions = search.questions(self._batch())
+            for position, failed in zip(positions, self._asked([at(place) for place in positions], doing), strict=True):
+                search.tell(position, failed=failed)
+        self.noise = search.noise
+        return search.found
+
+    def triggers(
+        self,
+        questions: Sequence[QuestionT],
+        *,
+        prior: float,
+        doubt: float,
+        doing: str,
+        least: int = 1,
+        first: bool = False,
+    ) -> list[float]:
+        """Return for each question the probability that it triggers the failure.
+
+        Args:
+            questions: Different ones.
+            prior: Of each, before any trial of it.
+            doubt: A probability below this, or above one minus this, decides.
+            doing: What is going on, for `progress`.
+            least: Trials of each question at least, earlier ones of it counted.
+            first: Whether the first that is found to trigger the failure ends it; later ones may then be open.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        searches = []
+        for question in questions:
+            chance = self.noise.triggers(*self.counts(question), prior=prior)
+            searches.append(FlipSearch([chance, 1 - chance], self.noise, rises=True))
+
+        def probability(index: int) -> float:
+            search = searches[index]
+            return search.confidence if search.found == 0 else 1 - search.confidence
+
+        while True:
+            chances = [probability(index) for index in range(len(questions))]
+            asked = [sum(self.counts(question)) >= least for question in questions]
+            if first and any(enough and chance > 1 - doubt for enough, chance in zip(asked, chances, strict=True)):
+                break
+            open_ = [i for i, chance in enumerate(chances) if not asked[i] or doubt < chance < 1 - doubt]
+            if not open_:
+                break
+            batch = open_[: self._batch()]
+            for i, failed in zip(batch, self._asked([questions[i] for i in batch], doing), strict=True):
+                searches[i].tell(0, failed=failed)
+        self.noise = self.noise.joined([search.noise for search in searches])
+        return chances
+
+    def _batch(self) -> int:
+        """Return how many questions to ask at once."""
+        left = self._budget - self.spent
+        if left <= 0:
+            raise BudgetSpentError
+        return min(self.parallelism, left)
+
+    def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
+        """Return whether one fresh trial of each of the first questions failed, of as many as are worth asking at once.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        return self._asked(questions[: self._batch()], doing)
+
+    def _asked(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
+        answers = [bool(answer) for answer in self._ask(questions)]
+        if len(answers) != len(questions):
+            raise InconclusiveError(f"{len(questions)} trials were asked for, but {len(answers)} outcomes came back")
+        self.spent += len(questions)
+        for question, failed in zip(questions, answers, strict=True):
+            key = self._key(question)
+            fails, passes = self._counts.get(key, (0, 0))
+            self._counts[key] = (fails + failed, passes + (not failed))
+        if self._progress is not None:
+            self._progress(self.spent, None, doing)
+        return answers

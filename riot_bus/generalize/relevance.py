@@ -1,7 +1,8 @@
 """Relevant fields: those whose value decides about the failure, each with a certificate (RIOT II-B b, after HPSL).
 
 Replace all fields not known to be relevant at once by one random draw. Where that changes the outcome, bisect the list
-of replaced fields down to two neighbouring trials that differ in one field and in the outcome: its certificate.
+of replaced fields down to two neighbouring trials that differ in one field and in the outcome: its certificate. Answers
+may be wrong: that nothing has changed is a hypothesis like any other, and a search goes on until one is likely enough.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from riot_bus.generalize.oracle import Oracle, assignment_key, find_flip, same_scalar, scalar_key
+from riot_bus.generalize.oracle import BudgetSpentError, Trials, assignment_key, same_scalar, scalar_key
+from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
@@ -20,6 +22,30 @@ __all__ = ["Certificate", "FieldSpace", "Relevance", "RelevantField", "relevant_
 
 DOUBT = 0.05
 """One minus the confidence of `Relevance.bound`."""
+
+STRAIGHT = 60
+"""Draws in a row without effect: with 95 % confidence all other fields change at most ln(20) / 60 = 5 % of outcomes."""
+
+PASSING_STRAIGHT = 12
+"""Likewise around a passing assignment, which only looks for further fields: nothing is claimed from it."""
+
+BUDGET = 1000
+"""Trials at most: enough for three of 5,000 fields, failing three times in ten (about 500)."""
+
+_FAILS = 0.98
+"""Prior that the failing log fails: it was minimised."""
+
+_SURE = 0.98
+"""Of one search."""
+
+_START = 0.01
+"""Prior that the start of a search is not what it was found to be."""
+
+_UNCONFIRMED = 0.2
+"""Prior that a certificate does not hold: more than searches leave, since they know least of the rates at first."""
+
+_LEAST = 1e-3
+"""Prior of all fields without weight together."""
 
 ALTERNATIVE_CAUSES = 8
 """So many fields at most are taken in because they break a passing trial (a unit may crash on any field)."""
@@ -30,7 +56,8 @@ class FieldSpace:
     """One field and the values it may take.
 
     `failing` is its value in the failing log, `nominal` the one before the injection (None when not injected), `draws`
-    are replacements (dictionary and observed values), `prior` the weight to be relevant beside others of its kind.
+    are replacements (dictionary and observed values), `prior` the weight to be relevant beside others of its kind,
+    `observed` those that the field had in nominal logs.
     """
 
     name: str
@@ -38,6 +65,12 @@ class FieldSpace:
     nominal: Scalar | None
     draws: tuple[Scalar, ...]
     prior: float = 1.0
+    observed: tuple[Scalar, ...] = ()
+
+    def usual(self, value: Scalar) -> bool:
+        """Return whether a value is nominal: as before the injection, untouched in the failing log, or observed."""
+        own = self.failing if self.nominal is None else self.nominal
+        return any(same_scalar(value, one) for one in (own, *self.observed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +85,8 @@ class Certificate:
 class RelevantField:
     """A field that decides about the failure.
 
-    `kind` is "exceptional" when its nominal value heals the failure, "nominal" when the failure needs a value such as
-    the nominal one (mode fields) or depends on it together with others.
+    `kind` is "nominal" when the value that fails in its certificate is a nominal one (the failure needs it, as with
+    mode fields), else "exceptional".
     """
 
     name: str
@@ -66,13 +99,16 @@ class Relevance:
     """All relevant fields in the order found.
 
     With 95 % confidence a random draw of all other fields changes the outcome with probability at most `bound`
-    (ln(1/0.05) / `straight`, from `straight` draws in a row without a change).
+    (ln(1/0.05) / `straight`, from `straight` draws in a row without a change). `complete` says that the search has
+    ended by itself, not since its trials were spent.
     """
 
     fields: tuple[RelevantField, ...]
     bound: float
     straight: int
     trials: int
+    complete: bool
+    noise: Noise
 
 
 def relevant_fields(
@@ -80,21 +116,28 @@ def relevant_fields(
     ask: Ask[Mapping[str, Scalar]],
     *,
     seed: int,
-    straight: int = 12,
+    straight: int = STRAIGHT,
+    passing_straight: int = PASSING_STRAIGHT,
+    noise: Noise | None = None,
+    budget: int = BUDGET,
     parallelism: int = 1,
     progress: Progress | None = None,
 ) -> Relevance:
     """Find the fields that decide about the failure, with a certificate for each.
 
     Three stages: between the failing and the nominal values of the injected fields; random draws around the failing
-    assignment until `straight` in a row still fail; the same around a passing one until `straight` in a row still pass
+    assignment until `straight` in a row still fail; the same around a passing one until some in a row still pass
     (it finds the partner of a field whose exceptional value hides it, such as y in x * y > limit with x = INT_MAX).
 
     Args:
         fields: All fields of the minimal log, with distinct names.
-        ask: Each question assigns a value to every field; True = fails with the same signature.
+        ask: Each question assigns a value to every field, and is each time a fresh trial; True = failed with the same
+            signature.
         seed: Decides all draws.
-        straight: Draws in a row without effect that end the search; 0 leaves only the first stage.
+        straight: Draws in a row without effect that end the search.
+        passing_straight: Likewise around a passing assignment; 0 leaves that stage out.
+        noise: What is known of the rates of failure.
+        budget: Most trials. Where they end, the fields found so far are the result.
         parallelism: Questions worth asking in one batch.
         progress: Told after every batch.
 
@@ -102,49 +145,52 @@ def relevant_fields(
         InconclusiveError: If the failing assignment does not fail.
         ValueError: If two fields have one name.
     """
-    search = _Search(fields, ask, seed=seed, parallelism=parallelism, progress=progress)
-    search.check()
-    search.heal()
-    search.resample(straight, failing=True)
-    if search.found:
-        search.resample(straight, failing=False)
-    bound = min(1.0, math.log(1 / DOUBT) / straight) if straight > 0 else 1.0
-    return Relevance(tuple(search.found.values()), bound, straight, search.oracle.trials)
+    trials: Trials[Mapping[str, Scalar]] = Trials(
+        ask, key=assignment_key, noise=noise, budget=budget, parallelism=parallelism, progress=progress
+    )
+    search = _Search(fields, trials, seed=seed)
+    complete = True
+    try:
+        search.check()
+        search.heal()
+        search.resample(straight, failing=True)
+        while search.drop_unconfirmed():
+            search.resample(straight, failing=True)
+        if search.found:
+            search.resample(passing_straight, failing=False)
+            search.drop_unconfirmed()
+    except BudgetSpentError:
+        complete = False
+    bound = min(1.0, math.log(1 / DOUBT) / search.straight) if search.straight else 1.0
+    return Relevance(tuple(search.found.values()), bound, search.straight, trials.spent, complete, trials.noise)
 
 
 class _Search:
     """The state of one run of `relevant_fields`."""
 
-    def __init__(
-        self,
-        fields: Sequence[FieldSpace],
-        ask: Ask[Mapping[str, Scalar]],
-        *,
-        seed: int,
-        parallelism: int,
-        progress: Progress | None,
-    ) -> None:
+    def __init__(self, fields: Sequence[FieldSpace], trials: Trials[Mapping[str, Scalar]], *, seed: int) -> None:
         self.fields = {field.name: field for field in fields}
         if len(self.fields) != len(fields):
             raise ValueError("field names must be distinct")
-        self.oracle: Oracle[Mapping[str, Scalar]] = Oracle(ask, key=assignment_key, progress=progress)
-        self.parallelism = max(1, parallelism)
+        self.trials = trials
         self.random = random.Random(seed)  # noqa: S311 - not for secrets
+        self.straight = 0
         self.found: dict[str, RelevantField] = {}
         self.failing: dict[str, Scalar] = {field.name: field.failing for field in fields}
         injected = sum(field.nominal is not None for field in fields)
         boost = max(1.0, (len(fields) - injected) / injected) if injected else 1.0
-        self.prior = {
-            field.name: max(field.prior, 1e-9) * (boost if field.nominal is not None else 1.0) for field in fields
-        }
+        self.prior = {field.name: field.prior * (boost if field.nominal is not None else 1.0) for field in fields}
         self.decks: dict[str, list[Scalar]] = {field.name: [] for field in fields}
 
     def check(self) -> None:
         """Ask whether the failing assignment fails."""
-        if not self.oracle.ask([self.failing], "checking the failing values")[0]:
+        doing = "checking the failing values"
+        if self.trials.triggers([self.failing], prior=_FAILS, doubt=DOUBT, doing=doing)[0] < 0.5:
+            failed, passed = self.trials.counts(self.failing)
             raise InconclusiveError(
-                "the failing log does not fail with this signature, so no field can be called relevant",
-                hint="replay it several times; if it fails only sometimes, raise the number of repetitions",
+                f"the failing log does not fail with this signature ({failed} of {failed + passed} trials), so no "
+                "field can be called relevant",
+                hint="replay it several times; it may fail too rarely to be told apart from chance",
             )
 
     def heal(self) -> None:
@@ -154,58 +200,108 @@ class _Search:
             for name, field in self.fields.items():
                 if field.nominal is not None and name not in self.found:
                     healed[name] = field.nominal
-            if self.oracle.ask([healed], "replacing injected values by nominal ones")[0]:
+            if assignment_key(healed) == assignment_key(self.failing):
+                return
+            (answer,) = self.trials.ask([healed], "replacing injected values by nominal ones")
+            if self._flip(self.failing, healed, failing=True, answer=answer, unchanged=0.5) is None:
                 self.failing = healed
                 return
-            self._bisect(self.failing, healed, failing=True)
 
     def resample(self, straight: int, *, failing: bool) -> None:
         """Draw all unknown fields around a failing or passing assignment until `straight` draws have no effect."""
         unchanged, taken = 0, 0
-        while unchanged < straight and len(self.found) < len(self.fields):
-            count = min(self.parallelism, straight - unchanged)
-            bases = [self._base(failing=failing) for _ in range(count)]
+        doing = f"resampling fields around {'failing' if failing else 'passing'} values"
+        while unchanged < straight and len(self.found) < len(self.fields) and (failing or self.found):
+            bases = [self._base(failing=failing) for _ in range(min(self.trials.parallelism, straight - unchanged))]
             drawn = [self._draw(base) for base in bases]
-            answers = self.oracle.ask(drawn, f"resampling {len(self.fields) - len(self.found)} fields")
-            for base, end, answer in zip(bases, drawn, answers, strict=True):
-                if answer is failing:
+            answers = self.trials.ask(drawn, doing)
+            for base, end, answer in zip(bases, drawn, answers, strict=False):
+                if failing and base is not self.failing:
+                    unchanged = 0
+                    break
+                if not self._shows(base, end, answer=answer, failing=failing, prior=(unchanged + 1) / (unchanged + 2)):
                     unchanged += 1
+                    self.straight = unchanged if failing else self.straight
                     continue
-                unchanged = 0
-                self._exhaust(base, end, failing=failing)
-                taken += 1
+                unchanged, taken = 0, taken + 1
+                self.straight = 0 if failing else self.straight
                 break
             if not failing and taken >= ALTERNATIVE_CAUSES:
                 return
 
-    def _exhaust(self, base: dict[str, Scalar], end: dict[str, Scalar], *, failing: bool) -> None:
-        """Find all fields that one draw shows: hold each found one at its base value and look again."""
-        while True:
-            name = self._bisect(base, end, failing=failing)
-            end = {**end, name: base[name]}
-            if self.oracle.ask([end], "looking for another field in the same draw")[0] is failing:
-                return
+    def drop_unconfirmed(self) -> list[str]:
+        """Ask certificates again that the rates known by now leave in doubt; drop and return those that do not hold."""
+        dropped = []
+        for name, field in list(self.found.items()):
+            sides, doing = (field.certificate.failing, field.certificate.passing), "confirming certificates"
+            for side, prior in zip(sides, (1 - _UNCONFIRMED, _UNCONFIRMED), strict=True):
+                (chance,) = self.trials.triggers([side], prior=prior, doubt=1 - _SURE, doing=doing)
+                if (chance > 0.5) is not (prior > 0.5):
+                    del self.found[name]
+                    dropped.append(name)
+                    break
+        return dropped
 
-    def _bisect(self, start: dict[str, Scalar], end: dict[str, Scalar], *, failing: bool) -> str:
-        """Find one field between two assignments of different outcome (`failing`: that of `start`)."""
+    def _shows(
+        self, base: dict[str, Scalar], end: dict[str, Scalar], *, answer: bool, failing: bool, prior: float
+    ) -> bool:
+        """Find all fields that one draw shows; hold each found one at its base value and look again."""
+        shown = False
+        while failing or answer:  # around passing values, a trial that passes is taken for no change
+            name = self._flip(base, end, failing=failing, answer=answer, unchanged=prior)
+            if name is None:
+                break
+            shown, prior = True, 0.5
+            end = {**end, name: base[name]}
+            (answer,) = self.trials.ask([end], "looking for another field in the same draw")
+        return shown
+
+    def _flip(
+        self, start: dict[str, Scalar], end: dict[str, Scalar], *, failing: bool, answer: bool, unchanged: float
+    ) -> str | None:
+        """Find one field between two assignments whose outcomes differ; None if they do not.
+
+        Args:
+            start: Its outcome is known.
+            end: One trial of it was answered.
+            failing: Whether `start` triggers the failure.
+            answer: Whether the trial of `end` failed.
+            unchanged: Prior that the outcomes do not differ.
+        """
         changed = [name for name in self.fields if not same_scalar(start[name], end[name])]
+        if not changed:
+            return None
         changed.sort(key=lambda name: -self.prior[name])
 
         def at(length: int) -> dict[str, Scalar]:
             return {**start, **{name: end[name] for name in changed[:length]}}
 
-        def probe(lengths: Sequence[int]) -> list[bool]:
-            answers = self.oracle.ask([at(length) for length in lengths], f"bisecting {len(changed)} fields")
-            return [answer is not failing for answer in answers]
-
-        length = find_flip([self.prior[name] for name in changed], probe, low=0, parallelism=self.parallelism)
-        name = changed[length - 1]
-        pair = (at(length - 1), at(length))
+        masses = [max(self.prior[name], 0.0) for name in changed]
+        total = sum(masses) or float(len(masses))
+        masses = [max(mass, _LEAST * total / len(masses)) for mass in masses]
+        masses = [_START * total, *masses, total * unchanged / (1 - unchanged)]
+        doing, told = f"bisecting {len(changed)} fields", [(len(changed), answer)]
+        length = self.trials.flip(masses, at, rises=not failing, sure=_SURE, doing=doing, told=told)
+        if length == 0:
+            self._disown(start, failing=failing)
+        if not 0 < length <= len(changed):
+            return None
+        name, pair = changed[length - 1], (at(length - 1), at(length))
         certificate = Certificate(*pair) if failing else Certificate(pair[1], pair[0])
-        nominal = self.fields[name].nominal
-        heals = nominal is not None and same_scalar(nominal, certificate.passing[name])
-        self.found[name] = RelevantField(name, "exceptional" if heals else "nominal", certificate)
+        usual = self.fields[name].usual(certificate.failing[name])
+        self.found[name] = RelevantField(name, "nominal" if usual else "exceptional", certificate)
         return name
+
+    def _disown(self, start: dict[str, Scalar], *, failing: bool) -> None:
+        """Mend what has led to a start of the wrong outcome: nominal values that heal after all, or a certificate."""
+        if failing:
+            self.failing = {field.name: field.failing for field in self.fields.values()}
+            self.heal()
+            return
+        key = assignment_key(start)
+        wrong = [name for name, one in self.found.items() if assignment_key(one.certificate.passing) == key]
+        for name in wrong:
+            del self.found[name]
 
     def _base(self, *, failing: bool) -> dict[str, Scalar]:
         """Return an asked assignment with the wanted outcome; known relevant fields keep its values."""

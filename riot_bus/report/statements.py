@@ -24,18 +24,39 @@ class Statement:
 
 def statements(view: FindingView) -> list[Statement]:
     """Return the claims of the finished steps."""
-    found = [_failure(view)]
-    if view.minimal:
-        kept = plural(len(view.minimal.kept), "message")
-        needed = "each of those kept was left out once, and the failure went away"
+    return [_failure(view), *_minimal(view), *_fields(view), *_rule(view), *_outside(view)]
+
+
+def _minimal(view: FindingView) -> list[Statement]:
+    minimal = view.minimal
+    if minimal is None:
+        return []
+    (failed, total), without = minimal.failed, minimal.without
+    left_out = sum(trials for _, trials in without)
+    evidence = f"{failed} of {plural(total, 'trial')} of them failed" if total else "no trial of them alone is known"
+    if left_out:
+        evidence += (
+            f"; with one of them left out, {sum(hits for hits, _ in without)} of {plural(left_out, 'trial')} "
+            f"({min(trials for _, trials in without if trials)} or more for each)"
+        )
+    if any(trials == 0 for _, trials in without):
+        evidence += "; without the modified one nothing is left that could be the cause"
+    confidence = "not proven to be minimal: the search ended before that"
+    if minimal.one_minimal:
+        sure = f"{share(minimal.confidence)}: " if minimal.confidence else ""
+        confidence = f"{sure}they suffice, and none of them can be left out"
+    kept = plural(len(minimal.kept), "message")
+    found = [Statement(f"{kept} of {minimal.before} suffice for the failure", evidence, confidence)]
+    if minimal.missing:
+        hits, trials = minimal.missing_failed
         found.append(
             Statement(
-                f"{kept} of {view.minimal.before} suffice for the failure",
-                needed if view.minimal.one_minimal else "the search ended before each of them was left out once",
-                "minimal as to single messages" if view.minimal.one_minimal else "perhaps fewer would do",
+                f"a part of the log fails likewise with nothing modified ({_names(minimal.missing)})",
+                f"{hits} of {plural(trials, 'trial')} failed",
+                "another cause: the messages kept fail only when modified",
             )
         )
-    return found + _fields(view) + _rule(view) + _outside(view)
+    return found
 
 
 def _failure(view: FindingView) -> Statement:
@@ -57,25 +78,43 @@ def _fields(view: FindingView) -> list[Statement]:
     for one in view.fields.fields[:20]:
         proof = one.certificate
         low, _ = exact_interval(proof.confirmed_failing, proof.repeats)
-        clear, _ = exact_interval(proof.confirmed_passing, proof.repeats)
+        clear, _ = exact_interval(proof.confirmed_passing, proof.passing_total)
         sure = f"95 %: fails at least {share(low)} of the time with it, passes at least {share(clear)} without"
         evidence = (
             f"two trials that differ in it alone; {proof.confirmed_failing} of {proof.repeats} failed, "
-            f"{proof.confirmed_passing} of {proof.repeats} passed"
+            f"{proof.confirmed_passing} of {proof.passing_total} passed"
         )
         found.append(
             Statement(f"{clean(one.name)} is relevant", evidence, sure if proof.repeats else "one pair of trials")
         )
-    rest = len(view.fields.considered) - len(view.fields.fields)
-    if rest > 0:
+    found += [
+        Statement(f"{clean(name)} may be relevant", "fresh trials of its certificate did not confirm it", "unconfirmed")
+        for name in view.fields.unconfirmed[:20]
+    ]
+    rest = len(view.fields.considered) - len(view.fields.fields) - len(view.fields.unconfirmed)
+    if rest > 0 and view.fields.straight:
+        ended = "" if view.fields.complete else "; the trials were spent before the search had ended"
         found.append(
             Statement(
-                f"the other {plural(rest, 'field')} of these messages do not matter",
-                f"{plural(view.fields.straight, 'trial')} in a row with all of them varied, none changed the outcome",
-                f"95 %: they change the outcome at most {share(view.fields.bound)} of the time",
+                f"the other {plural(rest, 'field')} of these messages hardly matter",
+                f"{plural(view.fields.straight, 'trial')} in a row with all of them at random values, none changed the "
+                f"outcome{ended}",
+                f"95 %: of such random values at most {share(view.fields.bound)} change the outcome",
+            )
+        )
+    elif rest > 0:
+        found.append(
+            Statement(
+                f"whether the other {plural(rest, 'field')} matter is not known",
+                "the trials were spent before all of them were varied together",
+                "not tested",
             )
         )
     return found
+
+
+def _names(topics: Sequence[str]) -> str:
+    return clean(", ".join(topics[:8]) + (", ..." if len(topics) > 8 else ""))
 
 
 def _proportion(what: ProportionRecord) -> tuple[str, str]:

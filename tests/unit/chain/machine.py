@@ -134,6 +134,16 @@ def share(case: TestCase, seed: int = 0) -> float:
     return int(hashlib.sha256(f"{seed}{case.digest()}".encode()).hexdigest()[:8], 16) / 2**32
 
 
+def sometimes(rate: float, false: float = 0.0, seed: int = 0) -> Callable[[TestCase], bool]:
+    """Return which answers are wrong, when the drive hangs at this rate, and falsely at the other one."""
+
+    def wrong(case: TestCase) -> bool:
+        drawn = share(case, seed)
+        return drawn >= rate if hangs(case.messages) is not None else drawn < false
+
+    return wrong
+
+
 @dataclass
 class PureRunner:
     """A runner that is a function."""
@@ -305,6 +315,13 @@ def write_minimal(one: Bench, speed: float = -5.0) -> None:
     """Write a finding whose minimal log is one command, the speed of which was injected."""
     write_finding(one, [command("step", speed)], {0: command("step", 3.0)}, "minimal")
     MinimalRecord(before=COUNT, kept=(7,), topics=("command",), one_minimal=True).save(one.folder)
+
+
+def rated(one: Bench, failed: int, total: int) -> None:
+    """Write into the finding that so many of so many fresh trials failed, and no nominal one."""
+    rate = ProportionRecord(value=failed / total, low=0, high=1, count=failed, total=total)
+    none = ProportionRecord(value=0, low=0, high=1, count=0, total=4)
+    FindingRecord.load(one.folder).model_copy(update={"rate": rate, "nominal": none}).save(one.folder)
 
 
 def write_fields(one: Bench, *names: str) -> None:

@@ -11,7 +11,7 @@ from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRe
 from riot_bus.findings.steps import find_step
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.message import Message
-from tests.unit.chain.machine import COUNT, Bench, always, bench, command, write_finding
+from tests.unit.chain.machine import COUNT, Bench, always, bench, command, hangs, share, write_finding
 
 
 def failing(one: Bench, *bad: int) -> None:
@@ -68,7 +68,11 @@ def test_what_fails_because_messages_are_missing_is_another_cause(tmp_path: Path
     known = FindingRecord.load(one.folder)
     passes = ProportionRecord(value=0.0, low=0.0, high=0.6, count=0, total=4)
     known.model_copy(update={"nominal": passes}).save(one.folder)
-    assert minimize(one.run(), one.folder).kept == (0, 41)
+    record = minimize(one.run(), one.folder)
+    assert record.kept == (0, 41)
+    assert record.missing == ("command",)
+    assert record.missing_failed[0] > 0
+    assert "command alone, unmodified, fails likewise" in record.summary
 
 
 def test_other_failures_do_not_count(tmp_path: Path) -> None:
@@ -85,13 +89,76 @@ def test_a_log_that_does_not_fail_again_is_inconclusive(tmp_path: Path) -> None:
     assert not MinimalRecord.exists(one.folder)
 
 
-def test_one_wrong_answer_leaves_more_messages_and_they_fail(tmp_path: Path) -> None:
-    """What holds today: nothing is asked twice, so a false pass is believed and costs messages, never the failure."""
-    one = bench(tmp_path, wrong=lambda case: len(case.messages) == 1 and case.messages[0].sequence == 41)
+def test_one_wrong_answer_is_noticed_and_asked_again(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: not case.again and [each.sequence for each in case.messages] == [41])
     failing(one, 41)
-    kept = minimize(one.run(), one.folder).kept
-    assert 41 in kept
-    assert len(kept) > 1
+    record = minimize(one.run(), one.folder)
+    assert record.kept == (41,)
+    assert record.one_minimal
+    assert record.confidence == 0.95
+    assert record.failed == (1, 2)
+    assert record.without[0][0] == 0
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.9])
+def test_a_failure_that_comes_sometimes_gives_the_same_log(tmp_path: Path, rate: float) -> None:
+    one = bench(tmp_path, wrong=lambda case: hangs(case.messages) is not None and share(case) > rate)
+    failing(one, 41)
+    known = FindingRecord.load(one.folder)
+    hits = round(10 * rate)
+    seen = ProportionRecord(value=rate, low=0.0, high=1.0, count=hits, total=10)
+    known.model_copy(update={"rate": seen}).save(one.folder)
+    record = minimize(one.run(), one.folder)
+    assert (record.kept, record.one_minimal) == ((41,), True)
+    assert record.without[0][1] >= (3 if rate == 0.3 else 1)
+
+
+def needs_two(messages: Sequence[Message]) -> int | None:
+    """Fail at the end when two messages have come, the first of which is nothing special."""
+    return len(messages) - 1 if {20, 41} <= {each.sequence for each in messages} else None
+
+
+def test_a_budget_that_ends_leaves_the_best_so_far(tmp_path: Path) -> None:
+    one = bench(tmp_path, fails=needs_two)
+    failing(one, 41)
+    sizes = []
+    for budget in (2, 13, 15, 40):
+        record = minimize(one.run(), one.folder, budget=budget)
+        assert {20, 41} <= set(record.kept)
+        log = FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry)
+        assert len(log.messages) == len(record.kept)
+        assert record.one_minimal is (budget == 40)
+        assert record.one_minimal is ("not proven to be minimal" not in record.summary)
+        sizes.append(len(record.kept))
+    assert sizes[0] == COUNT
+    assert sizes[-1] == 2
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(set(sizes)) > 2
+
+
+def test_an_interruption_keeps_the_best_so_far_and_the_next_command_goes_on(tmp_path: Path) -> None:
+    def fails(messages: Sequence[Message]) -> int | None:
+        if len(one.machine.executed) == 14:
+            one.machine.fails = needs_two
+            raise KeyboardInterrupt
+        return needs_two(messages)
+
+    one = bench(tmp_path, fails=fails)
+    failing(one, 41)
+    with pytest.raises(KeyboardInterrupt):
+        minimize(one.run(), one.folder)
+    half = MinimalRecord.load(one.folder)
+    assert half.interrupted
+    assert not half.one_minimal
+    assert 2 < len(half.kept) < COUNT
+    assert half.trials > 0
+    assert not MinimalRecord.exists(one.folder)
+    count = len(one.machine.executed)
+    record = one.workspace.carry_out(find_step("minimize"), one.folder)
+    assert isinstance(record, MinimalRecord)
+    assert (record.kept, record.one_minimal, record.interrupted) == ((20, 41), True, False)
+    assert len(one.machine.executed) - count < record.trials
+    assert MinimalRecord.exists(one.folder)
 
 
 def test_trials_that_cannot_be_carried_out_end_the_step(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from riot_bus.statistics.rates import exact_interval, proportion
@@ -15,6 +15,7 @@ def test_exact_interval(hits: int, total: int, low: float, high: float) -> None:
     assert exact_interval(hits, total) == pytest.approx((low, high), abs=1e-4)
 
 
+@settings(deadline=None)  # importing scipy takes longer
 @given(st.integers(1, 300), st.data())
 def test_it_agrees_with_the_beta_distribution(total: int, data: st.DataObject) -> None:
     special = pytest.importorskip("scipy.special")

@@ -1,0 +1,267 @@
+"""Minimise and relevance where trials are not reliable: how often they are right, and what that costs.
+
+Run `python benchmarks/noise.py [--seeds N] [--only minimize] [--rates 1 0.9] [--false 0 0.01] [--json FILE]`. A trial
+fails with probability p where its input triggers the failure, else with probability eps. As in a campaign, each case
+has been confirmed by fresh trials before (`campaign.confirm`); these are not counted. A result is right, wrong, or
+inconclusive, where the step itself says that it has shown nothing. Trials: median/90th percentile of all seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generalize import ddmin
+
+from riot_bus.generalize.minimize import minimize
+from riot_bus.generalize.relevance import PASSING_STRAIGHT, FieldSpace, relevant_fields
+from riot_bus.statistics.noise import Noise
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Scalar
+
+Row = dict[str, Any]
+
+
+@dataclass
+class Unit:
+    """A unit that fails with probability `p` where an input triggers the failure, else with `eps`."""
+
+    p: float
+    eps: float
+    seed: int
+    trials: int = 0
+    chance: random.Random = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.chance = random.Random(f"{self.p} {self.eps} {self.seed}")
+
+    def answer(self, triggers: bool) -> bool:  # noqa: FBT001
+        """Return whether one trial fails."""
+        self.trials += 1
+        return self.chance.random() < (self.p if triggers else self.eps)
+
+    def confirmed(self) -> tuple[int, int]:
+        """Return how many of how many fresh trials of the failing case failed: a finding has at least one."""
+        while True:
+            hits = total = 0
+            while total < 20:
+                hits, total = hits + sum(self.chance.random() < self.p for _ in range(4)), total + 4
+                if hits == total or (hits >= 3 and total >= 10):
+                    break
+            if hits:
+                return hits, total
+
+
+@dataclass
+class Tally:
+    """What became of all seeds."""
+
+    right: int = 0
+    wrong: int = 0
+    inconclusive: int = 0
+    trials: list[int] = field(default_factory=list)
+
+    def add(self, trials: int, right: bool | None) -> None:  # noqa: FBT001
+        """Count a result: right, wrong, or None if it is inconclusive."""
+        self.trials.append(trials)
+        self.right += right is True
+        self.wrong += right is False
+        self.inconclusive += right is None
+
+    def row(self) -> Row:
+        """Return the figures."""
+        count = len(self.trials)
+        return {
+            "right": f"{self.right / count:.1%}",
+            "wrong": f"{self.wrong / count:.1%}",
+            "inconclusive": f"{self.inconclusive / count:.1%}",
+            "trials": f"{statistics.median(self.trials):.0f}/{np.percentile(self.trials, 90):.0f}",
+        }
+
+
+# -- minimise ---------------------------------------------------------------------------------------------------------
+
+
+def minimized(n: int, unit: Unit, triggers: Callable[[frozenset[int]], bool], needed: set[int] | None) -> bool | None:
+    """Minimise; return whether it is right, None if it says that it does not know."""
+
+    def ask(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        return [unit.answer(triggers(frozenset(question))) for question in questions]
+
+    try:
+        found = minimize(n, ask, noise=Noise.after(*unit.confirmed(), nominal_total=4))
+    except InconclusiveError:
+        return None
+    kept = frozenset(found.kept)
+    if not found.one_minimal:
+        return None
+    if needed is not None:
+        return kept == needed
+    return triggers(kept) and not any(triggers(kept - {item}) for item in kept)
+
+
+def minimize_row(n: int, needed: int, p: float, eps: float, seeds: int) -> Row:
+    tally, peer = Tally(), Tally()
+    for seed in range(seeds):
+        wanted = set(random.Random(seed * 7919 + n + needed).sample(range(n), needed))
+        unit = Unit(p, eps, seed)
+        right = minimized(n, unit, wanted.issubset, wanted)
+        tally.add(unit.trials, right)
+        four = Unit(p, eps, seed)
+        reached: list[frozenset[int]] = []
+
+        def repeated(
+            kept: tuple[int, ...],
+            four: Unit = four,
+            wanted: set[int] = wanted,
+            reached: list[frozenset[int]] = reached,
+        ) -> bool:
+            """Whether it fails in any of four trials, in most of them where trials also fail for nothing."""
+            hits = sum(four.answer(wanted.issubset(kept)) for _ in range(4))
+            if hit := hits > (1 if eps else 0):
+                reached.append(frozenset(kept))
+            return hit
+
+        if needed <= 3 and n <= 5000:
+            ddmin(n, repeated)
+            peer.add(four.trials, bool(reached) and min(reached, key=len) == wanted)
+    row = {"log/needed": f"{n}/{needed}", "p": p, "eps": eps, **tally.row()}
+    return row | {"ddmin, each 4 times": peer.row()["trials"], "it is right": peer.row()["right"]}
+
+
+def suppressed_row(n: int, p: float, eps: float, seeds: int) -> Row:
+    """Not monotone: what is needed is hidden by another message, unless a third one comes too (suppressor pairs)."""
+    tally = Tally()
+    for seed in range(seeds):
+        chance = random.Random(seed * 104729 + n)
+        needed = chance.sample(range(n), chance.choice((1, 2, 3)))
+        rest = [item for item in range(n) if item not in needed]
+        pairs = [tuple(chance.sample(rest, 2)) for _ in range(3)]
+
+        def triggers(kept: frozenset[int], needed: list[int] = needed, pairs: list[Any] = pairs) -> bool:
+            return kept.issuperset(needed) and not any(a in kept and b not in kept for a, b in pairs)
+
+        unit = Unit(p, eps, seed)
+        right = minimized(n, unit, triggers, None)
+        tally.add(unit.trials, right)
+    return {"log/needed": f"{n}, 3 suppressor pairs", "p": p, "eps": eps, **tally.row()}
+
+
+# -- relevance --------------------------------------------------------------------------------------------------------
+
+DRAWS = tuple(range(-5, 0)) + tuple(range(1, 6))
+
+
+def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds: int) -> Row:
+    tally, straight, slow = Tally(), [], 0.0
+    for seed in range(seeds):
+        chance = random.Random(seed * 31 + n)
+        names = [f"f{index}" for index in range(n)]
+        wanted = chance.sample(names, relevant)
+        fields = []
+        for name in names:
+            injected = name == wanted[0] or chance.random() < 0.02
+            fields.append(FieldSpace(name, -1 if name == wanted[0] else 3, 4 if injected else None, DRAWS))
+        unit = Unit(p, eps, seed)
+
+        def triggers(question: Mapping[str, Scalar], wanted: list[str] = wanted) -> bool:
+            values = [int(question[name]) for name in wanted]
+            if kind == "parity":
+                return values[0] * values[1] < 0
+            # Modes at 50 %: half of the draws are such as the failure needs.
+            return values[0] < 0 and all(value > 0 if kind == "modes at 50 %" else value == 3 for value in values[1:])
+
+        def ask(questions: Sequence[Mapping[str, Scalar]], unit: Unit = unit) -> list[bool]:
+            return [unit.answer(triggers(question)) for question in questions]
+
+        begun, drawn = time.perf_counter(), 0
+        try:
+            known = Noise.after(*unit.confirmed(), nominal_total=4)
+            found = relevant_fields(fields, ask, seed=seed, noise=known)
+            right: bool | None = {one.name for one in found.fields} == set(wanted)
+            right = right if found.complete else None
+            drawn = found.straight + PASSING_STRAIGHT
+            straight.append(drawn)
+        except InconclusiveError:
+            right = None
+        slow += time.perf_counter() - begun
+        tally.add(unit.trials - drawn, right)
+    shown = tally.row()
+    shown["search"] = shown.pop("trials")
+    name = f"{n}/{relevant}" + (f" {kind}" if kind else "")
+    draws = f"{statistics.median(straight):.0f}" if straight else "-"
+    return {
+        "fields/relevant": name,
+        "p": p,
+        "eps": eps,
+        **shown,
+        "further draws": draws,
+        "s each": f"{slow / seeds:.2f}",
+    }
+
+
+def show(title: str, rows: list[Row]) -> None:
+    print(f"\n## {title}\n")
+    heads = list(rows[0])
+    print("| " + " | ".join(heads) + " |")
+    print("|" + "---|" * len(heads))
+    for row in rows:
+        print("| " + " | ".join(str(row.get(head, "")) for head in heads) + " |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--rates", type=float, nargs="+", default=[1.0, 0.9, 0.7, 0.3])
+    parser.add_argument("--false", type=float, nargs="+", default=[0.0, 0.01])
+    parser.add_argument("--only", choices=("minimize", "suppressed", "relevance"))
+    parser.add_argument("--sizes", type=int, nargs="+", default=[50, 500, 1000, 5000], help="of logs, and fields")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    noise = [(p, eps) for eps in arguments.false for p in arguments.rates]
+    tables: dict[str, list[Callable[[float, float], Row]]] = {
+        "minimize": [
+            lambda p, eps, n=n, needed=needed: minimize_row(n, needed, p, eps, arguments.seeds)
+            for n, needed in ((1000, 1), (1000, 3), (5000, 1), (5000, 3))
+            if n in arguments.sizes
+        ],
+        "suppressed": [lambda p, eps: suppressed_row(300, p, eps, arguments.seeds)],
+        "relevance": [
+            lambda p, eps, n=n, some=some, kind=kind: relevance_row(n, some, kind, p, eps, arguments.seeds)
+            for n, some, kind in (
+                (50, 2, ""),
+                (50, 2, "parity"),
+                (500, 3, ""),
+                (5000, 3, ""),
+                (5000, 4, "modes at 50 %"),
+            )
+            if n in arguments.sizes
+        ],
+    }
+    result: dict[str, list[Row]] = {}
+    for name, makers in tables.items():
+        if arguments.only in (None, name):
+            result[name] = []
+            for make in makers:
+                for p, eps in noise:
+                    result[name].append(make(p, eps))
+                    print(" ", result[name][-1], file=sys.stderr, flush=True)
+            show(name, result[name])
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
