@@ -96,13 +96,7 @@ def system_log(workspace: Workspace) -> tuple[Message, ...]:
         ConfigError: Nothing comes from outside, or external components share the system's segment.
     """
     file = workspace.context.file
-    inside = {file.segment_of(one) for one in file.components.values() if not one.external}
-    if inside & {file.segment_of(one) for one in file.components.values() if one.external}:
-        raise ConfigError(
-            "external components share a segment with the system, so nothing can be intercepted",
-            where=f"{file.path}: [components]",
-            hint="give external components a `segment` of their own",
-        )
+    file.check_outside_apart()
     messages = external_messages(workspace)
     if not messages:
         raise ConfigError(

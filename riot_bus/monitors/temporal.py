@@ -18,7 +18,7 @@ from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadEr
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.vocabulary.message import Message, Scalar
@@ -106,7 +106,7 @@ class Stl:
         broken = next((name for name, each in samples.items() if each and math.isnan(each[-1][1])), None)
         if broken is not None:
             return f"{self.signals[broken]} is NaN, so nothing is judged from then on (`finite` finds that)"
-        return self._why_short(samples, end)
+        return self._why_short(samples, end) or self._why_vacuous(samples, end)
 
     def forge(self, view: TrialView) -> TrialView:
         """Return a copy in which each signal of outputs keeps one value, and of inputs, too, where that does not do."""
@@ -184,28 +184,55 @@ class Stl:
             return None
         return f"watched for {max(0.0, end - start):.3f} s with values of all signals, it looks {ahead:g} s ahead"
 
+    def _why_vacuous(self, samples: Mapping[str, _Samples], end: float) -> str | None:
+        """Return which antecedent keeps an implication from ever being violated; None if each of them lets it."""
+        for number in range(len(_Parsed(self).implications)):
+            parsed = _Parsed(self)
+            antecedent, ahead = parsed.implications[number]
+            _, judged = self._judged(samples, end, parsed, antecedent, ahead)
+            best = max(value for _, value in judged)
+            if best <= 0:
+                return f"antecedent never held: the robustness of {antecedent.name} was at most {best:g}, not above 0"
+        return None
+
     def _first_false(self, samples: Mapping[str, _Samples], end: float) -> tuple[float, float] | None:
         """Return the first time at which it does not hold, and the least robustness; None if it holds."""
+        parsed = _Parsed(self)
+        start, judged = self._judged(samples, end, parsed, parsed.node, parsed.ahead)
+        false = [(time, value) for time, value in judged if value < 0]
+        return (start + false[0][0], min(value for _, value in false)) if false else None
+
+    def _judged(
+        self, samples: Mapping[str, _Samples], end: float, parsed: _Parsed, node: Any, ahead: float | None
+    ) -> tuple[float, _Samples]:
+        """Return when judging begins, and the robustness of a node at the times from then on at which it is judged.
+
+        Args:
+            samples: Those of all signals.
+            end: Until when they may be judged.
+            parsed: The formula.
+            node: A node of it.
+            ahead: How long before the end judging ends; None to judge at the beginning alone.
+        """
         start = max(each[0][0] for each in samples.values())
         moved = {
             name: [[0.0, _at(each, start)], *([time - start, value] for time, value in each if start < time <= end)]
             for name, each in samples.items()
         }
-        parsed = _Parsed(self)
-        last = end - start - _ahead(parsed.node) if parsed.is_always else 0.0
-        judged = [(time, value) for time, value in parsed.robustness(moved) if time <= last]
+        last = 0.0 if ahead is None else end - start - ahead
+        judged = [[time, value] for time, value in parsed.robustness(node, moved) if time <= last]
         if any(math.isnan(value) for _, value in judged):
             raise PayloadError("the formula has no value: it computes inf - inf or the like")
-        false = [(time, value) for time, value in judged if value < 0]
-        return (start + false[0][0], min(value for _, value in false)) if false else None
+        return start, judged
 
 
 class _Parsed:
     """A formula as rtamt has it; made anew for each use, as rtamt keeps what it evaluates.
 
     Attributes:
-        node: What is evaluated: of an outermost `always`, what has to hold always.
-        is_always: Whether there was one.
+        node: What has to hold: of an outermost `always`, what has to hold always.
+        ahead: How long before the end it has to for the last time; None if at the beginning alone.
+        implications: The antecedents of implications that have to hold as such, and when, as `ahead` says it.
     """
 
     def __init__(self, monitor: Stl) -> None:
@@ -231,12 +258,14 @@ class _Parsed:
         if len(self._spec.ast.specs) != 1:
             raise ConfigError("formula: there is more than one", hint="join them with 'and', or make two monitors")
         top = self._spec.ast.specs[0]
-        self.is_always = type(top).__name__ == "Always"
-        self.node = top.children[0] if self.is_always else top
+        is_always = type(top).__name__ == "Always"
+        self.node = top.children[0] if is_always else top
+        self.ahead = _ahead(self.node) if is_always else None
+        self.implications = list(_implications(self.node, self.ahead))
 
-    def robustness(self, samples: Mapping[str, _Samples]) -> _Samples:
-        """Return the robustness of the node over time."""
-        self._spec.ast.specs[:] = [self.node]
+    def robustness(self, node: Any, samples: Mapping[str, _Samples]) -> _Samples:
+        """Return the robustness of a node over time; only once."""
+        self._spec.ast.specs[:] = [node]
         try:
             found: _Samples = self._spec.evaluate(*([name, each] for name, each in samples.items()))
         except Exception as error:  # such as ZeroDivisionError, OverflowError
@@ -259,6 +288,16 @@ def _ahead(node: Any) -> float:
             raise ConfigError(f"formula: {kind.removeprefix('Timed').lower()!r} has wrong bounds", hint=hint)
         return inner + (float(node.end) if kind.removeprefix("Timed") in _FUTURE else 0.0)
     return inner
+
+
+def _implications(node: Any, ahead: float | None) -> Iterator[tuple[Any, float | None]]:
+    """Yield the antecedents of implications all of which have to hold for a node to hold, and when."""
+    kind = type(node).__name__
+    if kind == "Implies":
+        yield node.children[0], ahead
+    elif kind in ("Conjunction", "Always"):
+        for child in node.children:
+            yield from _implications(child, 0.0 if kind == "Always" else ahead)
 
 
 def _is_output(view: TrialView, text: str) -> bool:

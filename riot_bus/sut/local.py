@@ -218,10 +218,10 @@ class LocalWorkers:
 
 
 @dataclass(eq=False, slots=True)
-class _Seat:
-    """A worker, what it does, and what it knows already."""
+class _PoolWorker:
+    """A worker of the pool, what it does, and what it knows already."""
 
-    worker: WorkerLink
+    process: WorkerLink
     task: _Task | None = None
     known: dict[bytes, None] = field(default_factory=dict)
     imports: set[str] = field(default_factory=set)
@@ -244,13 +244,13 @@ class Pool:
         self.keep = keep.resolve()  # components have working folders of their own
         self._source = workers or LocalWorkers(system, jobs, self.keep)
         self._waiting: deque[_Task] = deque()
-        self._seats: list[_Seat] = []
+        self._workers: list[_PoolWorker] = []
         self._imports: dict[str, Sequence[str]] = {}
         self._batches: deque[TrialBatch] = deque(maxlen=_MOST_BATCHES)
         self._lock = threading.Lock()
         self._closed = False
         self._woken, self._wake = Pipe(duplex=False)
-        self._source.open(self._rouse)
+        self._source.open(self._notify)
         self._feeder = threading.Thread(target=self._feed, name="riot-trials", daemon=True)
         self._feeder.start()
 
@@ -273,7 +273,7 @@ class Pool:
                 self._wake.send_bytes(b"")
         self._feeder.join()
 
-    def _rouse(self) -> None:
+    def _notify(self) -> None:
         """Have the thread look again for workers."""
         with self._lock:
             if not self._closed:
@@ -326,7 +326,7 @@ class Pool:
         try:
             while not self._closed:
                 self._start_waiting()
-                links = {seat.worker.link: seat for seat in self._seats}
+                links = {worker.process.link: worker for worker in self._workers}
                 for ready in wait([self._woken, *links]):
                     if ready is self._woken:
                         self._woken.recv_bytes()
@@ -338,51 +338,53 @@ class Pool:
     def _start_waiting(self) -> None:
         """Give waiting cases to workers that have none."""
         while self._waiting:
-            seat = next((each for each in self._seats if each.task is None), None)
-            if sum(each.task is not None for each in self._seats) >= (self._waiting[0].most or self.jobs):
+            worker = next((each for each in self._workers if each.task is None), None)
+            if sum(each.task is not None for each in self._workers) >= (self._waiting[0].most or self.jobs):
                 return
             task = self._waiting.popleft()
             try:
-                if seat is None:
-                    worker = self._source.start()
-                    if worker is None:
+                if worker is None:
+                    process = self._source.start()
+                    if process is None:
                         self._waiting.appendleft(task)
                         return
-                    seat = _Seat(worker)
-                    self._seats.append(seat)
-                self._give(task, seat)
+                    worker = _PoolWorker(process)
+                    self._workers.append(worker)
+                self._give(task, worker)
             except Exception as error:  # the disk is full, there is no process to be had: whoever asked is told
                 task.remove_directory()
                 task.future.set_exception(error)
 
-    def _give(self, task: _Task, seat: _Seat) -> None:
-        imports = {name: each for name, each in self._imports.items() if name not in seat.imports}
-        whole = task.batch.digest not in seat.known
+    def _give(self, task: _Task, worker: _PoolWorker) -> None:
+        imports = {name: each for name, each in self._imports.items() if name not in worker.imports}
+        whole = task.batch.digest not in worker.known
         directory = task.make_directory(self.keep)
-        request = task.batch.request(task.case, directory=seat.worker.folder or directory, whole=whole, imports=imports)
-        seat.task = task
-        seat.worker.ask(request, task.batch.trial, task.case)
-        seat.imports |= imports.keys()
+        request = task.batch.request(
+            task.case, directory=worker.process.folder or directory, whole=whole, imports=imports
+        )
+        worker.task = task
+        worker.process.ask(request, task.batch.trial, task.case)
+        worker.imports |= imports.keys()
         if whole:
-            remember(seat.known, task.batch.digest, None)
+            remember(worker.known, task.batch.digest, None)
 
-    def _take_answer(self, seat: _Seat) -> None:
-        task = seat.task
+    def _take_answer(self, worker: _PoolWorker) -> None:
+        task = worker.task
         try:
-            data = seat.worker.receive()
+            data = worker.process.receive()
         except (EOFError, OSError):
-            self._seats.remove(seat)
-            how = seat.worker.end()
+            self._workers.remove(worker)
+            how = worker.process.end()
             if task is not None:
                 self._again(task, how)
             return
-        seat.task = None
+        worker.task = None
         if task is None or task.directory is None:
             return
         try:
-            answer = seat.worker.read(data, task.directory)
+            answer = worker.process.read(data, task.directory)
             self._imports.update(answer.imports)
-            seat.imports |= answer.imports.keys()
+            worker.imports |= answer.imports.keys()
             self._start_waiting()
             self._finish(task, answer.outcome)
         except Exception as error:  # as the trial, or a full disk, has raised it
@@ -422,11 +424,11 @@ class Pool:
         with self._lock:
             self._closed = True
         self._source.close()
-        for seat in self._seats:
-            seat.worker.link.close()
-        for seat in self._seats:
-            seat.worker.end()
-        for task in (*self._waiting, *(seat.task for seat in self._seats)):
+        for worker in self._workers:
+            worker.process.link.close()
+        for worker in self._workers:
+            worker.process.end()
+        for task in (*self._waiting, *(worker.task for worker in self._workers)):
             if task is not None:
                 task.remove_directory()
                 task.future.cancel()

@@ -250,6 +250,22 @@ class SystemFile(_Table):
         """Return the segment that a component connects to."""
         return component.segment or self.system.segments[0]
 
+    def check_outside_apart(self) -> None:
+        """Check that what external components publish passes riot on its way to the system.
+
+        Raises:
+            ConfigError: They share a segment with the system.
+        """
+        inside, outside = (
+            {self.segment_of(one) for one in self.components.values() if one.external is way} for way in (False, True)
+        )
+        if shared := inside & outside:
+            raise ConfigError(
+                f"external components share segment {min(shared)!r} with the system, so nothing can be intercepted",
+                where=f"{self.path}: [components]",
+                hint="give external components a `segment` of their own",
+            )
+
     def isolation_of(self, component: str) -> str:
         """Return how processes of a component are started: as its unit says, "auto" if it is none."""
         units = [unit for name, unit in self.unit.items() if (unit.component or name) == component]

@@ -124,12 +124,8 @@ class SystemTrial:
         if not inside:
             raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
         home = file.segment_of(file.components[inside[0]])
-        if case.injections and home in {file.segment_of(file.components[name]) for name in outside}:
-            raise ConfigError(
-                f"external components share segment {home!r} with the system, so nothing can be intercepted",
-                where=f"{file.path}: [components]",
-                hint="give external components a `segment` of their own",
-            )
+        if case.injections and outside:
+            file.check_outside_apart()
         injected = {injection.topic for injection in case.injections} if not case.messages else set()
         injector, seen = Injector(case.injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -15,6 +13,7 @@ from riot_bus.zenoh.junction import Junction
 from riot_bus.zenoh.segments import Segment, is_open_to_all
 from riot_bus.zenoh.session import prepare_runtime
 from riot_bus.zenoh.session_config import WAIT_BEFORE_CLOSE_S
+from riot_bus.zenoh.socket_folder import socket_folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -93,7 +92,7 @@ class Network:
             configs = {name: _admitting_own({**self._config, **each.config}) for name, each in self.settings.items()}
             closed = [name for name, each in self.settings.items() if not is_open_to_all(each.listen, configs[name])]
             several = len(self.settings) > 1
-            folder = _folder(stack) if several else Path()
+            folder = stack.enter_context(socket_folder()) if several else Path()
             inner = [f"{_OWN_PROTOCOL}/{folder}/{number}" for number in range(_PLACES)] if several and closed else []
             if several and are_possible(configs):
                 self.direct = DirectLinks(list(self.settings), folder, cut=cut, services=services)
@@ -169,10 +168,3 @@ def _admitting_own(config: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(protocols, list) or not protocols or _OWN_PROTOCOL in protocols:
         return config
     return {**config, _PROTOCOLS: [*protocols, _OWN_PROTOCOL]}
-
-
-def _folder(stack: ExitStack) -> Path:
-    """Make a folder for sockets to which only this user can connect."""
-    folder = Path(tempfile.mkdtemp(prefix="riot-"))
-    stack.callback(shutil.rmtree, folder, ignore_errors=True)
-    return folder

@@ -50,6 +50,24 @@ def arrived(sink: Puppet, key: str, count: int) -> list[bytes]:
     return found
 
 
+def test_the_sockets_of_a_router_that_was_killed_are_removed_by_the_next_one(tmp_path: Path) -> None:
+    own = {"TMPDIR": str(tmp_path)}
+    with running(environment=own) as router:
+        (used,) = tmp_path.iterdir()
+        with running(environment=own) as killed:
+            (left,) = set(tmp_path.iterdir()) - {used}
+            assert killed.end(signal.SIGKILL)[0] == -signal.SIGKILL
+        assert any(each.is_socket() for each in left.iterdir())
+        with running(environment=own) as third:
+            assert not left.exists()
+            assert third.end(signal.SIGTERM)[0] == 0
+        assert list(tmp_path.iterdir()) == [used]
+        with components(router):
+            pass
+        assert router.end(signal.SIGTERM)[0] == 0
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_router_runs_until_a_signal_and_prints_a_table(number: int, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"

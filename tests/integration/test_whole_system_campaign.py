@@ -46,7 +46,7 @@ def test_what_cannot_be_intercepted_is_told_before_the_first_run(tmp_path: Path)
     path.write_text(path.read_text().replace('segment = "outside"', 'segment = "inside"'))
     with (
         Workspace(path, tmp_path / "out", jobs=1) as workspace,
-        pytest.raises(ConfigError, match="external components share a segment"),
+        pytest.raises(ConfigError, match="external components share segment"),
     ):
         run_campaign(workspace, "pump", trials=1, seconds=None, covered=False, whole_system=True)
 

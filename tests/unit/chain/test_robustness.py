@@ -384,7 +384,7 @@ def test_a_unit_that_nominal_runs_do_not_show_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('segment = "shop"', 'segment = "inside"', "share a segment"),
+        ('segment = "shop"', 'segment = "inside"', "share segment 'inside' with the system"),
         ('topics = ["panel"]', "topics = []", "no external topics"),
         ('topics = ["panel"]', 'topics = ["lamp"]', "holds nothing on lamp"),
     ],

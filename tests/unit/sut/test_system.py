@@ -95,6 +95,17 @@ def test_choosing_a_unit(tmp_path: Path) -> None:
         file.choose_unit("tow")
 
 
+def test_what_comes_from_outside_must_not_reach_the_system_within_a_segment(tmp_path: Path) -> None:
+    outside = '[components.{}]\ncommand = ["true"]\nsegment = "{}"\nexternal = true\n'
+    for further, shared in (("", None), (outside.format("two", "b"), None), (outside.format("three", "a"), "'a'")):
+        file = load_system(write(tmp_path, GOOD + further))
+        if shared is None:
+            file.check_outside_apart()
+        else:
+            with pytest.raises(ConfigError, match=f"share segment {shared}"):
+                file.check_outside_apart()
+
+
 def test_a_unit_alone_is_judged_by_monitors_of_what_it_publishes_and_of_what_nobody_does(tmp_path: Path) -> None:
     text = '[components.a]\ncommand = ["a"]\noutputs = ["one"]\n[components.b]\ncommand = ["b"]\noutputs = ["two"]\n'
     topics = ("one", "two", "tow", "*")
