@@ -68,7 +68,7 @@ class TrialFinished(RunEvent):
     """A trial has been answered, by executing it or by the store of earlier trials.
 
     Attributes:
-        verdict: `pass`, `fail` or `error`.
+        verdict: `pass`, `fail`, `error` or `unjudged`.
         signature: The failure's, if it failed.
         detail: What the first monitor saw, or what went wrong.
         seconds: How long it took when it was executed.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from coverage import Coverage
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests.tiers import ALL, scaled
 
@@ -18,7 +18,10 @@ PHASES = ("pure", "processes", "alone")
 """Unit and property tests; integration tests, several at once; those that want the machine for themselves."""
 
 # What fails prints its example; the database would make one run depend on another.
-settings.register_profile("nightly", database=None, print_blob=True)
+# An example takes as long as the machine lets it, and so does drawing it.
+settings.register_profile(
+    "nightly", database=None, print_blob=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.register_profile("gate", settings.get_profile("nightly"), max_examples=scaled(100))
 settings.load_profile("nightly" if ALL else "gate")
 

@@ -11,6 +11,7 @@ from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.history import AfterOthers, add_history
 from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class CampaignResult:
     Attributes:
         failures: Those that fresh trials have confirmed, by signature, in the order of discovery.
         unconfirmed: Those that no fresh trial has shown again.
+        trials: All trials, repeated ones not counted.
         failing: Number of failing trials.
         exhausted: Whether the budget of trials was used up, or all was tried (False: time ran out, or the campaign was
             told to stop).
@@ -53,6 +55,7 @@ class CampaignResult:
         coverable: How many there are to try.
         effects: What the injections did.
         after_others: Failures that came after other cases in the same process, and not with one of their own.
+        unjudged: Cases that could not be judged, and why.
     """
 
     trials: int
@@ -67,6 +70,7 @@ class CampaignResult:
     coverable: int = 0
     effects: Effects = field(default_factory=Effects)
     after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
+    unjudged: Sequence[tuple[TestCase, str]] = ()
 
 
 @dataclass(slots=True)
@@ -85,6 +89,7 @@ class _Campaign:
     unseen: dict[str, list[str]] = field(default_factory=dict)
     started: str = ""
     effects: Effects = field(default_factory=Effects)
+    unjudged: list[tuple[TestCase, str]] = field(default_factory=list)
 
     def case(self, log: tuple[Message, ...], seed: int, injections: tuple[Injection, ...] = ()) -> TestCase:
         """Return a test case of this campaign."""
@@ -99,8 +104,11 @@ class _Campaign:
         """Take in the outcomes of some trials, and confirm what is new in them."""
         fresh: dict[str, Failure] = {}
         for (trial, case), outcome in zip(cases.items(), outcomes, strict=True):
+            if not outcome.judged:
+                self.unjudged.append((case, outcome.detail))
+                continue
             self.started = str(outcome.statistics.get("started", ""))
-            if outcome.detail and outcome.verdict is not Verdict.ERROR:
+            if outcome.detail:
                 self.notes[outcome.detail] = self.notes.get(outcome.detail, 0) + 1
             for line in outcome.statistics.get("unseen", ()):
                 name, _, reason = str(line).partition(": ")
@@ -140,10 +148,10 @@ class _Campaign:
     def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
         """Try the nominal log, more often if it fails; return the number of trials."""
         cases = {-number: self.case(log, seed + number - 1) for number in range(1, _NOMINAL + 1)}
-        outcomes = list(self.runner.run(list(cases.values())))
+        outcomes = _run_nominal(self.runner, list(cases.values()))
         if len({outcome.verdict for outcome in outcomes}) > 1:
             more = {-number: self.case(log, seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
-            outcomes += self.runner.run(list(more.values()))
+            outcomes += _run_nominal(self.runner, list(more.values()))
             cases |= more
         self.nominal = self.usual = outcomes
         self.judge(cases, outcomes)
@@ -155,7 +163,7 @@ class _Campaign:
             if self.usual is self.nominal:
                 first = replace(next(iter(cases.values())), injections=())
                 usual = [self._asked(replace(first, again=number)) for number in range(1, _NOMINAL + 1)]
-                self.usual = list(self.explorer.run(usual))
+                self.usual = _run_nominal(self.explorer, usual)
             for case in cases.values():
                 self._asked(case)
         return self.explorer.run(list(cases.values()))
@@ -163,6 +171,15 @@ class _Campaign:
     def _asked(self, case: TestCase) -> TestCase:
         self.asked[case.digest()] = case
         return case
+
+
+def _run_nominal(runner: Runner, cases: Sequence[TestCase]) -> list[Outcome]:
+    """Run trials of the nominal log; where these cannot be judged, no others can."""
+    outcomes = list(runner.run(cases))
+    for outcome in outcomes:
+        if not outcome.judged:
+            raise EnvironmentFaultError(f"a trial of the nominal log could not be carried out: {outcome.detail}")
+    return outcomes
 
 
 def run_campaign(
@@ -198,6 +215,9 @@ def run_campaign(
         progress: Told after each batch.
         found: Called with each failure as soon as it is confirmed.
         explorer: Executes injected trials in its own way, such as many with one process; None for `runner`.
+
+    Raises:
+        EnvironmentFaultError: Trials of the nominal log cannot be judged.
     """
     log = tuple(messages)
     work = _Campaign(runner, explorer or runner, found, ordered)
@@ -229,7 +249,7 @@ def run_campaign(
     for failure in confirmed.values():
         work.simplify(failure)
     rest = {key: each for key, each in work.failures.items() if not each.confirmed}
-    every = nominal + done
+    every = nominal + done - len(work.unjudged)
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
     finished = not hopeless and (done >= trials or (covered and covering is not None and covering.finished))
@@ -246,6 +266,7 @@ def run_campaign(
         coverable=covering.total if covering else 0,
         effects=work.effects,
         after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
+        unjudged=work.unjudged,
     )
 
 

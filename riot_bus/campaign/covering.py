@@ -125,12 +125,13 @@ class Covering:
         failed = outcome.verdict is Verdict.FAIL
         missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
         hidden = len(group) > 1 and missing > len(group) + _SHARE_SILENT * nominal_outputs
+        apart = failed or hidden or not outcome.judged
         at = {id(placed) for placed in reached}
         self._put_back(placed.item for placed in group if id(placed) not in at)
-        if (failed or hidden) and len(reached) > 1:
+        if apart and len(reached) > 1:
             half = len(reached) // 2
             self._halves += (tuple(reached[:half]), tuple(reached[half:]))
-        else:
+        elif outcome.judged:
             fresh = [placed.item for placed in reached if not placed.item.again]
             self.tried += [(item, failed) for item in fresh]
             if failed and reached:
@@ -138,7 +139,7 @@ class Covering:
                 self._set_apart(reached[0].item.about)
             elif not failed:
                 self._remember(fresh)
-        self._size = max(1, self._size // 2) if failed or hidden else min(_LARGEST, max(self._size, len(group)) * 2)
+        self._size = max(1, self._size // 2) if apart else min(_LARGEST, max(self._size, len(group)) * 2)
 
     @property
     def covered(self) -> int:

@@ -40,7 +40,7 @@ class Effects:
     def add(self, case: TestCase, outcome: Outcome, nominal: Iterable[Outcome]) -> None:
         """Count the injections of one trial; `nominal` are the outcomes of the nominal log."""
         delivered = outcome.statistics.get("delivered")
-        if delivered is None or outcome.verdict is Verdict.ERROR:
+        if delivered is None or not outcome.judged:
             return
         failed = outcome.verdict is Verdict.FAIL
         count = sum(each > 0 for each in delivered)

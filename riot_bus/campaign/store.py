@@ -13,7 +13,7 @@ import sqlite3
 import threading
 from contextlib import closing, contextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Runner, TestCase
 
 __all__ = ["StoredRunner", "TrialStore", "stored_trials"]
@@ -41,10 +42,12 @@ _SETTINGS = (
 _TABLES = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'trials'"
 _CREATE = (
     "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT UNIQUE,"
-    " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT) STRICT"
+    " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT, injected TEXT) STRICT"
 )
+_COLUMNS = "SELECT name FROM pragma_table_info('trials')"
+_TRIED = "SELECT injected, outcome FROM trials WHERE substr(key, 1, length(?)) = ? AND injected <> '' ORDER BY number"
 _ROWS = "SELECT number, key, verdict, signatures, seconds, detail FROM trials ORDER BY number"
-_PUT = "INSERT OR REPLACE INTO trials VALUES (NULL, ?, ?, ?, ?, ?, ?)"
+_PUT = "INSERT OR REPLACE INTO trials VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
 
 
 class TrialStore:
@@ -72,6 +75,8 @@ class TrialStore:
                 self._database.execute(setting)
             if not self._database.execute(_TABLES).fetchone():
                 self._begin(path.with_name(_OLDER))
+            elif ("injected",) not in self._database.execute(_COLUMNS).fetchall():
+                self._database.execute("ALTER TABLE trials ADD COLUMN injected TEXT")
 
     def __len__(self) -> int:
         with self._lock, _told(self.path):
@@ -84,14 +89,36 @@ class TrialStore:
             row = self._database.execute("SELECT outcome FROM trials WHERE key = ?", (key,)).fetchone()
         return None if row is None else _outcome(row[0])
 
-    def put(self, key: str, outcome: Outcome) -> None:
+    def put(self, key: str, outcome: Outcome, case: TestCase | None = None) -> None:
         """Keep an outcome, in the file before this returns; a disk that is full takes no half of it.
+
+        Args:
+            key: Identifies the test case and all else that decides its outcome.
+            outcome: The outcome.
+            case: The test case; `tried` returns it if it has injections.
 
         Raises:
             OSError: The disk is full.
         """
         with self._lock, _told(self.path):
-            self._database.execute(_PUT, _row(key, outcome))
+            self._database.execute(_PUT, _row(key, outcome, _injected(case) if case and case.injections else ""))
+
+    def tried(
+        self, scope: Mapping[str, object], log: Sequence[Message]
+    ) -> Iterator[tuple[list[dict[str, Any]], int, Outcome]]:
+        """Yield what was injected into a log (the rows of the injections, and the seed), and the outcome.
+
+        Args:
+            scope: That of the `StoredRunner` that has asked.
+            log: The log.
+        """
+        begin, wanted = f"{_text(scope)}|", _identity(log)
+        with self._lock, _told(self.path):
+            rows = self._database.execute(_TRIED, (begin, begin)).fetchall()
+        for injected, text in rows:
+            case, outcome = json.loads(injected), _outcome(text)
+            if outcome is not None and case["log"] == wanted:
+                yield case["injections"], case["seed"], outcome
 
     def close(self) -> None:
         """Close the file, which is then one file again; safe to call twice."""
@@ -144,11 +171,25 @@ def _told(path: Path) -> Iterator[None]:
         raise EnvironmentFaultError(f"cannot use it: {error}", where=str(path), hint=hint) from error
 
 
-def _row(key: str, outcome: Outcome) -> tuple[object, ...]:
+def _text(scope: Mapping[str, object]) -> str:
+    return json.dumps(scope, sort_keys=True, default=str)
+
+
+def _injected(case: TestCase) -> str:
+    rows = [each.row() for each in case.injections]
+    return json.dumps({"log": _identity(case.messages), "seed": case.seed, "injections": rows}, default=repr)
+
+
+def _identity(log: Sequence[Message]) -> list[object]:
+    """Return what tells one log of a campaign from others: their first and last messages and how many there are."""
+    return [len(log), *(log[place].digest().hex() for place in (0, -1) if log)]
+
+
+def _row(key: str, outcome: Outcome, injected: str = "") -> tuple[object, ...]:
     signatures = "\n".join(each.signature for each in outcome.violations)
     shown = [text.encode(errors="backslashreplace").decode() for text in (signatures, outcome.detail)]
     text = json.dumps(asdict(outcome), separators=(",", ":"))
-    return key, str(outcome.verdict), shown[0], outcome.seconds, shown[1], text
+    return key, str(outcome.verdict), shown[0], outcome.seconds, shown[1], text, injected
 
 
 def _outcome(text: str) -> Outcome | None:
@@ -182,6 +223,7 @@ class StoredRunner:
         store: Where outcomes are kept.
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Called after each outcome.
+        unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.
     """
 
     def __init__(
@@ -191,11 +233,13 @@ class StoredRunner:
         *,
         scope: Mapping[str, object],
         told: Callable[[Outcome], None] | None = None,
+        unjudged: bool = False,
     ) -> None:
         self._runner = runner
         self._store = store
-        self._scope = json.dumps(scope, sort_keys=True, default=str)
+        self._scope = _text(scope)
         self._told = told
+        self._unjudged = unjudged
         self.trials = 0
         self.executed = 0
 
@@ -211,7 +255,8 @@ class StoredRunner:
             EnvironmentFaultError: A trial could not be carried out, several times over.
         """
         keys = [f"{self._scope}|{case.digest()}" for case in cases]
-        known = {key: outcome for key in keys if (outcome := self._store.get(key)) is not None}
+        stored = {key: self._store.get(key) for key in keys}
+        known = {key: outcome for key, outcome in stored.items() if outcome is not None and self._counts(outcome)}
         fresh = {key: case for key, case in zip(keys, cases, strict=True) if key not in known}
         for attempt in range(_ATTEMPTS):
             pending = {key: case for key, case in fresh.items() if key not in known}
@@ -219,9 +264,9 @@ class StoredRunner:
                 break
             for key, outcome in zip(pending, self._execute(pending), strict=True):
                 self.executed += 1
-                if outcome.verdict is not Verdict.ERROR:
+                if self._counts(outcome):
                     known[key] = outcome
-                elif attempt == _ATTEMPTS - 1:
+                elif attempt == _ATTEMPTS - 1 or outcome.verdict is Verdict.UNJUDGED:
                     raise EnvironmentFaultError(f"a trial could not be carried out: {outcome.detail}")
         self.trials += len(cases)
         outcomes = [known[key] for key in keys]
@@ -230,13 +275,16 @@ class StoredRunner:
                 self._told(outcome)
         return outcomes
 
+    def _counts(self, outcome: Outcome) -> bool:
+        return outcome.judged or (self._unjudged and outcome.verdict is Verdict.UNJUDGED)
+
     def _execute(self, cases: Mapping[str, TestCase]) -> Sequence[Outcome]:
         """Execute trials; each is kept as it ends, where it ends if a runner tells so: an interruption loses none."""
         keys = list(cases)
 
         def ended(number: int, outcome: Outcome) -> None:
-            if outcome.verdict is not Verdict.ERROR:
-                self._store.put(keys[number], outcome)
+            if self._counts(outcome):
+                self._store.put(keys[number], outcome, cases[keys[number]])
 
         if isinstance(self._runner, _RunsEach):
             return self._runner.each(list(cases.values()), ended)

@@ -77,7 +77,7 @@ class Stretches:
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
         """Take in the outcome of a trial of a group, as `Covering.take` does; outputs do not matter here."""
         del nominal_outputs
-        if outcome.verdict is not Verdict.FAIL:
+        if outcome.verdict is Verdict.PASS:
             return
         if len(group) > 1:
             half = len(group) // 2

@@ -197,7 +197,7 @@ class _Work:
         ]
         figures = {"trials": len(outcomes), "injected": len(touched), "messages": len(messages)}
         for each in outcomes:
-            if each.verdict is Verdict.ERROR:
+            if not each.judged:
                 return LogAnswer(place, "error", each.detail, **figures)
         signature = self._challenge.signature
         alike = [each for each in outcomes if each.failed_as(signature)]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
 from riot_bus.chain.logs import internal_name
-from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord
+from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord, RuleRecord
+from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection, Signal
@@ -28,7 +29,7 @@ _DRAWS = 399
 
 
 def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
-    """Perturb the external fields of the whole system.
+    """Perturb the external fields of the whole system, and see what comes of the relevant ones and those of the rule.
 
     Args:
         step: The running step.
@@ -43,7 +44,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     finding, relevant = FindingRecord.load(folder), FieldsRecord.load(folder)
     workspace = step.workspace
     file = workspace.context.file
-    internals = sorted({internal_name(record.name) for record in relevant.fields})
+    learnt = Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
+    internals = sorted({internal_name(name) for name in (*(record.name for record in relevant.fields), *learnt)})
     graph = topic_graph(file)
     topics = sorted({name.rpartition(":")[0] for name in internals})
     reaching = frozenset().union(*(graph.reaching(topic) for topic in topics))

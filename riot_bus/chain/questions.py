@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["UnitQuestions", "dictionary_of", "draws_for", "json_value"]
 
@@ -71,13 +73,23 @@ class UnitQuestions:
         self.runner = step.unit_runner(self.finding.unit)
         self._corrected: dict[str, bool] = {}
 
+    def within(self, fields: NamedFields) -> UnitQuestions:
+        """Return the same questions over another log."""
+        other = copy(self)
+        other.fields, other._corrected = fields, {}
+        return other
+
+    def nominal_log(self) -> tuple[Message, ...]:
+        """Return the inputs of the unit in the nominal log."""
+        return self._workspace.unit_log(self.finding.unit)
+
     def nominal(self, fields: Iterable[NamedField], *, at_most: int = 2000) -> dict[str, list[Scalar]]:
         """Return the values that fields of the minimal log took in the nominal log, evenly thinned out, by name."""
         named = list(fields)
         paths: dict[str, set[str]] = {}
         for field in named:
             paths.setdefault(field.topic, set()).add(field.leaf.path)
-        log = self._workspace.unit_log(self.finding.unit)
+        log = self.nominal_log()
         values = nominal_values(log, paths, registry=self._workspace.context.registry, at_most=at_most)
         return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.context import Context
     from riot_bus.sut.system import Unit
 
-__all__ = ["relevance"]
+__all__ = ["considered_fields", "field_spaces", "relevance"]
 
 _REPEATS = 3
 _ROUNDS = 4
@@ -29,7 +29,9 @@ _STRAIGHT = 12
 _INJECTED_PRIOR = 10.0
 
 
-def _considered(fields: NamedFields, unit: Unit) -> list[NamedField]:
+def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
+    """Return the fields that may be varied: all but the brittle ones and those that riot.toml leaves alone."""
+
     def wanted(field: NamedField) -> bool:
         name = f"{field.topic}:{field.leaf.path}"
         if field.original is not None or any(fnmatchcase(name, pattern) for pattern in unit.include):
@@ -58,18 +60,8 @@ def relevance(step: StepRun, folder: Path) -> FieldsRecord:
     MinimalRecord.load(folder)
     context = step.workspace.context
     questions = UnitQuestions(step, folder)
-    considered = _considered(questions.fields, context.file.unit[questions.finding.unit])
-    observed = questions.nominal(considered)
-    spaces = [
-        FieldSpace(
-            field.name,
-            field.leaf.value,
-            field.original,
-            draws_for(field, questions.dictionary, observed[field.name]),
-            prior=1.0 if field.original is None else _INJECTED_PRIOR,
-        )
-        for field in considered
-    ]
+    considered = considered_fields(questions.fields, context.file.unit[questions.finding.unit])
+    spaces = field_spaces(questions, considered)
 
     def search() -> tuple[Relevance, tuple[FieldRecord, ...]]:
         found = relevant_fields(
@@ -89,6 +81,21 @@ def relevance(step: StepRun, folder: Path) -> FieldsRecord:
         bound=min(1.0, found.bound),
         straight=found.straight,
     )
+
+
+def field_spaces(questions: UnitQuestions, considered: Sequence[NamedField]) -> list[FieldSpace]:
+    """Return fields with the values that may replace theirs."""
+    observed = questions.nominal(considered)
+    return [
+        FieldSpace(
+            field.name,
+            field.leaf.value,
+            field.original,
+            draws_for(field, questions.dictionary, observed[field.name]),
+            prior=1.0 if field.original is None else _INJECTED_PRIOR,
+        )
+        for field in considered
+    ]
 
 
 def _contradicted(

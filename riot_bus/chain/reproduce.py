@@ -73,7 +73,7 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
     )
     for outcome in outcomes:
         StepRun(workspace, "reproduce").told(outcome)
-        if outcome.verdict is Verdict.ERROR:
+        if not outcome.judged:
             raise EnvironmentFaultError(outcome.detail)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
     others = sorted(

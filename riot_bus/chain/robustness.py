@@ -32,6 +32,7 @@ from riot_bus.findings.records import (
     MinimalRecord,
     ProportionRecord,
     UnconfirmedRecord,
+    UnjudgedRecord,
 )
 from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
@@ -153,7 +154,7 @@ def test_unit(
             covered=covered,
             progress=step.progress,
             found=lambda failure: _save(step, subject, failure, baseline),
-            explorer=step.unit_runner(unit, persistent=True) if persistent else None,
+            explorer=step.unit_runner(unit, persistent=True, unjudged=True) if persistent else None,
         )
         if isinstance(runner, _Inside):
             failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
@@ -167,9 +168,10 @@ def test_unit(
             unit=unit,
             fingerprint=workspace.fingerprint,
             failing=result.failing,
-            tested=result.trials,
+            tested=result.trials - len(result.unjudged),
             findings=tuple(folder.name for folder in folders),
             unconfirmed=(*map(_unconfirmed, result.unconfirmed.values()), *untraced),
+            unjudged=_unjudged(result.unjudged),
             notes=dict(result.notes),
             ordered=baseline.ordered,
             started=result.started,
@@ -178,7 +180,7 @@ def test_unit(
             effects=_effects(result, types),
             untold=untold,
             whole_system=whole_system,
-            rate=_rate(proportion(result.failing, result.trials)),
+            rate=_rate(proportion(result.failing, result.trials - len(result.unjudged))),
             mined=baseline.mined.row(),
             seed=workspace.seed,
             trials=step.trials,
@@ -187,7 +189,8 @@ def test_unit(
         record.save(workspace.out)
         found = map(_told, [*result.failures.values(), *traced])
         after = [_after(each) for each in untraced]
-        lines = [*found, *after, *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
+        doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
+        lines = [*found, *after, *doubts]
         step.end("\n".join([_summary(subject, result), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
@@ -245,6 +248,20 @@ def _unconfirmed(failure: Failure) -> UnconfirmedRecord:
         occurrences=failure.occurrences,
         repeats=repeats,
         injections=tuple(each.row() for each in failure.case.injections),
+    )
+
+
+def _unjudged(cases: Sequence[tuple[TestCase, str]]) -> tuple[UnjudgedRecord, ...]:
+    """Return what could not be judged, by the reason."""
+    reasons: dict[str, list[TestCase]] = {}
+    for case, reason in cases:
+        reasons.setdefault(reason, []).append(case)
+    fewest = {reason: min(each, key=lambda case: len(case.injections)) for reason, each in reasons.items()}
+    return tuple(
+        UnjudgedRecord(
+            detail=reason, occurrences=len(each), injections=tuple(one.row() for one in fewest[reason].injections)
+        )
+        for reason, each in reasons.items()
     )
 
 
@@ -320,7 +337,7 @@ def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside,
     workspace, unit = step.workspace, subject.unit
     if not subject.whole_system:
         baseline = workspace.runners.baseline(unit, lambda: subject.log)
-        return step.unit_runner(unit), baseline, baseline.untold
+        return step.unit_runner(unit, unjudged=True), baseline, baseline.untold
     pace = workspace.context.file.system.trial_run
     baseline = workspace.runners.in_system(unit, lambda: workspace.unit_log(unit), pace)
     judged = (unit, baseline) if baseline.trials else None
@@ -328,7 +345,8 @@ def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside,
     mute = () if judged else tuple(f"whether {unit} still works after a run: {why}" for why in baseline.mute)
     mute += tuple(f"{signature}: nominal runs of the whole system show the same" for signature in baseline.alarms)
     external = {name for name, each in workspace.context.file.components.items() if each.external}
-    runner = _Inside(step.system_runner(observe=(), pace=pace, judged=judged), external, baseline.alarms)
+    runs = step.system_runner(observe=(), pace=pace, judged=judged, unjudged=True)
+    runner = _Inside(runs, external, baseline.alarms)
     return runner, baseline, (*mute, others)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Change
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["CaseTemplate", "load_challenge"]
+__all__ = ["CaseTemplate", "injection_of", "load_challenge"]
 
 _ROLES: tuple[Role, ...] = ("original", "delivered")
 _ELEMENT = re.compile(r"\[\d+\]$")
@@ -99,12 +99,16 @@ def _of_finding(folder: Path) -> CaseTemplate:
             hint="name a finding of `riot test` without --whole-system, or an injection plan",
         )
     where = str(folder / FindingRecord.FILE)
-    injections = tuple(_injection(each, where) for each in finding.injections)
+    injections = tuple(injection_of(each, where) for each in finding.injections)
     return CaseTemplate(injections, finding.signature, finding.unit, finding.system_file)
 
 
-def _injection(row: Mapping[str, Any], where: str) -> Injection:
-    """Return an injection that was written as JSON."""
+def injection_of(row: Mapping[str, Any], where: str) -> Injection:
+    """Return an injection that was written as JSON.
+
+    Raises:
+        ConfigError: It is none.
+    """
     known = {each.name for each in fields(Injection)}
     for name in row.keys() - known:
         raise ConfigError(f"unknown key {name!r} in an injection", where=where, hint=did_you_mean(name, known))

@@ -71,23 +71,46 @@ class StepRun:
         where = None if folder is None else str(folder)
         self.workspace.tell(StepFinished(self.name, text, self.seconds, self.trials, where, dump))
 
-    def unit_runner(self, unit: str, *, persistent: bool = False) -> StoredRunner:
-        """Return a runner for trials of a unit alone; `persistent` ones that pass may share a process."""
-        workspace, scope = self.workspace, {"persistent": True} if persistent else {}
+    def unit_runner(self, unit: str, *, persistent: bool = False, unjudged: bool = False) -> StoredRunner:
+        """Return a runner for trials of a unit alone.
+
+        Args:
+            unit: The unit.
+            persistent: Whether trials that pass may share a process.
+            unjudged: Whether a case that cannot be judged has an outcome, too, instead of being an error.
+        """
+        workspace = self.workspace
         runner = workspace.runners.unit(unit, lambda: workspace.unit_log(unit), persistent=persistent)
-        return self._stored(runner, {"unit": unit, **scope})
+        return self._stored(runner, self._of_unit(unit, persistent=persistent), unjudged=unjudged)
+
+    def tried(self, unit: str) -> list[tuple[list[dict[str, Any]], int, Outcome]]:
+        """Return what was injected into the nominal log of a unit (rows of injections, seed), and what came of it."""
+        log = self.workspace.unit_log(unit)
+        scopes = [self._scope(self._of_unit(unit, persistent=persistent)) for persistent in (False, True)]
+        return [row for scope in scopes for row in self.workspace.store.tried(scope, log)]
 
     def system_runner(
-        self, *, observe: Sequence[str], pace: RunPace, judged: tuple[str, Baseline] | None = None
+        self,
+        *,
+        observe: Sequence[str],
+        pace: RunPace,
+        judged: tuple[str, Baseline] | None = None,
+        unjudged: bool = False,
     ) -> StoredRunner:
-        """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
+        """Return a runner for runs of the whole system; see `RunnerFactory.system` and `unit_runner`."""
         runner = self.workspace.runners.system(pace, observe=observe, judged=judged)
         scope = {"observe": list(observe), **pace.model_dump()}
-        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope)
+        return self._stored(runner, scope | {"judged": judged[0]} if judged else scope, unjudged=unjudged)
 
-    def _stored(self, runner: Runner, scope: dict[str, object]) -> StoredRunner:
-        scope = {"system": self.workspace.fingerprint, **scope}
-        stored = StoredRunner(runner, self.workspace.store, scope=scope, told=self.told)
+    def _of_unit(self, unit: str, *, persistent: bool) -> dict[str, object]:
+        return {"unit": unit, "persistent": True} if persistent else {"unit": unit}
+
+    def _scope(self, scope: dict[str, object]) -> dict[str, object]:
+        return {"system": self.workspace.fingerprint, **scope}
+
+    def _stored(self, runner: Runner, scope: dict[str, object], *, unjudged: bool) -> StoredRunner:
+        scope, store = self._scope(scope), self.workspace.store
+        stored = StoredRunner(runner, store, scope=scope, told=self.told, unjudged=unjudged)
         self.runners.append(stored)
         return stored
 
@@ -209,7 +232,7 @@ class Workspace:
             (outcome,) = runner.run([TestCase(seed=self.seed)])
             if outcome.verdict is not Verdict.ERROR:
                 break
-        if outcome.verdict is Verdict.ERROR:
+        if not outcome.judged:
             raise EnvironmentFaultError(f"the nominal run could not be carried out: {outcome.detail}")
         if outcome.verdict is Verdict.FAIL:
             violation = outcome.violations[0]

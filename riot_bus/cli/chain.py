@@ -204,10 +204,11 @@ def run_tests(
         name, _ = workspace.unit(unit)
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
-    notes = CampaignRecord.load(out).notes
-    lines = folders or [f"inconclusive: {note}" for note in notes] or ["no finding"]
-    _show({"unit": name, "findings": folders, "notes": notes}, form, lines)
-    if folders or notes:
+    record = CampaignRecord.load(out)
+    lines = folders or [f"inconclusive: {doubt}" for doubt in record.doubts] or ["no finding"]
+    unjudged = [each.model_dump(mode="json") for each in record.unjudged]
+    _show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, form, lines)
+    if folders or record.doubts:
         raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
 
@@ -229,6 +230,7 @@ def analyze(
     """Run the whole chain on a system; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze as run_chain
     from riot_bus.chain.robustness import test_unit, tested
+    from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.finding_view import load
     from riot_bus.report.text import summary
 
@@ -244,9 +246,11 @@ def analyze(
         {"finding": str(one.folder), "rule": rule.text if rule else None, "report": str(one.report)}
         for one, rule in zip(done, rules, strict=True)
     ]
-    _show({"findings": result}, form, [summary(one.folder) for one in done] or ["no finding"])
-    if folders:
-        raise typer.Exit(FAULTS)
+    doubts = [] if folders else CampaignRecord.load(out).doubts
+    lines = [*(summary(one.folder) for one in done), *(f"inconclusive: {doubt}" for doubt in doubts)] or ["no finding"]
+    _show({"findings": result}, form, lines)
+    if folders or doubts:
+        raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
 
 def reproduce(

@@ -24,7 +24,7 @@ _END_S, _STDERR = 30.0, 2
 
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
-    "reports": ("report", "findings", "trials", "compare"),
+    "reports": ("report", "findings", "trials", "compare", "predict"),
     "logs": ("info", "types", "export"),
     "archives": ("import",),
     "play": ("play",),

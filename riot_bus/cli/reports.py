@@ -1,4 +1,4 @@
-"""`riot report`, `findings`, `trials`, `compare`."""
+"""`riot report`, `findings`, `trials`, `compare`, `predict`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEFAULT_OUT = Path("riot-out")
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    for command in (report, findings, trials, compare):
+    for command in (report, findings, trials, compare, predict):
         app.command()(command)
 
 
@@ -65,8 +65,10 @@ def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT
         typer.echo(json.dumps(records, indent=1))
     else:
         typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
-        for line in CampaignRecord.load(finding).effects.lines() if CampaignRecord.exists(finding) else ():
-            typer.echo(escape_control_chars(line))
+        if CampaignRecord.exists(finding):
+            record = CampaignRecord.load(finding)
+            for line in (*map(str, record.unjudged), *record.effects.lines()):
+                typer.echo(escape_control_chars(line))
 
 
 def trials(
@@ -111,4 +113,25 @@ def compare(
         for line in found.lines():
             typer.echo(escape_control_chars(line))
     if any(each.change == "new" for each in found.findings):
+        raise typer.Exit(1)
+
+
+def predict(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log (.mcap) of any length.")],
+    finding: Finding = DEFAULT_OUT,
+    *,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say where a unit would fail in a log, by a finding's rule. Exit 1 if it would, 5 if the rule cannot be judged."""
+    from riot_bus.chain.prediction import predict_log
+    from riot_bus.chain.workspace import open_finding
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    found = predict_log(log, open_finding(finding)[0])
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        for line in found.lines():
+            typer.echo(escape_control_chars(line))
+    if found.fails:
         raise typer.Exit(1)

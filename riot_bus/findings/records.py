@@ -41,6 +41,7 @@ __all__ = [
     "RuleRecord",
     "RuleSample",
     "UnconfirmedRecord",
+    "UnjudgedRecord",
     "Value",
 ]
 
@@ -185,11 +186,23 @@ class UnconfirmedRecord(_Model):
     injections: tuple[dict[str, Any], ...] = ()
 
 
+class UnjudgedRecord(_Model):
+    """Injected trials that could not be judged for the same reason, and the injections of the one with the fewest."""
+
+    detail: str
+    occurrences: int = 1
+    injections: tuple[dict[str, Any], ...] = ()
+
+    def __str__(self) -> str:
+        return f"{counted(self.occurrences, 'test case')} could not be judged: {self.detail}"
+
+
 class CampaignRecord(Artefact):
     """A finished campaign, in the output folder: what it found, the worst first.
 
     Attributes:
         tested: Trials of the nominal log and injected ones, of which `failing` failed; repeated ones are not counted.
+        unjudged: Injected trials that are none of these, since they could not be judged.
         notes: What monitors said of themselves, such as that they saw nothing, and in how many trials.
         ordered: Whether trials kept the order of the log across topics.
         started: How trials started the unit: "forked" or "executed", and why not forked.
@@ -210,6 +223,7 @@ class CampaignRecord(Artefact):
     tested: int = 0
     findings: tuple[str, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    unjudged: tuple[UnjudgedRecord, ...] = ()
     notes: dict[str, int] = {}
     ordered: bool = False
     started: str = ""
@@ -220,6 +234,11 @@ class CampaignRecord(Artefact):
     rate: ProportionRecord | None = None
     mined: dict[str, Any] = {}
     whole_system: bool = False
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why nothing can be concluded from a campaign that has found nothing; nothing if it is clean."""
+        return [*self.notes, *map(str, self.unjudged)]
 
 
 class FindingRecord(Artefact):
@@ -335,7 +354,15 @@ class RuleSample(_Model):
 
 
 class RuleRecord(Artefact):
-    """The unit-level rule (RIOT II-B c)."""
+    """The unit-level rule (RIOT II-B c).
+
+    Attributes:
+        topics: Topic of each message of the log in which its fields are named.
+        context: Topics of the nominal messages in front of the minimal log that matter; that log is `context.mcap`.
+        in_context: Of how many trials behind nominal messages the rule says what is so.
+        in_campaign: Of how many trials of the campaign it does; those that failed otherwise are left out.
+        missed: How many trials of the campaign failed so, though the rule holds nowhere in them.
+    """
 
     FILE = "rule.json"
     STEP = "rules"
@@ -346,6 +373,11 @@ class RuleRecord(Artefact):
     recall: ProportionRecord
     balanced_accuracy: float
     checks: int = Field(default=0, description="fresh trials behind these rates")
+    topics: tuple[str, ...] = ()
+    context: tuple[str, ...] = ()
+    in_context: ProportionRecord | None = None
+    in_campaign: ProportionRecord | None = None
+    missed: int = 0
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
@@ -359,6 +391,13 @@ class RuleRecord(Artefact):
             accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:
             accuracy = "not tested: no fresh checks could be had"
+        if self.in_context is not None and self.in_context.total:
+            one = self.in_context
+            accuracy += f", right in {one.count} of {counted(one.total, 'trial')} behind nominal messages"
+        if self.in_campaign is not None and self.in_campaign.total:
+            one = self.in_campaign
+            accuracy += f" and {one.count} of {one.total} of the campaign"
+            accuracy += f", of which {self.missed} failed though it does not hold" if self.missed else ""
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 

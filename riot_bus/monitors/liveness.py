@@ -12,7 +12,16 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import ComponentView, TrialView
 
-__all__ = ["LIVENESS", "CrashMonitor", "ExitMonitor", "GrowthMonitor", "HangMonitor", "LimitMonitor", "SilenceMonitor"]
+__all__ = [
+    "LIVENESS",
+    "CrashMonitor",
+    "ExitMonitor",
+    "GrowthMonitor",
+    "HangMonitor",
+    "LimitMonitor",
+    "SilenceMonitor",
+    "crashes_of",
+]
 
 
 class CrashMonitor:
@@ -27,7 +36,7 @@ class CrashMonitor:
             Violation("crash", component.name, f"crash in {component.name}: {crash.place}", f"{crash.detail}{lives}")
             for component in view.components
             for lives in ("; the process has not ended" if component.status is None else "",)
-            for crash in _crashes(component)
+            for crash in crashes_of(component)
         ]
 
 
@@ -39,7 +48,7 @@ class ExitMonitor:
         found = []
         for component in view.components:
             signs = component.signs
-            if _crashes(component):
+            if crashes_of(component):
                 continue
             if signs.ended:
                 found.append(_violation("exit", component, signs.ended))
@@ -55,7 +64,7 @@ class HangMonitor:
         """Return one violation per component that hangs."""
         found = []
         for component in view.components:
-            if component.status is not None or component.signs.ended or _crashes(component):
+            if component.status is not None or component.signs.ended or crashes_of(component):
                 continue
             where = f" in {', '.join(component.signs.blocked)}" if component.signs.blocked else ""
             if component.name in view.stalled:
@@ -86,7 +95,7 @@ class SilenceMonitor:
             signs = component.signs
             if not signs.silent or signs.ended or signs.blocked or signs.lost or component.status is not None:
                 continue
-            if _crashes(component):
+            if crashes_of(component):
                 continue
             topics = ", ".join(signs.silent)
             detail = f"the whole nominal log brings nothing on {topics}, as it does in nominal trials"
@@ -123,7 +132,7 @@ LIVENESS = (CrashMonitor, LimitMonitor, ExitMonitor, HangMonitor, SilenceMonitor
 """In the order of their severity."""
 
 
-def _crashes(component: ComponentView) -> tuple[Crash, ...]:
+def crashes_of(component: ComponentView) -> tuple[Crash, ...]:
     """Return the crashes of a component; all else that is wrong with it then comes of them."""
     if component.excess:
         return ()

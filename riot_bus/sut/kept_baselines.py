@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["KeptBaselines"]
 
 _LOG = logging.getLogger(__name__)
+_MEASURED = 2
+"""Which way of measuring them is kept: raised when that changes, so that those of before are measured anew."""
 _MOST = 16 << 20
 """Bytes of a file that are read: a rule of each number of each answer to a probe takes 100 or so."""
 
@@ -82,7 +84,7 @@ class KeptBaselines:
         return self._folder / f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}.baseline"
 
     def _key(self, unit: str, where: str, log: Sequence[Message]) -> str:
-        digest = hashlib.sha256(json.dumps([self._fingerprint, unit, where]).encode())
+        digest = hashlib.sha256(json.dumps([_MEASURED, self._fingerprint, unit, where]).encode())
         for message in log:
             digest.update(message.digest())
         return digest.hexdigest()

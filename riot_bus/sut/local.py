@@ -398,9 +398,9 @@ class Pool:
         if task.deaths < _DEATHS:
             self._waiting.appendleft(task)
             return
-        text = f"{_DEATHS} processes that executed this case have ended one after the other, the last one {how}"
+        text = f"{_DEATHS} processes that executed it have ended one after the other, the last one {how}"
         try:
-            self._finish(task, Outcome(Verdict.ERROR, detail=text))
+            self._finish(task, Outcome(Verdict.UNJUDGED, detail=text))
         except Exception as error:
             task.future.set_exception(error)
 

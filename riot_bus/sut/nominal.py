@@ -16,7 +16,7 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from riot_bus.sut.context import Context
     from riot_bus.sut.local import Pool
@@ -53,7 +53,7 @@ def measure_baseline(
         ConfigError: It hits one of its limits.
     """
     outcome = pool.execute(IdleTrial(unit), TestCase())
-    if outcome.verdict is Verdict.ERROR:
+    if not outcome.judged:
         raise EnvironmentFaultError(outcome.detail)
     idle = Idle(float(outcome.statistics["switches"]), float(outcome.statistics["ran"]))
     if not log:
@@ -64,9 +64,9 @@ def measure_baseline(
     wrong: list[str] = []
     busy: list[float] = []
 
-    def nominal(history: Sequence[Message], count: int) -> list[NominalTrial]:
+    def nominal(history: Sequence[Message], count: int, known: Mapping[str, int]) -> list[NominalTrial]:
         """Return what nominal trials show; nothing if one of them fails, which `wrong` then tells."""
-        trial = UnitTrial(unit, start, nominal=True)
+        trial = UnitTrial(unit, replace(start, probe_answers=known), nominal=True)
         cases = [TestCase(tuple(history), seed=number, ordered=ordered) for number in range(count)]
         outcomes = pool.map(trial, cases)
         busy.extend(float(one.statistics.get("busy", 0.0)) for one in outcomes)
@@ -82,14 +82,15 @@ def measure_baseline(
             wrong.append(f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {why}")
         return [] if failed else [nominal_of(one) for one in outcomes]
 
-    seen = nominal(log, _TRIALS)
+    seen = nominal(log, _TRIALS, {})
     found = replace(baseline_of(seen, idle=idle, log=log, ordered=ordered), busy=statistics.median(busy))
     if not seen:
         return replace(found, mute=(f"exit, silent, growth and mined: {wrong[0]}",))
     if not context.file.unit[unit].mined or not found.probe_answers:
         return found
     stretch = log[: len(log) // 2]
-    more, half = nominal(log, _HELD_OUT), nominal(stretch, _TRIALS + _HELD_OUT)
+    more = nominal(log, _HELD_OUT, found.probe_answers)
+    half = nominal(stretch, _TRIALS + _HELD_OUT, found.probe_answers)
     if not more or not half:
         return replace(found, mute=(*found.mute, f"mined: {wrong[0]}"))
 

@@ -65,7 +65,7 @@ def measure_in_system(context: Context, unit: str, pool: Pool, alone: Baseline, 
         SystemTrial(pace, unit=unit, baseline=found),
         [TestCase(seed=number) for number in range(_RUNS, 2 * _RUNS)],
     )
-    if wrong := _not_passed([one for one in judged if one.verdict is Verdict.ERROR]):
+    if wrong := _not_passed([one for one in judged if not one.judged]):
         return Baseline(mute=(wrong,))
     alarms = {violation.signature for one in judged for violation in one.violations}
     return replace(found, alarms=tuple(sorted(alarms)))

@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from riot_bus.log.playback.player import play
+from riot_bus.monitors.liveness import crashes_of
 from riot_bus.monitors.model import NO_SIGNS, Signs
 from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
 from riot_bus.sut.hang_watch import Watch
@@ -162,7 +163,8 @@ class Feeder:
     def nominal(self, probe: Sequence[Message]) -> NominalTrial:
         """Return what the unit does after its nominal log, which it has got, and to a probe.
 
-        Answers that its baseline knows are waited for: on a loaded machine it may seem at rest before it has its input.
+        On a loaded machine it may seem at rest before it has its input. So answers that its baseline knows are waited
+        for, and as long as that knows none, those on all topics on which the log has brought some.
         """
         self._stage.bus.drain(self._settle.timeout)
         answers, begin = self._answers(0), len(self._stage.outputs)
@@ -171,8 +173,8 @@ class Feeder:
             self.feed(probe)
             self._linger()
             self._stage.bus.drain(self._settle.timeout)
-            if Counter(self._baseline.probe_answers) - self._answers(begin):
-                self._missing(self._baseline.probe_answers, begin)
+            expected = self._baseline.probe_answers or dict.fromkeys(answers, 1)
+            if Counter(expected) - self._answers(begin) and not self._missing(expected, begin):
                 self._wait_quiet()
             probed, self.probed = self._answers(begin), begin
         stacks = self._stage.stacks([self._name]) if self.alive else []
@@ -191,7 +193,7 @@ class Feeder:
         baseline = self._baseline
         if not settled and (self._watch.known or self._spins()):
             return self._standing(), False
-        if not self.alive or not baseline.probe_answers:
+        if not self.alive or not baseline.trials or not baseline.probe_answers:
             if settled:
                 self._linger()
             return (self._changed() if settled else self._standing()), settled
@@ -207,7 +209,7 @@ class Feeder:
                 return self._standing(), False
             if not settled and (silent or self._spins()):
                 return self._standing(), False
-            if not silent or not self.alive:
+            if not silent or not self.alive or self._has_failed():
                 break
         if not silent and settled and self.alive and baseline.mined.rules:
             self._compare(begin if messages is baseline.probe else None)
@@ -267,11 +269,14 @@ class Feeder:
         return Counter(topic(message.key) for message in self._stage.outputs[begin:])
 
     def _missing(self, expected: Mapping[str, int], begin: int) -> tuple[str, ...]:
-        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round."""
+        """Wait for outputs on topics; return those on which none came. Timers may need a while to come round.
+
+        Of a unit that has failed already, more need not be known.
+        """
         if not expected.keys() - self._answers(begin).keys():
             return ()
         self._stage.bus.drain(self._settle.timeout)
-        wait = _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
+        wait = 0.0 if self._has_failed() else _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
         held_up, start = self._stage.held_up([self._name]), time.monotonic()
         while missing := expected.keys() - self._answers(begin).keys():
             if time.monotonic() - start - held_up() > wait or not self.alive or self._watch():
@@ -324,6 +329,11 @@ class Feeder:
                 break
             time.sleep(_BETWEEN_LOOKS)
         return deepest_common(looks)
+
+    def _has_failed(self) -> bool:
+        """Return whether the unit has crashed or ended for certain, though its process may go on."""
+        (component,) = self._stage.view([self._name], settled=True, waited=0.0).components
+        return bool(crashes_of(component) or self._ended())
 
     def _ended(self) -> str:
         """Return how the unit has ended though nominal trials do not end it; empty if it has not."""

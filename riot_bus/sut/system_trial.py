@@ -47,8 +47,6 @@ _TICK = 0.02
 _PATIENCE = 3.0
 _GRACE = 10.0
 _STALL = 60.0
-_WATCH = 0.5
-"""Seconds in which it is measured what a unit does before the outside drives the system, as in `IdleTrial`."""
 
 
 class _Tap:
@@ -320,7 +318,7 @@ class _Probe:
         """Note what the component has of the machine, and measure what it does, before anything comes from outside."""
         self._stage.sample_resources([self.name])
         if self._trial.nominal:
-            idle = self._stage.measure_idle([self.name], seconds=_WATCH)
+            idle = self._stage.measure_timers([self.name])
             self._baseline = replace(self._baseline, idle=idle)
             self.statistics = {"switches": idle.switches, "ran": idle.ran}
         self.feeder = Feeder(self._stage, self.name, self._unit, self._baseline, ordered=self._baseline.ordered)

@@ -34,7 +34,6 @@ _DEBUGGER_S = 60.0
 _MOST_KEYS = 64
 """Keys whose outputs are compared with nominal ones: a line of the store stays below some KiB."""
 _WARM_UP = 0.15
-_WATCH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class IdleTrial:
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)
-                idle = stage.measure_idle([name], seconds=_WATCH).or_more(stage.idle)
+                idle = stage.measure_timers([name])
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, detail=str(error))
         return Outcome(Verdict.PASS, statistics={"switches": idle.switches, "ran": idle.ran})

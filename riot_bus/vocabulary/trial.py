@@ -35,11 +35,16 @@ Progress = Callable[[int, int | None, str], None]
 
 
 class Verdict(StrEnum):
-    """How one trial ended."""
+    """How one trial ended.
+
+    After an `ERROR` the same case may be tried again. `UNJUDGED` is a case that several processes of riot did not
+    outlive, one after the other: whether what it tests fails is not known.
+    """
 
     PASS = "pass"  # noqa: S105
     FAIL = "fail"
     ERROR = "error"
+    UNJUDGED = "unjudged"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +113,11 @@ class Outcome:
     observed: Mapping[str, Series] = field(default_factory=dict)
     log: str | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def judged(self) -> bool:
+        """Whether it tells something of what was tested."""
+        return self.verdict in (Verdict.PASS, Verdict.FAIL)
 
     def failed_as(self, signature: str | None) -> bool:
         """Return whether this is the failure under study (any failure when `signature` is None).

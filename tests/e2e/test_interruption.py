@@ -8,6 +8,7 @@ import re
 import resource
 import signal
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -59,12 +60,12 @@ def findings(out: Path) -> set[str]:
     return {record.signature for record in records}
 
 
-def interrupt(system: Path, out: Path, tmp_path: Path, *, number: signal.Signals, moments: int) -> None:
-    """Interrupt a campaign at random moments, each time run on; then let it finish."""
+def interrupt(system: Path, out: Path, tmp_path: Path, numbers: Sequence[signal.Signals]) -> None:
+    """Interrupt a campaign with signals at random moments, each time run on; then let it finish."""
     rest = random.Random(str(tmp_path))
     before: dict[object, object] = {}
     known: set[str] = set()
-    for _ in range(moments):
+    for number in numbers:
         running = subprocess.Popen(
             command(*arguments(system, out)), env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
@@ -97,16 +98,16 @@ def interrupt(system: Path, out: Path, tmp_path: Path, *, number: signal.Signals
 
 
 @pytest.mark.parametrize(
-    ("number", "moments"),
+    "numbers",
     [
-        (signal.SIGKILL, scaled(5, gate=2)),
-        (signal.SIGTERM, scaled(5, gate=1)),
-        pytest.param(signal.SIGINT, 5, marks=pytest.mark.nightly),
+        (signal.SIGKILL, signal.SIGTERM),
+        pytest.param((signal.SIGKILL,) * 5, marks=pytest.mark.nightly),
+        pytest.param((signal.SIGTERM, signal.SIGINT) * 3, marks=pytest.mark.nightly),
     ],
 )
-def test_interrupted_campaign(system: Path, tmp_path: Path, number: signal.Signals, moments: int) -> None:
-    for round_ in range(scaled(4 if number is signal.SIGKILL else 2, gate=1)):
-        interrupt(system, tmp_path / f"out{round_}", tmp_path, number=number, moments=moments)
+def test_interrupted_campaign(system: Path, tmp_path: Path, numbers: Sequence[signal.Signals]) -> None:
+    for round_ in range(scaled(4, gate=1)):
+        interrupt(system, tmp_path / f"out{round_}", tmp_path, numbers)
 
 
 def test_full_disk_loses_nothing_and_is_no_failure(system: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.sut.activity import STILL
 from riot_bus.sut.context import open_system
 from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.stage import TrialSetup
@@ -50,3 +51,17 @@ def test_timers_are_told_from_work(tmp_path: Path, period: str, *, restless: boo
         assert stage.idle.switches > HALF_THE_SLOWER_TIMER or not restless
         assert stage.settle(["part"], window=0.03, timeout=20.0, idle=stage.idle)
         assert stage.settle(["part"], window=0.03, timeout=1.0) is not restless
+        assert (stage.measure_timers(["part"]).switches > HALF_THE_SLOWER_TIMER) is restless
+
+
+def test_what_a_start_leaves_to_do_is_no_timer(tmp_path: Path) -> None:
+    """Failing trials waited for timers that there were not: 4.5 s instead of one."""
+    naps = "for _ in range(40):\n    time.sleep(0.01)\nwhile True:"
+    (tmp_path / "ticker.py").write_text(TICKER.replace("while True:", naps))
+    path = tmp_path / "riot.toml"
+    path.write_text(SYSTEM.replace("PERIOD", "3600"))
+    context = open_system(path)
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["system"]) as stage:
+        stage.start("part", seed=0)
+        stage.wait_ready(["part"])
+        assert stage.measure_timers(["part"]) == STILL

@@ -100,8 +100,8 @@ def test_a_case_that_kills_its_worker_three_times_is_an_outcome_of_its_own(tmp_p
         stream.write('[[monitors]]\nkind = "kills.py"\n')
     with Pool(path, 1, keep=tmp_path / "trials") as pool:
         outcome = pool.execute(UNIT, TestCase(log_of(path)))
-        assert outcome.verdict is Verdict.ERROR
-        assert "3 processes that executed this case have ended one after the other, the last one with signal 9" in (
+        assert outcome.verdict is Verdict.UNJUDGED
+        assert "3 processes that executed it have ended one after the other, the last one with signal 9" in (
             outcome.detail
         )
         assert pool.execute(IdleTrial("echoes"), TestCase()).verdict is Verdict.PASS

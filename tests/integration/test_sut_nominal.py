@@ -90,3 +90,12 @@ def test_what_cannot_be_judged_for_want_of_nominal_trials_is_told(tmp_path: Path
     assert found.trials == 0
     told = "exit, silent, growth and mined: 3 of 3 trials with 35 nominal messages did not pass: crash in raises: "
     assert found.mute[0].startswith(told)
+
+
+def test_answers_to_the_probe_are_waited_for_where_the_log_has_brought_some(tmp_path: Path) -> None:
+    """On a loaded machine a unit seemed at rest before it had its probe; silence was no failure then."""
+    path, node = write(tmp_path), tmp_path / "node.py"
+    path.write_text(path.read_text().replace("[unit.echoes]\n", "[unit.echoes]\nmined = false\n"))
+    late = "    if count == 30:\n        time.sleep(0.15)\n    bad = is_bad"
+    node.write_text(node.read_text().replace("    bad = is_bad", late))
+    assert baseline(tmp_path, "echoes", path).probe_answers.keys() == {"state"}

@@ -256,6 +256,28 @@ def test_errors_are_tried_again_and_never_kept(tmp_path: Path) -> None:
     assert len(store) == 1
 
 
+UNJUDGED = Outcome(Verdict.UNJUDGED, detail="3 processes have ended")
+
+
+def test_a_case_that_cannot_be_judged_is_told_and_the_campaign_goes_on() -> None:
+    cases = iter(range(100))
+
+    def some(case: TestCase) -> Outcome:
+        blind = Outcome(Verdict.PASS, statistics={"unseen": ["Range a:x: none of 1 messages"]})
+        return UNJUDGED if case.injections and next(cases) in (3, 8) else blind
+
+    result = campaign(Pure(some), trials=12)
+    assert [(bool(case.injections), why) for case, why in result.unjudged] == [(True, "3 processes have ended")] * 2
+    assert (result.trials, result.failing, result.exhausted) == (16, 0, True)
+    assert (result.failures, result.unconfirmed) == ({}, {})
+    assert result.notes == {"Range a:x: none of 1 messages": 14}  # what nobody has judged tells nothing of it
+
+
+def test_a_nominal_log_that_cannot_be_judged_is_an_error() -> None:
+    with pytest.raises(EnvironmentFaultError, match="nominal log could not be carried out: 3 processes have ended"):
+        campaign(Pure(lambda case: Outcome(Verdict.PASS) if case.injections or case.seed else UNJUDGED))
+
+
 def test_a_stop_in_a_batch_loses_no_finished_trial(tmp_path: Path) -> None:
     class Stopped(Pure):
         def each(self, cases: Sequence[TestCase], ended: Callable[[int, Outcome], None]) -> Sequence[Outcome]:

@@ -77,6 +77,22 @@ def test_what_fails_is_found_alone() -> None:
     assert covering.covered == 200
 
 
+def test_what_cannot_be_judged_is_told_apart_like_a_failure_and_not_called_tried() -> None:
+    places, every = log(2, 100), items(2, 8, 8)
+    culprit = every[11].injections
+
+    def run(group: Sequence[Placed]) -> Outcome:
+        deadly = any(each.item.injections == culprit for each in group)
+        return Outcome(Verdict.UNJUDGED if deadly else Verdict.PASS)
+
+    covering = Covering(every, places, seed=0)
+    asked = cover(covering, run)
+    assert [[one.item.injections for one in group] for group in asked].count([culprit]) == 1
+    assert sum(run(group).verdict is Verdict.UNJUDGED for group in asked) < 10
+    assert {item.injections for item, _ in covering.tried} == {each.injections for each in every} - {culprit}
+    assert not any(failed for _, failed in covering.tried)
+
+
 def test_rates_are_those_of_what_failed_alone() -> None:
     places = log(2, 100)
     covering = Covering(items(2, 10, 20), places, seed=1)
@@ -96,8 +112,8 @@ def test_what_has_failed_together_is_undecided_until_it_is_told_apart() -> None:
     covering.take(group, failed, nominal_outputs=9)
     assert [id(item) for item in covering.undecided] == [id(placed.item) for placed in group]
     assert len(group) == 4
-    for verdict in (failed, passed, passed, passed):
-        covering.take(covering.next(), Outcome(verdict, statistics={"outputs": 9}), nominal_outputs=9)
+    for outcome in (failed, passed, passed, passed):
+        covering.take(covering.next(), outcome, nominal_outputs=9)
     assert covering.undecided == []
 
 

@@ -15,6 +15,8 @@ import pytest
 
 from riot_bus.campaign.store import StoredRunner, TrialStore, stored_trials
 from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from riot_bus.zenoh.session import wait_until
 
@@ -176,3 +178,57 @@ def test_equal_cases_are_executed_once_and_each_outcome_is_told(tmp_path: Path) 
     assert [outcome.verdict for outcome in outcomes] == [Verdict.PASS, Verdict.FAIL, Verdict.PASS]
     assert told == outcomes
     assert (runner.trials, runner.executed, runner.parallelism) == (3, 2, 5)
+
+
+def said(number: int) -> Message:
+    return Message(number, "topic", b"%d" % number)
+
+
+def test_what_was_injected_into_a_log_is_kept_with_what_came_of_it(tmp_path: Path) -> None:
+    log = (said(1), said(2))
+    high = Injection("topic", "x", 5.0, first=1)
+    raw = Injection("topic", "y", b"\x00")
+    cases = [TestCase(log), TestCase(log, (high,), 3), TestCase((said(1),), (high,)), TestCase(log, (high, raw), 4)]
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    scope = {"unit": "one"}
+    answers = Answers(Verdict.PASS, Verdict.FAIL, Verdict.PASS, Verdict.PASS)
+    StoredRunner(answers, store, scope=scope).run(cases)
+    StoredRunner(Answers(Verdict.FAIL), store, scope={"unit": "one two"}).run(cases[1:2])
+    found = [(len(rows), seed, outcome.verdict) for rows, seed, outcome in store.tried(scope, log)]
+    assert found == [(1, 3, Verdict.FAIL), (2, 4, Verdict.PASS)]
+    rows = next(store.tried(scope, log))[0]
+    assert (rows[0]["topic"], rows[0]["value"], rows[0]["first"]) == ("topic", 5.0, 1)
+    assert list(store.tried({"unit": "none"}, log)) == []
+
+
+def test_a_store_of_before_knows_nothing_of_injections_and_takes_them_from_now_on(tmp_path: Path) -> None:
+    path = tmp_path / TrialStore.NAME
+    log = (said(1),)
+    with closing(sqlite3.connect(path)) as older, older:
+        older.execute(
+            "CREATE TABLE trials (number INTEGER PRIMARY KEY, key TEXT UNIQUE,"
+            " verdict TEXT, signatures TEXT, seconds REAL, detail TEXT, outcome TEXT) STRICT"
+        )
+        older.execute(
+            "INSERT INTO trials VALUES (1, ?, 'pass', '', 0, '', ?)",
+            (f"{{}}|{TestCase(log).digest()}", '{"verdict": "pass"}'),
+        )
+    store = TrialStore(path)
+    runner = StoredRunner(Answers(Verdict.FAIL), store, scope={})
+    assert runner.run([TestCase(log)])[0].verdict is Verdict.PASS
+    assert list(store.tried({}, log)) == []
+    runner.run([TestCase(log, (Injection("topic", "x", 1),))])
+    assert len(list(TrialStore(path).tried({}, log))) == 1
+
+
+def test_a_case_that_cannot_be_judged_is_kept_for_who_takes_it_and_an_error_for_others(tmp_path: Path) -> None:
+    store = TrialStore(tmp_path / TrialStore.NAME)
+    strict = StoredRunner(Answers(Verdict.UNJUDGED, Verdict.PASS), store, scope={})
+    with pytest.raises(EnvironmentFaultError, match="could not be carried out"):
+        strict.run([TestCase()])
+    assert (strict.executed, len(store)) == (1, 0)
+    for executed in (1, 0):
+        runner = StoredRunner(Answers(Verdict.UNJUDGED), store, scope={}, unjudged=True)
+        assert [outcome.verdict for outcome in runner.run([TestCase()])] == [Verdict.UNJUDGED]
+        assert (runner.executed, len(store)) == (executed, 1)
+    assert [outcome.verdict for outcome in strict.run([TestCase()])] == [Verdict.PASS]

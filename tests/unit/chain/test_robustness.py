@@ -281,6 +281,25 @@ def test_what_fails_only_in_a_process_that_goes_on_is_told_as_that(tmp_path: Pat
     assert (kept.signature, kept.history, kept.repeats) == (HANG.signature, 7, 1)
 
 
+def test_cases_that_cannot_be_judged_are_told_and_neither_findings_nor_passed(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    why = "3 processes that executed it have ended"
+
+    def play(case: TestCase) -> Outcome:
+        deadly = any(each.fault == "drop" for each in case.injections)
+        return Outcome(Verdict.UNJUDGED, detail=why) if deadly else Outcome(Verdict.PASS)
+
+    one.machine.unit = lambda unit, log, *, persistent=False: PureRunner(play)  # type: ignore[method-assign]
+    assert campaign(one) == []
+    record = CampaignRecord.load(one.workspace.out)
+    (kept,) = record.unjudged
+    assert (kept.detail, record.tested, record.failing) == (why, 34 - kept.occurrences, 0)
+    assert {each["fault"] for each in kept.injections} >= {"drop"}
+    assert record.doubts == [str(kept)]
+    assert f"could not be judged: {why}" in one.told(StepFinished)[-1].text
+    assert {event.verdict for event in one.told(TrialFinished)} == {"pass", "unjudged"}
+
+
 def test_a_mined_rule_that_fires_no_more_often_than_by_chance_is_no_finding(tmp_path: Path) -> None:
     one = bench(tmp_path)
     rule = Violation("mined", "drive", "mined count of state")

@@ -27,7 +27,12 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert set(record.scale) == {SPEED, MODE}
     assert {sample.failed for sample in record.samples} == {True, False}
     assert record.checks >= record.recall.total > 0
-    assert record.summary.endswith(f"on {record.checks} fresh checks, {record.trials} trials)")
+    assert record.in_context is not None
+    assert record.in_context.count == record.in_context.total == 24
+    assert (record.topics, record.context) == (("command",), ())
+    assert not (one.folder / "context.mcap").exists()
+    told = f"on {record.checks} fresh checks, right in 24 of 24 trials behind nominal messages, {record.trials} trials)"
+    assert record.summary.endswith(told)
 
 
 def test_a_rate_without_trials_behind_it_is_not_told() -> None:

@@ -24,7 +24,7 @@ def test_the_corpus_is_large_and_always_the_same():
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("part", range(scaled(PROCESSES, gate=2)))
+@pytest.mark.parametrize("part", range(scaled(PROCESSES, gate=1)))
 def test_broken_logs(part, tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "tests.log_actions", str(tmp_path), str(part), str(PROCESSES)],

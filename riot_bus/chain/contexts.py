@@ -1,0 +1,164 @@
+"""Whether a rule that was learnt on the minimal log also holds after nominal messages, and which of them matter if not.
+
+A unit keeps what earlier messages said: a mode, a size, a calibration. The minimal log has none of that but what the
+failure needs, so a rule that is right on it may be wrong for the unit. So some trials of the rule are asked again
+behind parts of the nominal log. Where the answer is another one, the messages that make it so are searched as in
+minimisation; with them in front, the rule can be learnt again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.chain.logs import FailingLog, NamedFields
+from riot_bus.generalize.minimize import minimize
+from riot_bus.generalize.sampling import columns_of
+from riot_bus.vocabulary.trial import TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.chain.questions import UnitQuestions
+    from riot_bus.generalize.rules import LearnedRule, Variable
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Progress, Scalar
+
+__all__ = ["ContextAnswers", "ask_in_contexts", "bring_in", "contexts", "near_the_limit", "with_context"]
+
+_LONGEST = 1000
+"""So many nominal messages at most come before: a trial should stay about as cheap as one of the nominal log."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContextAnswers:
+    """Trials behind nominal messages: what the rule says of each, and whether the unit failed.
+
+    Attributes:
+        context: The messages that came before.
+        asked: Values of the rule's fields.
+        predicted: What the rule says.
+        failed: What the unit did.
+    """
+
+    context: tuple[Message, ...]
+    asked: tuple[Mapping[str, Scalar], ...]
+    predicted: tuple[bool, ...]
+    failed: tuple[bool, ...]
+
+    @property
+    def wrong(self) -> list[int]:
+        """Numbers of the trials of which the rule says what is not so."""
+        return [place for place, pair in enumerate(zip(self.predicted, self.failed, strict=True)) if pair[0] != pair[1]]
+
+
+def contexts(nominal: Sequence[Message], registry: TypeRegistry) -> list[tuple[Message, ...]]:
+    """Return the parts of the nominal log that trials are asked behind: a short one and one up to its middle.
+
+    Args:
+        nominal: Inputs of the unit in the nominal log.
+        registry: Names topics.
+    """
+    topics = [registry.topic(message.key) for message in nominal]
+    first = {topic: place for place, topic in reversed(list(enumerate(topics)))}
+    short = max(first.values(), default=-1) + 1
+    lengths = dict.fromkeys(min(length, _LONGEST) for length in (short, max(short, len(nominal) // 2)))
+    return [tuple(nominal[:length]) for length in lengths if length]
+
+
+def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Message, ...]:
+    """Return messages behind a context, numbered anew, a millisecond after its last one."""
+    shift = context[-1].time + 1_000_000 - messages[0].time if context and messages else 0
+    both = [*context, *(message.with_(time=message.time + shift) for message in messages)]
+    return tuple(message.with_(sequence=place) for place, message in enumerate(both))
+
+
+def near_the_limit(
+    learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float], *, count: int
+) -> tuple[list[Mapping[str, Scalar]], list[bool]]:
+    """Return trials of the rule that it explains, the ones nearest to its limit and the furthest, and what it says.
+
+    Args:
+        learned: The rule and its trials.
+        variables: Its fields.
+        scale: Their nominal spread.
+        count: So many that fail, and so many that pass, where there are as many.
+    """
+    samples = learned.samples
+    columns = columns_of(variables, [one.assignment for one in samples])
+    predicted, distance = learned.rule.predict(columns), np.abs(learned.rule.distance(columns, scale))
+    chosen: list[int] = []
+    for side in (True, False):
+        alike = [n for n in np.argsort(distance, kind="stable") if predicted[n] == side == samples[n].failed]
+        chosen += dict.fromkeys([*alike[: count - count // 2], *alike[len(alike) - count // 2 :]])
+    return [samples[n].assignment for n in chosen], [bool(predicted[n]) for n in chosen]
+
+
+def ask_in_contexts(
+    questions: UnitQuestions,
+    found: Sequence[tuple[Message, ...]],
+    asked: Sequence[Mapping[str, Scalar]],
+    predicted: Sequence[bool],
+) -> list[ContextAnswers]:
+    """Ask trials behind each context."""
+    cases = [_case(questions, context, values) for context in found for values in asked]
+    failed = [questions.failed(outcome) for outcome in questions.runner.run(cases)]
+    return [
+        ContextAnswers(context, tuple(asked), tuple(predicted), tuple(failed[at : at + len(asked)]))
+        for at, context in zip(range(0, len(cases), max(1, len(asked))), found, strict=True)
+    ]
+
+
+def bring_in(
+    questions: UnitQuestions, answers: ContextAnswers, *, progress: Progress | None = None
+) -> tuple[Message, ...]:
+    """Return the few messages of a context that make the rule wrong; none if no part of it alone does so.
+
+    Args:
+        questions: Asks the unit.
+        answers: Of which the rule is wrong somewhere.
+        progress: Told of the search.
+    """
+    number = answers.wrong[0]
+    values, failed = answers.asked[number], answers.failed[number]
+    context = answers.context
+    topics = [questions.fields.registry.topic(message.key) for message in context]
+
+    def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
+        cases = [_case(questions, [context[place] for place in kept], values) for kept in parts]
+        return [questions.failed(outcome) == failed for outcome in questions.runner.run(cases)]
+
+    latest = {topic: place for place, topic in enumerate(topics)}
+    weights = [10.0 if latest[topic] == place else 1.0 for place, topic in enumerate(topics)]
+    kept = minimize(
+        len(context),
+        ask,
+        weights=weights,
+        groups=topics,
+        parallelism=questions.runner.parallelism,
+        progress=progress,
+    ).kept
+    return tuple(context[place] for place in kept)
+
+
+def with_context(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Scalar]) -> NamedFields:
+    """Return the fields of a log that has a context in front of the minimal one with these values."""
+    fields = questions.fields
+    messages = _joined(context, fields.with_values(values))
+    behind = messages[len(context) :]
+    originals = {
+        after.sequence: fields.log.originals[before.sequence].with_(time=after.time, sequence=after.sequence)
+        for before, after in zip(fields.log.messages, behind, strict=True)
+        if before.sequence in fields.log.originals
+    }
+    return NamedFields(FailingLog(messages, originals), registry=fields.registry)
+
+
+def _case(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Scalar]) -> TestCase:
+    case = questions.case(values)
+    messages = _joined(context, case.messages)
+    several = len({message.key for message in messages}) > 1
+    return replace(case, messages=messages, ordered=case.ordered or several)

@@ -1,0 +1,215 @@
+"""What a rule says of a whole log: at which messages the unit would fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.chain.logs import learn_types
+from riot_bus.chain.questions import json_value
+from riot_bus.chain.testcases import injection_of
+from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.generalize.rule import Rule
+from riot_bus.inject.apply import inject_log
+from riot_bus.log.foreign import bus_messages
+from riot_bus.log.reader import LogReader
+from riot_bus.sut.context import open_system
+from riot_bus.types.latest import LatestFields
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.chain.workspace import StepRun
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["Moment", "Prediction", "explained", "predict", "predict_log"]
+
+_TOLD = 20
+_MOST_MESSAGES = 300_000
+"""Messages of trials that a rule is held against, in all: about half a minute."""
+
+_ROWS = 4096
+"""Rows that are judged at once: enough that numpy's overhead does not count, and little memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A message at which a rule holds: its place in the log, when it was sent (ns), and the fields of the rule."""
+
+    place: int
+    time: int
+    values: Mapping[str, Scalar]
+
+
+@dataclass(slots=True)
+class Prediction:
+    """What a rule says of a log.
+
+    Attributes:
+        judged: Messages at which all fields of the rule were known.
+        unknown: Messages of the last of the rule's topics at which one was not.
+        fails: At how many of the judged ones the rule holds.
+        moments: The first of those.
+        begin: When the first message of the log was sent (ns).
+        rule: The rule as text.
+    """
+
+    rule: str = ""
+    begin: int = 0
+    judged: int = 0
+    unknown: int = 0
+    fails: int = 0
+    moments: list[Moment] = field(default_factory=list)
+
+    def lines(self) -> list[str]:
+        """Return it for people."""
+        of = f"{counted(self.judged, 'message')} of its topics"
+        first = (
+            f"{'would fail' if self.fails else 'would not fail'}: the rule {self.rule} holds at {self.fails} of {of}"
+        )
+        found = [first + (f"; {self.unknown} lack a field of it" if self.unknown else "")]
+        for one in self.moments[:_TOLD]:
+            values = ", ".join(f"{name} = {value!r}" for name, value in one.values.items())
+            found.append(f"  {(one.time - self.begin) / 1e9:.3f} s, message {one.place}: {values}")
+        return found + ([f"  ... and {self.fails - _TOLD} more"] if self.fails > _TOLD else [])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON can hold it."""
+        moments = [
+            {"message": one.place, "time": one.time, "values": {n: json_value(v) for n, v in one.values.items()}}
+            for one in self.moments
+        ]
+        figures = {"judged": self.judged, "unknown": self.unknown, "fails": self.fails}
+        return {"rule": self.rule, **figures, "moments": moments}
+
+
+def predict_log(path: Path, folder: Path) -> Prediction:
+    """Return what the rule of a finding says of a log.
+
+    Args:
+        path: The log; it may be longer than memory.
+        folder: The finding.
+
+    Raises:
+        ConfigError: There is no such log, or the finding has no rule.
+        InconclusiveError: The fields of the rule are nowhere in it together.
+    """
+    record = RuleRecord.load(folder)
+    registry = open_system(Path(FindingRecord.load(folder).system_file)).registry
+    with LogReader(path) as reader:
+        learn_types(reader, registry)
+        topics = record.topics or MinimalRecord.load(folder).topics
+        found = predict(Rule.from_json(record.rule), topics, bus_messages(reader, registry), registry=registry)
+    if not found.judged:
+        raise InconclusiveError(
+            f"the fields of the rule {record.text} are never known together",
+            where=str(path),
+            hint=f"{counted(found.unknown, 'message')} of its topics came; `riot info` says what the log holds",
+        )
+    return found
+
+
+def explained(
+    record: RuleRecord, step: StepRun, unit: str, signature: str
+) -> tuple[int, list[tuple[list[dict[str, Any]], bool]]]:
+    """Hold a rule against what campaigns have tried on the nominal log already; nothing is run.
+
+    Trials that failed otherwise do not count: whether this failure would have come, they do not tell. Neither do those
+    that failed so where the rule holds nowhere, but not all of its fields were known, such as before the first message
+    of a topic.
+
+    Args:
+        record: The rule.
+        step: The running step.
+        unit: The unit.
+        signature: The failure.
+
+    Returns:
+        How many trials it was held against, and those of which it says what is not so: what was injected, and whether
+        they failed.
+    """
+    rule, registry = Rule.from_json(record.rule), step.workspace.context.registry
+    log = step.workspace.unit_log(unit)
+    told = [
+        (rows, seed, outcome.failed_as(signature))
+        for rows, seed, outcome in step.tried(unit)
+        if outcome.verdict is Verdict.PASS or outcome.failed_as(signature)
+    ]
+    told = told[:: max(1, -(-len(told) * len(log) // _MOST_MESSAGES))]
+    wrong: list[tuple[list[dict[str, Any]], bool]] = []
+    count = 0
+    for rows, seed, failed in told:
+        injections = [injection_of(row, "trials") for row in rows]
+        messages, _ = inject_log(log, injections, registry=registry, seed=seed)
+        found = predict(rule, record.topics, messages, registry=registry, at_most=1)
+        if failed and not found.fails and found.unknown:
+            continue
+        count += 1
+        if bool(found.fails) != failed:
+            wrong.append((rows, failed))
+    return count, wrong
+
+
+def predict(
+    rule: Rule, topics: Sequence[str], messages: Iterable[Message], *, registry: TypeRegistry, at_most: int = 100
+) -> Prediction:
+    """Judge each message of a log by the latest messages of the rule's topics.
+
+    Args:
+        rule: The rule.
+        topics: Topic of each message of the short log in which the rule's fields are named.
+        messages: The log, in order; it may be longer than memory.
+        registry: Names topics and knows types.
+        at_most: Moments that are kept.
+
+    Raises:
+        ConfigError: A variable of the rule is no field.
+    """
+    latest = LatestFields(rule.variables, topics, registry=registry)
+    found = Prediction(rule.text())
+    rows: list[Moment] = []
+    for place, message in enumerate(messages):
+        found.begin = found.begin if place else message.time
+        values = latest.take(message)
+        if values is None:
+            continue
+        if len(values) < len(rule.variables):
+            found.unknown += not topics or registry.topic(message.key) == topics[-1]
+            continue
+        rows.append(Moment(place, message.time, values))
+        if len(rows) == _ROWS:
+            _judge(rule, rows, found, at_most)
+            rows.clear()
+    _judge(rule, rows, found, at_most)
+    return found
+
+
+def _judge(rule: Rule, rows: Sequence[Moment], found: Prediction, at_most: int) -> None:
+    names = rule.variables
+    alike: dict[tuple[bool, ...], list[int]] = {}
+    for number, row in enumerate(rows):
+        alike.setdefault(tuple(isinstance(row.values[name], (int, float)) for name in names), []).append(number)
+    failing: list[int] = []
+    for numbers in alike.values():  # a column that holds a text counts as texts in all of its rows
+        columns = {name: _column([rows[number].values[name] for number in numbers]) for name in names}
+        failing += [number for number, held in zip(numbers, rule.predict(columns), strict=True) if held]
+    found.judged += len(rows)
+    found.fails += len(failing)
+    found.moments += [rows[number] for number in sorted(failing)][: at_most - len(found.moments)]
+
+
+def _column(values: Sequence[Scalar]) -> np.ndarray[Any, Any]:
+    """Return values as an array, of floats where all are, else of objects: integers stay exact."""
+    if all(type(value) is float for value in values):
+        return np.array(values, dtype=np.float64)
+    column = np.empty(len(values), dtype=object)
+    column[:] = values
+    return column
