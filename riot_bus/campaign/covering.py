@@ -14,6 +14,7 @@ import random
 from bisect import bisect_left
 from collections import Counter, deque
 from dataclasses import replace
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.situations import numbers_within
@@ -23,7 +24,7 @@ from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from riot_bus.campaign.situations import Situation
     from riot_bus.vocabulary.trial import Outcome
@@ -44,7 +45,7 @@ _ALIKE, _TWO, _ROW = 0.25, 0.5, 0.25
 messages in a row; what is left is elsewhere."""
 _IN_A_ROW = 3
 _WHILE = 0.5
-"""Share of what is tried elsewhere that looks for its message in a situation, be it rare."""
+"""Share of what is tried on one message that is put into a situation, if that has room: the rarer, the likelier."""
 _TRIES = 8
 _MISSES = 32
 """Things that find no free message before a trial has enough."""
@@ -76,6 +77,8 @@ class Covering:
         self._random = random.Random(f"covering:{seed}")  # noqa: S311
         self._positions = positions
         self._situations = situations
+        lengths = [sum(window.behind - window.first for window in each.windows) for each in situations]
+        self._rarity = list(accumulate(1 / length for length in lengths))
         self.stretches = Stretches(positions, situations, seed=seed)
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
@@ -222,12 +225,14 @@ class Covering:
             taken.remove((first, first + item.span))
         return None
 
-    def _firsts(self, item: Variation, last: int) -> Iterable[int]:
+    def _firsts(self, item: Variation, last: int) -> Iterator[int]:
+        """Yield numbers to try; those of a rare situation come before others, since chance seldom comes upon it."""
         if item.again and item.span == item.times == 1 and self._situations and self._random.random() < _WHILE:
-            window = self._random.choice(self._random.choice(self._situations).windows)
+            (situation,) = self._random.choices(self._situations, cum_weights=self._rarity)
+            window = self._random.choice(situation.windows)
             if numbers := numbers_within(window, self._positions[item.topic]):
-                return (self._random.choice(numbers) for _ in range(_TRIES))
-        return (self._random.randint(0, last) for _ in range(_TRIES * item.times))
+                yield from (self._random.choice(numbers) for _ in range(_TRIES))
+        yield from (self._random.randint(0, last) for _ in range(_TRIES * item.times))
 
     def _position(self, placed: Placed) -> int:
         return self._positions[placed.item.topic][placed.firsts[0]]

@@ -27,14 +27,13 @@ __all__ = ["Stretches"]
 
 _LEAST = 4
 """Messages in a row that are a stretch: `Covering` tries three."""
-_FAULTS = 0.3
+_FAULTS = 0.2
 """Share of faults of whole messages, which are few beside values."""
 _BOTH = 0.25
 """Share of policies that set two fields."""
 _ENOUGH = 3
 """Policies about one thing that fail alone before no more are tried."""
 _SHARES = (0.1, 0.3, 0.5)
-_SHARE_SILENT = 0.25
 _MISSES = 4
 
 
@@ -57,7 +56,6 @@ class Stretches:
         self._faults: dict[str, list[Variation]] = {}
         self._halves: deque[tuple[Placed, ...]] = deque()
         self._failed: Counter[str] = Counter()
-        self._size = 1
 
     def add(self, item: Variation) -> None:
         """Take in what has passed on a single message, any one of its topic."""
@@ -73,27 +71,19 @@ class Stretches:
         if self._halves:
             return self._halves.popleft()
         known = [topic for topic in topics if topic in self._values or topic in self._faults]
-        chosen = self._random.sample(known, min(len(known), self._size))
-        found = [placed for topic in chosen if (placed := self._policy(topic)) is not None]
+        found = [placed for topic in known if (placed := self._policy(topic)) is not None]
         return tuple(sorted(found, key=lambda placed: self._positions[placed.item.topic][placed.firsts[0]]))
 
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
-        """Take in the outcome of a trial of a group.
-
-        Args:
-            group: From `next`.
-            outcome: What came of it.
-            nominal_outputs: Outputs of a nominal trial.
-        """
-        failed = outcome.verdict is not Verdict.PASS
-        if failed and len(group) > 1:
+        """Take in the outcome of a trial of a group, as `Covering.take` does; outputs do not matter here."""
+        del nominal_outputs
+        if outcome.verdict is Verdict.PASS:
+            return
+        if len(group) > 1:
             half = len(group) // 2
             self._halves += (tuple(group[:half]), tuple(group[half:]))
-        elif failed:
+        else:
             self._failed[group[0].item.about] += 1
-        missing = nominal_outputs - int(outcome.statistics.get("outputs", nominal_outputs))
-        silent = missing > _SHARE_SILENT * nominal_outputs
-        self._size = max(1, self._size // 2) if failed or silent else min(self._size + 1, len(self._positions))
 
     def _policy(self, topic: str) -> Placed | None:
         for _ in range(_MISSES):
@@ -101,7 +91,7 @@ class Stretches:
             most = len(self._positions[topic])
             most = min(most, item.most or most, most // max(each.copies for each in item.injections))
             if self._failed[item.about] < _ENOUGH and most >= _LEAST:
-                way = self._random.choice((self._row, self._while, self._share))
+                way = self._random.choice((self._row, self._row, self._while, self._share))
                 return way(replace(item, again=True), most) or self._row(replace(item, again=True), most)
         return None
 

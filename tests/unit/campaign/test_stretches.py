@@ -72,6 +72,7 @@ def test_windows_lie_in_the_log_and_a_topic_has_one_policy_in_a_trial() -> None:
             assert 0 <= each.firsts[0] <= each.firsts[0] + each.item.span - 1 < COUNT
             window = any(one.end is not None or one.start for one in each.injections)
             assert window or each.item.span >= 4
+    assert max(map(len, asked(stretches()))) == len(TOPICS)
 
 
 def test_only_topics_that_are_asked_for() -> None:
@@ -103,15 +104,6 @@ def test_what_fails_is_found_alone_and_then_no_more() -> None:
     later = placed(groups[alone[-1] + 1 :])
     assert not any(each.item.about == "b:f2" for each in later)
     assert any(each.item.about == "b:f1" for each in later)
-
-
-def test_where_policies_silence_the_unit_fewer_are_tried_at_once() -> None:
-    silent = Outcome(Verdict.PASS, statistics={"outputs": 10})
-    assert {len(group) for group in asked(stretches(), lambda group: silent if len(group) > 1 else passes(group))} == {
-        1,
-        2,
-    }
-    assert max(len(group) for group in asked(stretches())) == 3
 
 
 def test_the_same_answers_give_the_same_choices() -> None:
