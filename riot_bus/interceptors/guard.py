@@ -147,6 +147,7 @@ class RuleGuard:
         """Return the values that are delivered and good; None if there are none."""
         self.met[event.topic] += 1
         if self.action == "report":
+            self._delivered = values
             self._tell(event, values, "reported")
             return None
         wanted = self._wanted(event.topic, values)

@@ -104,6 +104,16 @@ def test_fields_of_several_topics_are_judged_with_the_latest_delivered_ones(rule
     assert run.payloads() == [b'{"n": 3}', b'{"size": 4}', b'{"n": 2}']
 
 
+def test_what_was_reported_was_delivered(rule, bench):
+    guard = RuleGuard(rule(OTHER), "report")
+    run = bench(guard)
+    steps = [("table", "size", 4), ("index", "n", 9), ("table", "size", 10), ("table", "size", 5)]
+    for n, (key, field, value) in enumerate(steps):
+        run.feed(0.1 * n, {field: value}, key=key)
+    assert guard.met == {"index": 1, "table": 1}
+    assert len(run.payloads()) == 4
+
+
 def test_clamp_moves_the_field_of_the_message_that_comes(rule, bench):
     run = bench(RuleGuard(rule(OTHER), "clamp"))
     for n, (key, field, value) in enumerate([("table", "size", 4), ("index", "n", 9), ("table", "size", 2)]):
