@@ -23,7 +23,7 @@ from typing import Any
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
-from riot_bus.interceptors.guard import Guard
+from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.context import open_system
 from riot_bus.vocabulary.message import Message
@@ -88,7 +88,7 @@ def cost(rule: Rule, key: str, payload: bytes, rounds: int, registry: Any, folde
     types = dict.fromkeys(rule.variables, "int32" if key.startswith("0/map") else "float64")
     path.write_text(json.dumps({"rule": rule.to_dict(), "types": types}))
     clamped = any(literal.feature.kind == "mul" for term in rule.terms for literal in term)
-    guard = Guard(path, "clamp" if clamped else "hold")
+    guard = RuleGuard(path, "clamp" if clamped else "hold")
     pipelines = [Pipeline(guards, registry=registry, provenance=False) for guards in ((guard,), ())]
     messages = [Message(number, key, payload) for number in range(BATCH)]
     found: list[list[tuple[int, int]]] = [[], []]

@@ -37,16 +37,18 @@ def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> Rule
         f"It fails when {record.text}",
         f"Precision {_rate(record.precision)}, recall {_rate(record.recall)}.",
     ]
-    write_file(python_file(terms, types=types, scale=record.scale, told=told), folder / PYTHON)
-    (folder / CPP).unlink(missing_ok=True)  # of an earlier rule
+    for name in (PYTHON, CPP):
+        (folder / name).unlink(missing_ok=True)  # of an earlier rule
+    try:
+        write_file(python_file(terms, types=types, scale=record.scale, told=told), folder / PYTHON)
+        formula, signals = stl_formula(terms, types=types)
+        record = record.model_copy(update={"stl": formula, "stl_signals": signals})
+    except (ConfigError, NoFormulaError) as why:
+        record = record.model_copy(update={"stl_missing": str(why)})
     with suppress(ConfigError):  # integers that C++ does not have
         name = f"riot_{file_stem(finding)}".lower()
         write_file(cpp_file(terms, types=types, scale=record.scale, name=name, told=told), folder / CPP)
-    try:
-        formula, signals = stl_formula(terms, types=types)
-    except NoFormulaError as why:
-        return record.model_copy(update={"stl": "", "stl_missing": str(why)})
-    return record.model_copy(update={"stl": formula, "stl_signals": signals})
+    return record
 
 
 def _rate(one: ProportionRecord) -> str:

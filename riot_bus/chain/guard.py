@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.logs import FailingLog
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
-from riot_bus.interceptors.guard import Guard
+from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.vocabulary.counting import counted
 
@@ -97,13 +97,13 @@ def plan_guard(
         ("nominal log", workspace.known_unit_log(finding.unit)),
         (failing, FailingLog.load(folder / failing, registry=registry).messages),
     ]
-    trials = tuple(_tried(name, log, Guard(path, action), workspace) for name, log in logs if log)
+    trials = tuple(_tried(name, log, RuleGuard(path, action), workspace) for name, log in logs if log)
     root = file.path.resolve().parent
     table = {"use": "guard", "rule": os.path.relpath(path.resolve(), root), "action": action}
     toml = "\n".join(["[[router.interceptors]]", *(f"{key} = {_quoted(value)}" for key, value in table.items())])
     option = f"guard rule={_quoted(str(path))} action={action}"
     command = f"riot router --system {shlex.quote(str(file.path))} --interceptor {shlex.quote(option)}"
-    topics = Guard(path, action).topics
+    topics = RuleGuard(path, action).topics
     keys = {one.key for _, log in logs for one in log if registry.topic(one.key) in topics}
     return GuardPlan(record.text, toml, command, trials, _bypassed(workspace.context, finding.component, keys))
 
@@ -119,7 +119,7 @@ def _bypassed(context: Context, component: str, keys: set[str]) -> tuple[str, ..
     )
 
 
-def _tried(name: str, log: Sequence[Message], guard: Guard, workspace: Workspace) -> GuardTrial:
+def _tried(name: str, log: Sequence[Message], guard: RuleGuard, workspace: Workspace) -> GuardTrial:
     pipeline = Pipeline([guard], registry=workspace.context.registry)
     for message in log:
         pipeline.feed(message)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Event
 
-__all__ = ["Guard"]
+__all__ = ["RuleGuard"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 24
@@ -38,7 +38,7 @@ class _Field(NamedTuple):
 
 
 @dataclass
-class Guard:
+class RuleGuard:
     """Keep from a unit what a rule says it fails on; all other messages pass as they are.
 
     Where the rule relates fields of several topics, a message is judged with the latest delivered values of the other
@@ -147,6 +147,7 @@ class Guard:
         """Return the values that are delivered and good; None if there are none."""
         self.met[event.topic] += 1
         if self.action == "report":
+            self._delivered = values
             self._tell(event, values, "reported")
             return None
         wanted = self._wanted(event.topic, values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -44,8 +45,8 @@ def where_it_changes(
 
 
 def unit_of(scale: Mapping[str, float], name: str) -> float:
-    """Return the unit of a variable's moves: its nominal spread, 1 where it is missing."""
-    return scale[name] if scale.get(name, 0) > 0 else 1.0
+    """Return the unit of a variable's moves: its nominal spread, 1 where there is none."""
+    return scale[name] if 0 < scale.get(name, 0) < math.inf else 1.0
 
 
 class Repair:

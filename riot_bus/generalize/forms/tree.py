@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from riot_bus.vocabulary.errors import ConfigError
+
 if TYPE_CHECKING:
     from riot_bus.generalize.features import Feature
     from riot_bus.generalize.literals import Literal
@@ -147,7 +149,13 @@ NO_ROOTS: Mapping[str, str] = {
 
 
 def feature_tree(feature: Feature) -> Tree:
-    """Return the tree of a feature."""
+    """Return the tree of a feature.
+
+    Raises:
+        ConfigError: There is none for its kind, so the rule has no other form than its own.
+    """
+    if feature.kind not in FEATURES:
+        raise ConfigError(f"nobody has said yet how {feature.text()!r} is written elsewhere")
     return FEATURES[feature.kind](*map(variable, feature.args))
 
 

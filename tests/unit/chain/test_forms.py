@@ -3,6 +3,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from riot_bus.chain.forms import CPP, PYTHON, with_forms
 from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.generalize.features import Feature
@@ -55,4 +57,14 @@ def test_no_header_of_an_earlier_rule_is_left(tmp_path: Path) -> None:
     types = {MODE: "uint64", SPEED: "uint64"}
     with_forms(record.model_copy(update={"rule": large.to_dict(), "types": types}), finding, folder)
     assert (folder / PYTHON).is_file()
+    assert not (folder / CPP).exists()
+
+
+def test_a_kind_of_feature_without_a_form_ends_no_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record, finding, folder = records(tmp_path)
+    with_forms(record, finding, folder)
+    monkeypatch.setattr("riot_bus.generalize.forms.tree.FEATURES", {})
+    told = with_forms(record, finding, folder)
+    assert "is written elsewhere" in told.stl_missing
+    assert not (folder / PYTHON).exists()
     assert not (folder / CPP).exists()

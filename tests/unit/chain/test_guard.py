@@ -7,7 +7,7 @@ import pytest
 from riot_bus.chain.guard import plan_guard
 from riot_bus.chain.workspace import Workspace
 from riot_bus.config.router_settings import RouterSettings
-from riot_bus.interceptors.guard import Guard
+from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.interceptors.parsing import build_all, from_text
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import bench, command, write_finding, write_minimal, write_rule
@@ -52,7 +52,7 @@ def test_riot_toml_and_the_command_take_what_it_prints(one, monkeypatch, tmp_pat
     (built,) = build_all(
         (), tables=RouterSettings(interceptors=tuple(tables)).interceptors, file=tmp_path / "riot.toml"
     )
-    assert isinstance(built, Guard)
+    assert isinstance(built, RuleGuard)
     assert built.rule == one.folder / "rule.json"
     words = shlex.split(plan.command)
     assert words[:3] == ["riot", "router", "--system"]

@@ -7,7 +7,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.interceptors.catalogue import build
-from riot_bus.interceptors.guard import Guard
+from riot_bus.interceptors.guard import RuleGuard
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.testing.interceptors import InterceptorConformance
 from riot_bus.types.registry import TypeRegistry
@@ -39,18 +39,18 @@ class TestGuard(InterceptorConformance):
         self.path = rule(PAPER)
 
     def make(self):
-        return Guard(self.path, "clamp")
+        return RuleGuard(self.path, "clamp")
 
 
 def test_it_stands_in_the_catalogue(rule):
     guard = build("guard", {"rule": str(rule(PAPER)), "action": "hold"})
-    assert isinstance(guard, Guard)
+    assert isinstance(guard, RuleGuard)
     assert guard.topics == ["a"]
 
 
 @pytest.mark.parametrize("action", ["drop", "clamp", "hold", "report"])
 def test_what_does_not_meet_the_rule_passes_as_it_is(rule, bench, action):
-    run = bench(Guard(rule(PAPER), action))
+    run = bench(RuleGuard(rule(PAPER), action))
     payloads = [b'{"y": 2,  "x": 3, "note": "\\u00e9"}', b'{"x":0,"y":-7}', b'{"x": -10, "y": -10.0}']
     results = [run.feed(0.1 * n, payload) for n, payload in enumerate(payloads)]
     assert run.payloads() == payloads
@@ -67,7 +67,7 @@ def test_what_does_not_meet_the_rule_passes_as_it_is(rule, bench, action):
     ],
 )
 def test_what_meets_the_rule(rule, bench, action, delivered, caplog):
-    guard = Guard(rule(PAPER), action)
+    guard = RuleGuard(rule(PAPER), action)
     run = bench(guard)
     for n, (x, y) in enumerate([(5, 6), (-4, 9), (1, 1)]):
         run.feed(0.1 * n, {"x": x, "y": y, "n": n + 1})
@@ -81,7 +81,7 @@ def test_what_meets_the_rule(rule, bench, action, delivered, caplog):
 
 
 def test_hold_without_a_good_message_drops(rule, bench):
-    guard = Guard(rule(PAPER), "hold")
+    guard = RuleGuard(rule(PAPER), "hold")
     run = bench(guard)
     run.feed(0.0, {"x": -4, "y": 9})
     assert run.payloads() == []
@@ -89,7 +89,7 @@ def test_hold_without_a_good_message_drops(rule, bench):
 
 
 def test_a_flood_is_told_ever_more_rarely(rule, bench, caplog):
-    run = bench(Guard(rule(PAPER)))
+    run = bench(RuleGuard(rule(PAPER)))
     for n in range(1000):
         run.feed(0.001 * n, {"x": -1, "y": 9})
     assert len(caplog.records) == 10
@@ -97,35 +97,45 @@ def test_a_flood_is_told_ever_more_rarely(rule, bench, caplog):
 
 
 def test_fields_of_several_topics_are_judged_with_the_latest_delivered_ones(rule, bench):
-    run = bench(Guard(rule(OTHER), "drop"))
+    run = bench(RuleGuard(rule(OTHER), "drop"))
     steps = [("index", "n", 3), ("table", "size", 4), ("index", "n", 4), ("index", "n", 2), ("table", "size", 2)]
     for n, (key, field, value) in enumerate(steps):
         run.feed(0.1 * n, {field: value}, key=key)
     assert run.payloads() == [b'{"n": 3}', b'{"size": 4}', b'{"n": 2}']
 
 
+def test_what_was_reported_was_delivered(rule, bench):
+    guard = RuleGuard(rule(OTHER), "report")
+    run = bench(guard)
+    steps = [("table", "size", 4), ("index", "n", 9), ("table", "size", 10), ("table", "size", 5)]
+    for n, (key, field, value) in enumerate(steps):
+        run.feed(0.1 * n, {field: value}, key=key)
+    assert guard.met == {"index": 1, "table": 1}
+    assert len(run.payloads()) == 4
+
+
 def test_clamp_moves_the_field_of_the_message_that_comes(rule, bench):
-    run = bench(Guard(rule(OTHER), "clamp"))
+    run = bench(RuleGuard(rule(OTHER), "clamp"))
     for n, (key, field, value) in enumerate([("table", "size", 4), ("index", "n", 9), ("table", "size", 2)]):
         run.feed(0.1 * n, {field: value}, key=key)
     assert run.payloads() == [b'{"size": 4}', b'{"n": 3}', b'{"size": 4}']
 
 
 def test_a_message_without_the_fields_passes_and_is_counted(rule):
-    pipeline = Pipeline([Guard(rule(PAPER))], registry=TypeRegistry())
+    pipeline = Pipeline([RuleGuard(rule(PAPER))], registry=TypeRegistry())
     result = pipeline.feed(Message(0, "a", b'{"x": 3}'))
     assert result.emissions[0].message is result.original
     assert pipeline.errors["guard"].count == 1
 
 
 def test_a_delete_passes(rule, bench):
-    run = bench(Guard(rule(PAPER)))
+    run = bench(RuleGuard(rule(PAPER)))
     run.feed(0.0, b"", kind="delete")
     assert [each.message.kind for each in run.delivered] == ["delete"]
 
 
 def test_other_values_than_numbers_do_not_meet_the_rule(rule, bench):
-    run = bench(Guard(rule(PAPER)))
+    run = bench(RuleGuard(rule(PAPER)))
     for value in ("text", True):
         run.feed(0.0, {"x": value, "y": 7})
     assert len(run.payloads()) == 2
@@ -134,7 +144,7 @@ def test_other_values_than_numbers_do_not_meet_the_rule(rule, bench):
 def test_a_rule_alone_is_enough_to_drop(tmp_path, bench):
     path = tmp_path / "bare.json"
     path.write_text(PAPER.to_json())
-    run = bench(Guard(path))
+    run = bench(RuleGuard(path))
     run.feed(0.0, {"x": -1, "y": 9})
     assert run.payloads() == []
 
@@ -164,21 +174,21 @@ def several(*names):
 )
 def test_what_it_cannot_carry_out_is_refused_when_it_is_named(rule, rule_, action, message):
     with pytest.raises(ConfigError, match=message) as caught:
-        Guard(rule(rule_), action)
+        RuleGuard(rule(rule_), action)
     assert "rule.json" in str(caught.value)
 
 
 def test_lengths_are_not_clamped(rule):
     terms = Rule(((Literal(Feature("raw", ("a:len(x)",)), ">", 3),),))
     with pytest.raises(ConfigError, match="no nearest value"):
-        Guard(rule(terms, types={"a:len(x)": "uint16"}), "clamp")
+        RuleGuard(rule(terms, types={"a:len(x)": "uint16"}), "clamp")
 
 
 def test_every_topic_of_a_clamp_has_a_field_to_move(rule):
     mode, speed = Feature("raw", ("cmd:mode",)), Feature("raw", ("odom:v",))
     both = Rule(((Literal(mode, "==", "auto"), Literal(speed, ">", 3)),))
     with pytest.raises(ConfigError, match="clamp is not defined for cmd"):
-        Guard(rule(both, types={"cmd:mode": "string", "odom:v": "float64"}), "clamp")
+        RuleGuard(rule(both, types={"cmd:mode": "string", "odom:v": "float64"}), "clamp")
 
 
 @pytest.mark.parametrize(
@@ -188,21 +198,21 @@ def test_what_is_no_rule(tmp_path, text):
     path = tmp_path / "rule.json"
     path.write_text(text)
     with pytest.raises(ConfigError):
-        Guard(path)
+        RuleGuard(path)
 
 
 def test_a_huge_or_missing_file(tmp_path):
     path = tmp_path / "rule.json"
     with pytest.raises(ConfigError, match="cannot read the rule"):
-        Guard(path)
+        RuleGuard(path)
     with path.open("wb") as file:
         file.truncate(1 << 30)
     with pytest.raises(ConfigError, match="it is no rule"):
-        Guard(path)
+        RuleGuard(path)
 
 
 def test_hostile_additions_do_no_harm(rule, bench):
     path = rule(PAPER, scale={"a:x": -1, "a:y": "9"}, types={**INTEGERS, "a:x": "int64", "z": 7})
-    run = bench(Guard(path, "clamp"))
+    run = bench(RuleGuard(path, "clamp"))
     run.feed(0.0, {"x": -1, "y": 9})
     assert run.payloads() == [b'{"x": 0, "y": 9}']

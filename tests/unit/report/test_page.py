@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.records import FindingRecord, RuleRecord
 from riot_bus.report.page import write_report
+from riot_bus.report.regression import regression_name
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 SECTIONS = {
@@ -112,6 +114,21 @@ def test_whole_chain(finding: Path) -> None:
         assert told in text
     assert "The chain ended" not in text
     assert page.tags.count("svg") >= 5
+
+
+def test_what_a_maintainer_can_use_is_linked(finding: Path) -> None:
+    record = RuleRecord.load(finding)
+    signals = {"map_updates_x": "/map_updates:x"}
+    record.model_copy(update={"stl": "always (not (map_updates_x > 3.5))", "stl_signals": signals}).save(finding)
+    names = ["sanitize.py", "sanitize.hpp", regression_name(FindingRecord.load(finding))]
+    assert not any(name in flat(read(finding)) for name in names)
+    for name in names:
+        (finding / name).write_text("")
+    text = flat(read(finding))
+    for told in (*names, "always (not (map_updates_x > 3.5))", "map_updates_x = /map_updates:x"):
+        assert told in text
+    for command in ("show", "guard"):
+        assert f"riot {command} {finding}" in text
 
 
 @pytest.mark.parametrize("done", range(1, 7))

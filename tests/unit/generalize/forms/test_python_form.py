@@ -64,7 +64,7 @@ def test_it_agrees_with_the_rule() -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_every_literal_agrees() -> None:
     for number, rule in enumerate(every_rule(size=2)):
         agree(rule, rows(200, seed=number))

@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.generalize.features import FEATURE_KINDS, Feature
 from riot_bus.generalize.forms.function import judge_of
-from riot_bus.generalize.forms.repair import Repair, why_not_repairable
+from riot_bus.generalize.forms.repair import Repair, unit_of, why_not_repairable
 from riot_bus.generalize.forms.tree import ROOTS
 from riot_bus.generalize.literals import Literal
 from tests.rule_rows import rows
@@ -102,6 +102,12 @@ def test_two_values_move_where_one_will_not_do() -> None:
 
 def test_the_scale_says_which_value_moves() -> None:
     assert make(((Literal(Feature("add", (X, Y)), ">", 10),),), x=1.0, y=100.0)([8, 8]) == [8, 2]
+
+
+@pytest.mark.parametrize("spread", [0.0, -1.0, math.inf, math.nan])
+def test_a_spread_that_is_none_counts_as_one(spread: float) -> None:
+    assert unit_of({X: spread, Y: 2.5}, X) == 1.0
+    assert unit_of({X: spread, Y: 2.5}, Y) == 2.5
 
 
 def test_where_nothing_helps_it_says_so() -> None:

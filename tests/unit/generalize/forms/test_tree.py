@@ -1,6 +1,9 @@
+import pytest
+
 from riot_bus.generalize.features import FEATURE_KINDS, Feature
 from riot_bus.generalize.forms.tree import FEATURES, NO_ROOTS, OPERATIONS, ROOTS, Tree, feature_tree, roots
 from riot_bus.generalize.literals import Literal
+from riot_bus.vocabulary.errors import ConfigError
 
 
 def operations(tree: Tree) -> set[str]:
@@ -13,6 +16,12 @@ def test_each_kind_of_feature_has_a_tree() -> None:
         tree = feature_tree(Feature(kind, ("x", "y", "z")[:count]))
         assert tree.variables() == set("xyz"[:count])
         assert operations(tree) <= set(OPERATIONS)
+
+
+def test_a_kind_without_a_tree_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("riot_bus.generalize.forms.tree.FEATURES", {})
+    with pytest.raises(ConfigError, match="how 'abs\\(x\\)' is written elsewhere"):
+        feature_tree(Feature("abs", ("x",)))
 
 
 def test_each_kind_has_roots_for_each_variable_or_a_word_why_not() -> None:
