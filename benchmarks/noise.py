@@ -212,6 +212,67 @@ def relevance_row(n: int, relevant: int, kind: str, p: float, eps: float, seeds:
     }
 
 
+# -- calibration ------------------------------------------------------------------------------------------------------
+
+
+def calibration_rows(seeds: int) -> list[Row]:
+    """Of so many random cases: how often each claim is wrong, beside what was claimed.
+
+    Rates of failure and false failures, what is needed, suppressor pairs, how often a field matters: all at random.
+    """
+    minimal, fields, rest = [0, 0], [0, 0], [0, 0]
+    for seed in range(seeds):
+        chance = random.Random(f"calibration {seed}")
+        unit = Unit(chance.choice((1.0, 1.0, 0.95, 0.9, 0.7, 0.5, 0.3)), chance.choice((0.0, 0.0, 0.01)), seed)
+        needed = set(chance.sample(range(200), chance.choice((1, 1, 2, 3))))
+        pairs = [chance.sample([i for i in range(200) if i not in needed], 2) for _ in range(chance.choice((0, 0, 2)))]
+
+        def triggers(kept: frozenset[int], needed: set[int] = needed, pairs: list[list[int]] = pairs) -> bool:
+            return needed <= kept and not any(a in kept and b not in kept for a, b in pairs)
+
+        right = minimized(200, unit, triggers, None)
+        minimal[0] += right is False
+        minimal[1] += right is not None
+        for one, claims in zip((fields, rest), related(chance, unit, seed), strict=True):
+            one[0] += claims[0]
+            one[1] += claims[1]
+    titles = ("minimal", "this field is relevant", "the others change at most 5 %")
+    return [
+        {"claim": title, "claimed wrong at most": "5.0%", "wrong": f"{wrong / max(1, count):.1%}", "claims": count}
+        for title, (wrong, count) in zip(titles, (minimal, fields, rest), strict=True)
+    ]
+
+
+def related(chance: random.Random, unit: Unit, seed: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return for one random case the wrong and all claims about relevant fields, and about all others together."""
+    names = [f"f{index}" for index in range(30)]
+    wanted = chance.sample(names, chance.choice((1, 2, 3)))
+    # Each of these heals the failure at so many of the ten values that are drawn; the first one, at its nominal value.
+    heals = {name: chance.choice((10, 10, 5, 1)) for name in wanted[1:]}
+    fields = [
+        FieldSpace(name, -1 if name == wanted[0] else 0, 4 if name == wanted[0] else None, DRAWS) for name in names
+    ]
+
+    def triggers(question: Mapping[str, Scalar]) -> bool:
+        bad = (DRAWS.index(int(question[name])) < count for name, count in heals.items() if question[name] != 0)
+        return int(question[wanted[0]]) < 0 and not any(bad)
+
+    def ask(questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
+        return [unit.answer(triggers(question)) for question in questions]
+
+    try:
+        known = Noise.after(*unit.confirmed(), nominal_total=4)
+        found = relevant_fields(fields, ask, seed=seed, noise=known)
+    except InconclusiveError:
+        return (0, 0), (0, 0)
+    named = {one.name for one in found.fields}
+    unchanged = 1.0
+    for name in wanted:
+        if name not in named:
+            unchanged *= 0.5 if name == wanted[0] else 1 - heals[name] / 10
+    return (len(named - set(wanted)), len(named)), (int(1 - unchanged > found.bound), int(found.straight > 0))
+
+
 def show(title: str, rows: list[Row]) -> None:
     print(f"\n## {title}\n")
     heads = list(rows[0])
@@ -226,7 +287,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--rates", type=float, nargs="+", default=[1.0, 0.9, 0.7, 0.3])
     parser.add_argument("--false", type=float, nargs="+", default=[0.0, 0.01])
-    parser.add_argument("--only", choices=("minimize", "suppressed", "relevance"))
+    parser.add_argument("--only", choices=("minimize", "suppressed", "relevance", "calibration"))
     parser.add_argument("--sizes", type=int, nargs="+", default=[50, 500, 1000, 5000], help="of logs, and fields")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -251,6 +312,9 @@ def main() -> None:
         ],
     }
     result: dict[str, list[Row]] = {}
+    if arguments.only in (None, "calibration"):
+        result["calibration"] = calibration_rows(12 * arguments.seeds)
+        show(f"calibration, {12 * arguments.seeds} cases", result["calibration"])
     for name, makers in tables.items():
         if arguments.only in (None, name):
             result[name] = []

@@ -108,7 +108,17 @@ def rover() -> list[Artefact]:
             trials=212,
             seconds=341.0,
         ),
-        MinimalRecord(before=5012, kept=(3391,), topics=("/map_updates",), one_minimal=True, trials=31, seconds=40.2),
+        MinimalRecord(
+            before=5012,
+            kept=(3391,),
+            topics=("/map_updates",),
+            one_minimal=True,
+            confidence=0.95,
+            failed=(2, 2),
+            without=((0, 1),),
+            trials=31,
+            seconds=40.2,
+        ),
         FieldsRecord(
             fields=(
                 FieldRecord(
