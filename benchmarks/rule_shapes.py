@@ -225,7 +225,7 @@ SHAPES = (
         "w*h wraps uint32",
         lambda v: v["w"] > 0 and v["h"] > 0 and (v["w"] * v["h"]) % 2**32 < 16,
         (("w", "uint32", 65536, 16, 2000), ("h", "uint32", 65536, 16, 2000)),
-        ("h > 0 and w > 0 and (w * h) % 2**32 < 16", "w * h != 0 and (w * h) % 2**32 < 16"),
+        ("h > 0 and w > 0 and (w * h) % 2**32 < 16", "w * h > 0 and (w * h) % 2**32 < 16"),
         lambda chance: {
             "w": chance.randint(1, 9) << chance.randint(0, 28),
             "h": chance.randint(1, 9) << chance.randint(0, 28),
@@ -272,7 +272,7 @@ SHAPES = (
         "prefix",
         lambda v: v["s"].startswith("/"),
         (("s", "string", "/dev/null", ("map", "base", "odom"), 0),),
-        ('startswith(s, "/")',),
+        ("startswith(s, '/')",),
     ),
     Shape(
         "long and on",
@@ -346,9 +346,10 @@ def variables_of(shape: Shape, seed: int) -> list[Variable]:
 def held_out(shape: Shape, variables: Sequence[Variable], chance: random.Random) -> dict[str, Scalar]:
     """Draw a case; on purpose not with the sampler that the learner uses.
 
-    A fourth by `also` of the shape, if it has one. Else each field, independently: a third in the nominal range, a third of the dictionary, a third log-uniform over the
-    type. Texts: a third nominal ones, a third of the dictionary, a third random ones of log-uniform length up to 2,000
-    out of one of four alphabets, half of these behind the begin of a known one.
+    A fourth by `also` of the shape, if it has one. Else each field, independently: a third in the nominal range, a
+    third of the dictionary, a third log-uniform over the type. Texts: a third nominal, a third of the dictionary, a
+    third random ones of log-uniform length up to 2,000 out of one of four alphabets, half of these behind the begin of
+    a known one.
     """
     if shape.also is not None and chance.random() < 0.25:
         return shape.also(chance)
@@ -418,7 +419,9 @@ def _beside(
     shape: Shape, case: dict[str, Scalar], name: str, type_: str, passing: Scalar, chance: random.Random
 ) -> list[Values]:
     bad, good = case[name], passing
-    if not type_.startswith(("int", "uint", "float")) or not (math.isfinite(bad) and math.isfinite(good)):  # type: ignore[arg-type]
+    if not isinstance(bad, int | float) or not isinstance(good, int | float) or type_ == "bool":
+        return []
+    if not (math.isfinite(bad) and math.isfinite(good)):
         return []
     while True:
         middle = between(min(bad, good), max(bad, good))  # type: ignore[type-var, arg-type]
