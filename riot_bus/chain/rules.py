@@ -6,9 +6,9 @@ from statistics import pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
-from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
-from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
-from riot_bus.generalize.sampling import columns_of
+from riot_bus.findings.records import AlternativeRecord, FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
+from riot_bus.generalize.rules import Estimate, LearnedRule, Sample, Variable, learn_rule
+from riot_bus.generalize.sampling import TYPES, columns_of
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Scalar
 
@@ -23,6 +23,8 @@ __all__ = ["rules"]
 _NOMINAL = 200
 _ROUNDS = 3
 _ODD = 20
+_CONTEXT = 64
+"""So many other fields take other nominal values in some of the fresh trials."""
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
@@ -64,6 +66,13 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         for field, record in zip(named, records, strict=True)
     ]
 
+    rest = (field for name, field in questions.fields.fields.items() if name not in observed)
+    others = [field for field in rest if field.leaf.type in TYPES][:_CONTEXT]
+    context = [
+        Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))
+        for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
+    ]
+
     def search() -> LearnedRule:
         return learn_rule(
             variables,
@@ -72,6 +81,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
             budget=budget,
             validation=validation,
             parallelism=questions.runner.parallelism,
+            context=context,
             progress=step.progress,
         )
 
@@ -90,8 +100,9 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
 
 def _unexplained(learned: LearnedRule, variables: Sequence[Variable]) -> list[Sample]:
     """Return the few samples that the rule gets wrong: asked again, they may turn out differently."""
-    predicted = learned.rule.predict(columns_of(variables, [one.assignment for one in learned.samples]))
-    return [one for one, said in zip(learned.samples, predicted, strict=True) if bool(said) != one.failed][:_ODD]
+    samples = [one for one in learned.samples if one.phase != "context"]
+    predicted = learned.rule.predict(columns_of(variables, [one.assignment for one in samples]))
+    return [one for one, said in zip(samples, predicted, strict=True) if bool(said) != one.failed][:_ODD]
 
 
 def _typed(value: Value, like: Scalar) -> Scalar:
@@ -104,8 +115,14 @@ def _spread(values: Sequence[Scalar]) -> float:
     return (pstdev(numbers) if len(numbers) > 1 else 0.0) or 1.0
 
 
-def _proportion(one: Proportion) -> ProportionRecord:
-    return ProportionRecord(value=one.rate, low=one.low, high=one.high, count=one.hits, total=one.total)
+def _proportion(one: Estimate) -> ProportionRecord:
+    return ProportionRecord(
+        value=0.0 if one.rate is None else one.rate, low=one.low, high=one.high, count=one.hits, total=one.total
+    )
+
+
+def _values(assignment: Mapping[str, Scalar]) -> dict[str, Value]:
+    return {name: json_value(value) for name, value in assignment.items()}
 
 
 def _record(learned: LearnedRule, scale: dict[str, float]) -> RuleRecord:
@@ -117,10 +134,16 @@ def _record(learned: LearnedRule, scale: dict[str, float]) -> RuleRecord:
         recall=_proportion(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,
         checks=learned.checks,
+        context_mistakes=learned.context_mistakes,
+        context_checks=learned.context_checks,
+        alternatives=tuple(
+            AlternativeRecord(text=one.rule.text(), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
+            for one in learned.alternatives
+        ),
         scale=scale,
         samples=tuple(
             RuleSample(
-                values={name: json_value(value) for name, value in sample.assignment.items()},
+                values=_values(sample.assignment),
                 failed=sample.failed,
                 phase=sample.phase,
             )

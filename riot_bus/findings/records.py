@@ -334,6 +334,14 @@ class RuleSample(_Model):
     phase: str = ""
 
 
+class AlternativeRecord(_Model):
+    """Another rule that explains all trials as well, and values of which the two say different things."""
+
+    text: str
+    rule: dict[str, Any]
+    decided_by: dict[str, Value]
+
+
 class RuleRecord(Artefact):
     """The unit-level rule (RIOT II-B c)."""
 
@@ -344,8 +352,11 @@ class RuleRecord(Artefact):
     python: str
     precision: ProportionRecord
     recall: ProportionRecord
-    balanced_accuracy: float
+    balanced_accuracy: float | None = Field(description="null unless some fresh trials failed and some passed")
     checks: int = Field(default=0, description="fresh trials behind these rates")
+    context_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
+    context_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
+    alternatives: tuple[AlternativeRecord, ...] = ()
     scale: dict[str, float]
     samples: tuple[RuleSample, ...] = ()
 
@@ -353,12 +364,15 @@ class RuleRecord(Artefact):
     def summary(self) -> str:
         """The rule, and how well it predicts."""
         failing = self.recall.total
-        if 0 < failing < self.checks:
+        if 0 < failing < self.checks and self.balanced_accuracy is not None:
             accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {counted(self.checks, 'fresh check')}"
         elif self.checks:
             accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:
             accuracy = "not tested: no fresh checks could be had"
+        if self.context_mistakes:
+            of = counted(self.context_checks, "check")
+            accuracy += f"; wrong in {self.context_mistakes} of {of} with other values of all other fields"
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 

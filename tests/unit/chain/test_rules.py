@@ -40,7 +40,7 @@ def test_a_rate_without_trials_behind_it_is_not_told() -> None:
     assert none.summary == "fails when isnan(x) (not tested: no fresh checks could be had, 0 trials)"
 
 
-@pytest.mark.parametrize("seed", [4, 7])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_samples_that_the_rule_gets_wrong_are_asked_again_and_corrected(tmp_path: Path, seed: int) -> None:
     """One first answer in 25 is wrong; repetitions, with seeds of their own, are right."""
 
