@@ -89,7 +89,7 @@ def near_the_limit(
         scale: Their nominal spread.
         count: So many that fail, and so many that pass, where there are as many.
     """
-    samples = learned.samples
+    samples = [one for one in learned.samples if one.phase != "context"]
     columns = columns_of(variables, [one.assignment for one in samples])
     predicted, distance = learned.rule.predict(columns), np.abs(learned.rule.distance(columns, scale))
     chosen: list[int] = []

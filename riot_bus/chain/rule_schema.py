@@ -6,10 +6,12 @@ from typing import Any
 
 from riot_bus.findings.records import RuleRecord
 from riot_bus.generalize import rule_json
-from riot_bus.generalize.features import FEATURE_KINDS
+from riot_bus.generalize.features import FEATURE_KINDS, Feature
 from riot_bus.generalize.literals import OPERATORS
 
 __all__ = ["rule_schema"]
+
+_CONSTANTS = {"linear": (2, -3), "mod": 4, "bits": 8, "prefix": "x", "contains": "x"}
 
 
 def rule_schema() -> dict[str, Any]:
@@ -17,15 +19,17 @@ def rule_schema() -> dict[str, Any]:
     schema = RuleRecord.model_json_schema(mode="serialization")
     name = {"type": "string", "maxLength": rule_json.LONGEST_NAME}
     octets = {"type": "string", "pattern": "^([0-9a-f]{2})*$", "maxLength": 2 * rule_json.LONGEST_NAME}
+    raw = {"type": "object", "properties": {"bytes": octets}, "required": ["bytes"], "additionalProperties": False}
+    scalars = [{"type": ["null", "boolean", "number"]}, name, raw]
     value = {
-        "description": "what the feature is compared with; null for flags, whose operators are is and not",
-        "anyOf": [
-            {"type": ["null", "boolean", "number"]},
-            name,
-            {"type": "object", "properties": {"bytes": octets}, "required": ["bytes"], "additionalProperties": False},
-        ],
+        "description": "what the feature is compared with; null for flags (is, not), a list for sets (in, not in)",
+        "anyOf": [*scalars, {"type": "array", "items": {"anyOf": scalars}, "maxItems": rule_json.MOST_TERMS}],
     }
-    kinds = "; ".join(f"{kind}: {each[2].format('a', 'b', 'c')}" for kind, each in FEATURE_KINDS.items())
+    constant = {
+        "description": "coefficients of linear, divisor of mod, mask of bits, text of prefix and contains",
+        "anyOf": [{"type": "integer"}, name, raw, {"type": "array", "items": {"type": "number"}}],
+    }
+    kinds = "; ".join(f"{kind}: {_example(kind)}" for kind in FEATURE_KINDS)
     literal = {
         "type": "object",
         "properties": {
@@ -33,6 +37,7 @@ def rule_schema() -> dict[str, Any]:
             "args": {"type": "array", "items": name, "description": "names of the variables: topic:path"},
             "operator": {"enum": list(OPERATORS)},
             "value": value,
+            "constant": constant,
         },
         "required": ["feature", "args", "operator", "value"],
         "additionalProperties": False,
@@ -53,3 +58,9 @@ def rule_schema() -> dict[str, Any]:
         "required": ["format", "version", "terms"],
     }
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "rule.json of riot_bus"}
+
+
+def _example(kind: str) -> str:
+    constant: Any = _CONSTANTS.get(kind)
+    count = FEATURE_KINDS[kind].arity or len(constant)
+    return Feature(kind, ("a", "b", "c")[:count], constant).text()

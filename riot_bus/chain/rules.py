@@ -13,12 +13,12 @@ from riot_bus.chain.forms import with_forms
 from riot_bus.chain.prediction import explained
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value, noise_of
 from riot_bus.chain.relevance import considered_fields, field_spaces
-from riot_bus.findings.records import FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
+from riot_bus.findings.records import AlternativeRecord, FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.relevance import relevant_fields
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.rules import LearnedRule, Proportion, Sample, Variable, learn_rule
-from riot_bus.generalize.sampling import columns_of
-from riot_bus.statistics.rates import proportion
+from riot_bus.generalize.rules import Estimate, LearnedRule, Sample, Variable, learn_rule
+from riot_bus.generalize.sampling import TYPES, columns_of
+from riot_bus.statistics.rates import Proportion, proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Scalar
 
@@ -40,6 +40,8 @@ _NEAR = 6
 """So many trials that fail, and as many that pass, are asked again behind each part of the nominal log."""
 _CONTEXTS = 2
 """So many times at most messages are put in front: one for a size, one for a mode beside it."""
+_OTHERS = 64
+"""So many other fields take other nominal values in some of the fresh trials."""
 
 
 def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 60) -> RuleRecord:
@@ -129,6 +131,12 @@ class _Teacher:
             for field in named
         ]
 
+        rest = (field for name, field in questions.fields.fields.items() if name not in observed)
+        others = [field for field in rest if field.leaf.type in TYPES][:_OTHERS]
+        varied = [
+            Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))
+            for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
+        ]
         scale = {name: _spread(values) for name, values in observed.items()}
         for _ in range(_ROUNDS):
             learned = learn_rule(
@@ -138,6 +146,7 @@ class _Teacher:
                 budget=self.budget,
                 validation=self.validation,
                 parallelism=questions.runner.parallelism,
+                context=varied,
                 progress=self.step.progress,
             )
             doubtful = _doubtful(learned, variables, scale)
@@ -190,7 +199,7 @@ def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mappin
 
     They are those that it gets wrong, failing ones by which alone a term stands, and passing ones next to its limit.
     """
-    samples, rule = learned.samples, learned.rule
+    samples, rule = [one for one in learned.samples if one.phase != "context"], learned.rule
     columns = columns_of(variables, [one.assignment for one in samples])
     failed = np.array([one.failed for one in samples])
     predicted = rule.predict(columns)
@@ -214,8 +223,14 @@ def _spread(values: Sequence[Scalar]) -> float:
     return (pstdev(numbers) if len(numbers) > 1 else 0.0) or 1.0
 
 
-def _proportion(one: Proportion) -> ProportionRecord:
-    return ProportionRecord(value=one.rate, low=one.low, high=one.high, count=one.hits, total=one.total)
+def _proportion(one: Estimate | Proportion) -> ProportionRecord:
+    return ProportionRecord(
+        value=0.0 if one.rate is None else one.rate, low=one.low, high=one.high, count=one.hits, total=one.total
+    )
+
+
+def _values(assignment: Mapping[str, Scalar]) -> dict[str, Value]:
+    return {name: json_value(value) for name, value in assignment.items()}
 
 
 def _record(found: _Found) -> RuleRecord:
@@ -231,6 +246,12 @@ def _record(found: _Found) -> RuleRecord:
         recall=_proportion(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,
         checks=learned.checks,
+        varied_mistakes=learned.varied_mistakes,
+        varied_checks=learned.varied_checks,
+        alternatives=tuple(
+            AlternativeRecord(text=one.rule.text(), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
+            for one in learned.alternatives
+        ),
         in_context=_proportion(proportion(asked - wrong, asked)),
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
@@ -238,7 +259,7 @@ def _record(found: _Found) -> RuleRecord:
         types={one.name: one.type for one in found.variables},
         samples=tuple(
             RuleSample(
-                values={name: json_value(value) for name, value in sample.assignment.items()},
+                values=_values(sample.assignment),
                 failed=sample.failed,
                 phase=sample.phase,
             )

@@ -396,6 +396,14 @@ class RuleSample(_Model):
     phase: str = ""
 
 
+class AlternativeRecord(_Model):
+    """Another rule that explains all trials as well, and values of which the two say different things."""
+
+    text: str
+    rule: dict[str, Any]
+    decided_by: dict[str, Value]
+
+
 class RuleRecord(Artefact):
     """The unit-level rule (RIOT II-B c).
 
@@ -414,13 +422,16 @@ class RuleRecord(Artefact):
     python: str
     precision: ProportionRecord
     recall: ProportionRecord
-    balanced_accuracy: float
+    balanced_accuracy: float | None = Field(description="null unless some fresh trials failed and some passed")
     checks: int = Field(default=0, description="fresh trials behind these rates")
     topics: tuple[str, ...] = ()
     context: tuple[str, ...] = ()
     in_context: ProportionRecord | None = None
     in_campaign: ProportionRecord | None = None
     missed: int = 0
+    varied_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
+    varied_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
+    alternatives: tuple[AlternativeRecord, ...] = ()
     scale: dict[str, float]
     types: dict[str, str] = {}
     stl: str = Field(default="", description="as a formula of signal temporal logic")
@@ -432,7 +443,7 @@ class RuleRecord(Artefact):
     def summary(self) -> str:
         """The rule, and how well it predicts."""
         failing = self.recall.total
-        if 0 < failing < self.checks:
+        if 0 < failing < self.checks and self.balanced_accuracy is not None:
             accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {counted(self.checks, 'fresh check')}"
         elif self.checks:
             accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
@@ -445,6 +456,9 @@ class RuleRecord(Artefact):
             one = self.in_campaign
             accuracy += f" and {one.count} of {one.total} of the campaign"
             accuracy += f", of which {self.missed} failed though it does not hold" if self.missed else ""
+        if self.varied_mistakes:
+            of = counted(self.varied_checks, "check")
+            accuracy += f"; wrong in {self.varied_mistakes} of {of} with other values of all other fields"
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 

@@ -20,7 +20,7 @@ RARE = 4
 """With fewer failing samples than this, each one missed costs more: a rule for a rare failure must not be "never"."""
 
 MOST_TERMS = 4
-MOST_LITERALS = 3
+MOST_LITERALS = 4
 POOL = 12
 
 
@@ -51,7 +51,7 @@ class _Term:
 
 
 def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width: int = 3, beam: int = 24) -> Learnt:
-    """Return the disjunction of at most 4 terms of at most 3 literals with the least description length.
+    """Return the disjunction of at most 4 terms of at most 4 literals with the least description length.
 
     Args:
         candidates: The literals to choose from.

@@ -2,121 +2,175 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from itertools import combinations
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, numeric, python, text
+from riot_bus.generalize.numbers import number_bits
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
-__all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Feature", "features_of", "numeric"]
+__all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "features_of", "numeric"]
 
-Array = npt.NDArray[Any]
+Constant = int | str | bytes | tuple[int | float, ...] | None
 
-FEATURE_KINDS: Mapping[str, tuple[int, float, str, str]] = {
-    # kind: (number of arguments, cost in bits, text, Python expression)
-    "raw": (1, 1.0, "{0}", "{0}"),
-    "abs": (1, 3.0, "abs({0})", "abs({0})"),
-    "mul": (2, 4.0, "{0} * {1}", "{0} * {1}"),
-    "sub": (2, 4.0, "{0} - {1}", "{0} - {1}"),
-    "add": (2, 4.5, "{0} + {1}", "{0} + {1}"),
-    "div": (2, 5.0, "{0} / {1}", "_div({0}, {1})"),
-    "hypot": (2, 6.0, "hypot({0}, {1})", "math.hypot({0}, {1})"),
-    "maxabs": (2, 6.0, "max(abs({0}), abs({1}))", "max(abs({0}), abs({1}))"),
-    "minabs": (2, 6.5, "min(abs({0}), abs({1}))", "min(abs({0}), abs({1}))"),
-    "wrap8": (2, 7.0, "({0} + {1}) % 2**8", "({0} + {1}) % 2**8"),
-    "wrap16": (2, 7.0, "({0} + {1}) % 2**16", "({0} + {1}) % 2**16"),
-    "wrap32": (2, 7.0, "({0} + {1}) % 2**32", "({0} + {1}) % 2**32"),
-    "wrap64": (2, 7.0, "({0} + {1}) % 2**64", "({0} + {1}) % 2**64"),
-    "nan": (1, 3.0, "isnan({0})", "math.isnan({0})"),
-    "nonfinite": (1, 3.5, "not isfinite({0})", "not math.isfinite({0})"),
+_MOST_TERMS = 4
+_LONGEST_TEXT = 64
+_LARGEST = 2**64
+
+
+class Kind(NamedTuple):
+    """One kind of feature: number of variables (0: two to four), cost in bits, and its expression."""
+
+    arity: int
+    bits: float
+    build: Callable[[list[Node], Any], Node]
+    constant: type | tuple[type, ...] | None = None
+
+
+def _call(operator: str, *more: Node) -> Callable[[list[Node], Any], Node]:
+    return lambda args, _: Applied(operator, (*args, *more))
+
+
+def _of_sizes(operator: str) -> Callable[[list[Node], Any], Node]:
+    return lambda args, _: Applied(operator, tuple(Applied("abs", (arg,)) for arg in args))
+
+
+def _wrapped(operator: str, bits: int, *, signed: bool) -> Callable[[list[Node], Any], Node]:
+    outer, limit = ("signed", bits) if signed else ("mod", 2**bits)
+    return lambda args, _: Applied(outer, (Applied(operator, tuple(args)), limit))
+
+
+def _weighted(args: list[Node], constant: tuple[int | float, ...]) -> Node:
+    """Return the sum of what has a positive coefficient, less the sum of what has a negative one."""
+    sides: list[Node | None] = [None, None]
+    for arg, weight in zip(args, constant, strict=True):
+        part = arg if abs(weight) == 1 else Applied("mul", (abs(weight), arg))
+        side = int(weight < 0)
+        before = sides[side]
+        sides[side] = part if before is None else Applied("add", (before, part))
+    plus, minus = sides
+    assert plus is not None  # the first coefficient is positive
+    return plus if minus is None else Applied("sub", (plus, minus))
+
+
+FEATURE_KINDS: Final[Mapping[str, Kind]] = {
+    "raw": Kind(1, 1.0, lambda args, _: args[0]),
+    "abs": Kind(1, 3.0, _call("abs")),
+    "mul": Kind(2, 4.0, _call("mul")),
+    "sub": Kind(2, 4.0, _call("sub")),
+    "add": Kind(2, 4.5, _call("add")),
+    "div": Kind(2, 5.0, _call("div")),
+    "hypot": Kind(2, 6.0, _call("hypot")),
+    "maxabs": Kind(2, 6.0, _of_sizes("max")),
+    "minabs": Kind(2, 6.5, _of_sizes("min")),
+    **{f"wrap{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=False)) for bits in (8, 16, 32, 64)},
+    **{f"wrapsub{bits}": Kind(2, 7.0, _wrapped("sub", bits, signed=False)) for bits in (8, 16, 32, 64)},
+    **{f"wrapmul{bits}": Kind(2, 7.0, _wrapped("mul", bits, signed=False)) for bits in (8, 16, 32, 64)},
+    **{f"signed{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=True)) for bits in (8, 16, 32, 64)},
+    **{f"signedsub{bits}": Kind(2, 7.0, _wrapped("sub", bits, signed=True)) for bits in (8, 16, 32, 64)},
+    **{f"signedmul{bits}": Kind(2, 7.0, _wrapped("mul", bits, signed=True)) for bits in (8, 16, 32, 64)},
+    "mul3": Kind(3, 6.0, lambda args, _: Applied("mul", (Applied("mul", (args[0], args[1])), args[2]))),
+    "mulsub": Kind(3, 7.0, lambda args, _: Applied("sub", (Applied("mul", (args[0], args[1])), args[2]))),
+    "linear": Kind(0, 5.0, _weighted, tuple),
+    "mod": Kind(1, 2.0, lambda args, constant: Applied("mod", (args[0], constant)), int),
+    "bits": Kind(1, 4.0, lambda args, constant: Applied("and", (args[0], constant)), int),
+    "len": Kind(1, 2.5, _call("len")),
+    "bytes": Kind(1, 3.5, _call("bytes")),
+    "nan": Kind(1, 3.0, _call("isnan")),
+    "nonfinite": Kind(1, 3.5, lambda args, _: Applied("not", (Applied("isfinite", tuple(args)),))),
+    "ascii": Kind(1, 4.0, _call("isascii")),
+    "printable": Kind(1, 5.0, _call("isprintable")),
+    "digits": Kind(1, 5.0, _call("isdigit")),
+    "utf8": Kind(1, 4.0, _call("isutf8")),
+    "prefix": Kind(1, 3.0, lambda args, constant: Applied("startswith", (args[0], constant)), (str, bytes)),
+    "contains": Kind(1, 4.0, lambda args, constant: Applied("contains", (args[0], constant)), (str, bytes)),
 }
+"""What a feature may be. Quantities of one or two variables, or three, as numbers; quantities of texts; flags."""
 
-FLAGS = frozenset({"nan", "nonfinite"})
+FLAGS: Final = frozenset({"nan", "nonfinite", "ascii", "printable", "digits", "utf8", "prefix", "contains"})
 """Kinds whose values are booleans."""
 
-
-def numeric(column: Array) -> Array | None:
-    """Return a column as int64, exact Python integers (object) or float64; None when it does not hold numbers.
-
-    Booleans count as 0 and 1.
-    """
-    kind = column.dtype.kind
-    if kind in "bi":
-        return column.astype(np.int64)
-    if kind == "u":
-        wide = column.dtype.itemsize == 8 and column.size and int(column.max()) >= 2**63
-        return column.astype(object) if wide else column.astype(np.int64)
-    if kind == "f":
-        return column.astype(np.float64)
-    if kind != "O":
-        return None
-    values = column.tolist()
-    if not all(isinstance(value, bool | int | float) for value in values):
-        return None
-    if any(isinstance(value, float) for value in values):
-        return np.array([float(value) for value in values], dtype=np.float64)
-    if all(-(2**63) <= value < 2**63 for value in values):
-        return np.array(values, dtype=np.int64)
-    return np.array([int(value) for value in values], dtype=object)
-
-
-def _largest(array: Array) -> int:
-    return max(abs(int(array.max())), abs(int(array.min()))) if array.size else 0
-
-
-def _exact(left: Array, right: Array, operate: Callable[[Any, Any], Any], bound: Callable[[int, int], int]) -> Array:
-    """Apply an operator without overflow: int64 where the result fits, Python integers where not, else float64."""
-    if left.dtype.kind == "f" or right.dtype.kind == "f":
-        with np.errstate(all="ignore"):
-            result: Array = operate(left.astype(np.float64), right.astype(np.float64))
-        return result
-    if bound(_largest(left), _largest(right)) < 2**63:
-        return np.asarray(operate(left.astype(np.int64), right.astype(np.int64)))
-    return np.asarray(operate(left.astype(object), right.astype(object)), dtype=object)
-
-
-def _absolute(array: Array) -> Array:
-    if array.dtype.kind == "i" and array.size and int(array.min()) == -(2**63):
-        array = array.astype(object)
-    return np.asarray(np.abs(array))
+_LETTER = 2.0
+"""Bits of one letter of a constant text."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Feature:
-    """One derived quantity of one or two variables.
+    """One derived quantity of up to four variables.
 
     Args:
         kind: One of `FEATURE_KINDS`.
         args: Names of the variables.
+        constant: Coefficients of "linear" (the first one is positive), divisor of "mod", mask of "bits", text of
+            "prefix" and "contains"; None for all other kinds.
 
     Raises:
-        ConfigError: If the kind is unknown or the number of variables is wrong.
+        ConfigError: If the kind is unknown, or the number of variables or the constant is wrong.
     """
 
     kind: str
     args: tuple[str, ...]
+    constant: Constant = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.constant, tuple):  # 2.0 and 2 are one coefficient
+            weights = (int(one) if isinstance(one, float) and one.is_integer() else one for one in self.constant)
+            object.__setattr__(self, "constant", tuple(weights))
         if self.kind not in FEATURE_KINDS:
             raise ConfigError(f"unknown feature {self.kind!r}", hint=did_you_mean(self.kind, FEATURE_KINDS))
-        if len(self.args) != FEATURE_KINDS[self.kind][0]:
-            raise ConfigError(f"feature {self.kind!r} takes {FEATURE_KINDS[self.kind][0]} variables, not {self.args!r}")
+        kind = FEATURE_KINDS[self.kind]
+        if len(self.args) != kind.arity and not (kind.arity == 0 and 2 <= len(self.args) <= _MOST_TERMS):
+            takes = kind.arity or f"2 to {_MOST_TERMS}"
+            raise ConfigError(f"feature {self.kind!r} takes {takes} variables, not {self.args!r}")
+        if (kind.constant is None) != (self.constant is None) or not self._constant_fits():
+            raise ConfigError(f"feature {self.kind!r} cannot have the constant {self.constant!r}")
+
+    def _constant_fits(self) -> bool:
+        constant = self.constant
+        if isinstance(constant, bool):
+            return False
+        if isinstance(constant, tuple):
+            return (
+                self.kind == "linear"
+                and len(constant) == len(self.args)
+                and all(type(weight) in (int, float) and math.isfinite(weight) and weight for weight in constant)
+                and all(abs(weight) < _LARGEST for weight in constant)
+                and constant[0] > 0
+            )
+        if isinstance(constant, int):
+            return self.kind in ("mod", "bits") and 0 < constant < _LARGEST
+        if isinstance(constant, str | bytes):
+            return self.kind in ("prefix", "contains") and 0 < len(constant) <= _LONGEST_TEXT
+        return constant is None
 
     @property
     def cost(self) -> float:
         """Description length in bits without the choice of variables."""
-        return FEATURE_KINDS[self.kind][1]
+        bits = FEATURE_KINDS[self.kind].bits
+        if isinstance(self.constant, tuple):
+            return bits + sum(0.0 if abs(weight) == 1 else number_bits(abs(weight)) for weight in self.constant)
+        if isinstance(self.constant, int):
+            return bits + number_bits(self.constant)
+        return bits + _LETTER * len(self.constant) if self.constant else bits
+
+    @property
+    def expression(self) -> Node:
+        """The feature as a tree of operators, variables and constants, for who renders it."""
+        return _expression(self)
 
     def text(self) -> str:
         """Return it as people write it."""
-        return FEATURE_KINDS[self.kind][2].format(*self.args)
+        return text(self.expression)
 
     def python(self, variable: str) -> str:
         """Return a Python expression over the dict called `variable`."""
-        return FEATURE_KINDS[self.kind][3].format(*(f"{variable}[{name!r}]" for name in self.args))
+        return python(self.expression, variable)
 
     def column(self, columns: Mapping[str, Array], index: int = 0) -> Array:
         """Return the raw column of one argument.
@@ -124,65 +178,38 @@ class Feature:
         Raises:
             ConfigError: If there is no such column.
         """
-        name = self.args[index]
-        if name not in columns:
-            raise ConfigError(
-                f"the rule needs {name!r}, which is not among the columns", hint=did_you_mean(name, columns)
-            )
-        return np.asarray(columns[name])
+        return _column(columns, self.args[index])
 
     def values(self, columns: Mapping[str, Array]) -> Array | None:
-        """Return the feature of each row, exact for integers; None when a column does not hold numbers.
+        """Return the feature of each row, exact for integers; None when a column does not hold what it takes.
 
         Args:
             columns: One array of equal length per variable.
 
         Returns:
-            int64, object (exact Python integers beyond int64) or float64; bool for the kinds in `FLAGS`.
+            int64, object (exact Python integers beyond int64) or float64. For the kinds in `FLAGS`: bool, or where
+            they are about texts 1.0, 0.0, and NaN in rows without one.
         """
-        arrays = [numeric(self.column(columns, index)) for index in range(len(self.args))]
-        first = arrays[0]
-        if first is None:
-            return None
-        if len(arrays) == 1:
-            return _unary(self.kind, first)
-        second = arrays[1]
-        return None if second is None else _binary(self.kind, first, second)
+        return evaluate(self.expression, lambda name: _column(columns, name))
 
 
-def _unary(kind: str, array: Array) -> Array:
-    if kind == "abs":
-        return _absolute(array)
-    if kind in FLAGS:
-        if array.dtype.kind != "f":
-            return np.zeros(array.shape, dtype=bool)
-        return np.asarray(np.isnan(array) if kind == "nan" else ~np.isfinite(array))
-    return array
+@lru_cache(maxsize=4096)
+def _expression(feature: Feature) -> Node:
+    return FEATURE_KINDS[feature.kind].build([Name(name) for name in feature.args], feature.constant)
 
 
-def _binary(kind: str, left: Array, right: Array) -> Array:
-    if kind == "mul":
-        return _exact(left, right, lambda a, b: a * b, lambda a, b: a * b)
-    if kind == "add":
-        return _exact(left, right, lambda a, b: a + b, lambda a, b: a + b)
-    if kind == "sub":
-        return _exact(left, right, lambda a, b: a - b, lambda a, b: a + b)
-    if kind.startswith("wrap"):
-        modulus = 2 ** int(kind[4:])
-        return _exact(left, right, lambda a, b: (a + b) % modulus, lambda a, b: a + b + modulus)
-    with np.errstate(all="ignore"):
-        if kind == "div":
-            return np.asarray(left.astype(np.float64) / right.astype(np.float64))
-        if kind == "hypot":
-            return np.asarray(np.hypot(left.astype(np.float64), right.astype(np.float64)))
-    if "f" in (left.dtype.kind, right.dtype.kind):
-        left, right = left.astype(np.float64), right.astype(np.float64)
-    choose = np.maximum if kind == "maxabs" else np.minimum
-    return np.asarray(choose(_absolute(left), _absolute(right)))
+def _column(columns: Mapping[str, Array], name: str) -> Array:
+    if name not in columns:
+        raise ConfigError(f"the rule needs {name!r}, which is not among the columns", hint=did_you_mean(name, columns))
+    return np.asarray(columns[name])
+
+
+_MOST_WITH_TRIPLES = 6
+"""With more numbers than this, triples of them are left out: there are too many."""
 
 
 def features_of(types: Mapping[str, str]) -> list[Feature]:
-    """Return the features worth trying for variables of these types, cheapest first.
+    """Return the features worth trying for variables of these types, cheapest first; those with constants are not.
 
     Args:
         types: Name and type (bool, int8 .. uint64, float32, float64, string, bytes) of each variable.
@@ -194,11 +221,29 @@ def features_of(types: Mapping[str, str]) -> list[Feature]:
             found.append(Feature("abs", (name,)))
         if types[name].startswith("float"):
             found += [Feature("nan", (name,)), Feature("nonfinite", (name,))]
-    for index, left in enumerate(numbers):
-        for right in numbers[index + 1 :]:
-            kinds = ["mul", "sub", "add", "div", "hypot", "maxabs", "minabs"]
-            if types[left] == types[right] and types[left].startswith("uint"):
-                kinds.append("wrap" + types[left].removeprefix("uint"))
-            found += [Feature(kind, (left, right)) for kind in kinds]
-            found.append(Feature("div", (right, left)))
+    for name, type_ in types.items():
+        kinds = {"string": ("len", "bytes", "ascii", "printable", "digits"), "bytes": ("len", "ascii", "utf8")}
+        found += [Feature(kind, (name,)) for kind in kinds.get(type_, ())]
+    for left, right in combinations(numbers, 2):
+        kinds_of_two = ["mul", "sub", "add", "div", "hypot", "maxabs", "minabs", *_wraps(types[left], types[right])]
+        found += [Feature(kind, (left, right)) for kind in kinds_of_two]
+        found.append(Feature("div", (right, left)))
+        found += [Feature(kind, (right, left)) for kind in kinds_of_two if kind.startswith("wrapsub")]
+    for one, two, three in combinations(numbers, 3) if len(numbers) <= _MOST_WITH_TRIPLES else ():
+        found.append(Feature("mul3", (one, two, three)))
+        found += [Feature("mulsub", args) for args in ((one, two, three), (one, three, two), (two, three, one))]
+        found += [Feature("linear", (one, two, three), (1, *signs)) for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
     return sorted(found, key=lambda feature: feature.cost)
+
+
+def _wraps(left: str, right: str) -> list[str]:
+    """Return how sums, differences and products of two integers may wrap around."""
+    if left != right or not left.startswith(("int", "uint")):
+        return []
+    size = left.removeprefix("u").removeprefix("int")
+    kinds = [f"signed{size}", f"signedsub{size}", f"signedmul{size}"]
+    if left.startswith("uint"):
+        kinds += [f"wrap{size}", f"wrapsub{size}", f"wrapmul{size}"]
+    elif size == "64":  # what formats without sizes of integers call all of them
+        kinds += ["signed32", "signedmul32", "wrap32", "wrapsub32"]
+    return kinds

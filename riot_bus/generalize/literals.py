@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from riot_bus.generalize.expressions import Applied, text
 from riot_bus.generalize.features import FLAGS, Array, Feature, numeric
 from riot_bus.generalize.margins import boundary_distance
 from riot_bus.generalize.numbers import number_text
@@ -23,12 +24,22 @@ FAR = 1e18
 NEAR = 1e-300
 """Distance inside of a point on the boundary itself: keeps "negative inside" exact."""
 
-OPERATORS = ("<", "<=", ">", ">=", "==", "!=", "is", "not")
+OPERATORS = ("<", "<=", ">", ">=", "==", "!=", "is", "not", "in", "not in")
+
+LARGEST_SET = 16
+"""A set has at most so many members."""
+
+_SHOWN = 48
+"""Texts longer than this are not shown whole."""
+
+Value = Scalar | tuple[Scalar, ...] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Literal:
     """`feature operator value`; the operators "is" and "not" belong to flags (isnan, not isfinite), without value.
+
+    "in" and "not in" compare one variable with a set: at least two distinct integers, or texts, or bytes.
 
     Raises:
         ConfigError: If operator, feature and value do not fit together.
@@ -36,7 +47,7 @@ class Literal:
 
     feature: Feature
     operator: str
-    value: Scalar | None = None
+    value: Value = None
 
     def __post_init__(self) -> None:
         flag = self.feature.kind in FLAGS
@@ -46,7 +57,14 @@ class Literal:
             if self.value is not None:
                 raise ConfigError(f"{self.feature.text()!r} is not compared with a value")
             return
-        if isinstance(self.value, int | float) and not isinstance(self.value, bool):
+        if (self.operator in ("in", "not in")) != isinstance(self.value, tuple):
+            raise ConfigError(f"{self.feature.text()!r} {self.operator} needs a set, and only that")
+        if isinstance(self.value, tuple):
+            kinds = {type(member) for member in self.value}
+            fits = len(set(self.value)) == len(self.value) and 2 <= len(self.value) <= LARGEST_SET
+            if self.feature.kind != "raw" or len(kinds) != 1 or not kinds <= {int, str, bytes} or not fits:
+                raise ConfigError(f"{self.feature.text()!r} cannot be compared with the set {self.value!r:.200}")
+        elif isinstance(self.value, int | float) and not isinstance(self.value, bool):
             if not math.isfinite(self.value):
                 raise ConfigError(f"threshold of {self.feature.text()!r} must be finite, not {self.value!r}")
         elif (
@@ -57,24 +75,20 @@ class Literal:
             raise ConfigError(f"{self.feature.text()!r} cannot be compared with {self.value!r}")
 
     def text(self) -> str:
-        """Return it as people write it."""
+        """Return it as people write it: `i >= w` rather than `i - w >= 0`."""
         if self.operator in ("is", "not"):
-            return self.feature.text() if self.operator == "is" else f"not ({self.feature.text()})"
-        return f"{self.feature.text()} {self.operator} {self._value_text()}"
+            return self.feature.text() if self.operator == "is" else _opposite(self.feature)
+        node = self.feature.expression
+        if self.value == 0 and isinstance(node, Applied) and node.operator == "sub":
+            return f"{text(node.args[0])} {self.operator} {text(node.args[1])}"
+        return f"{self.feature.text()} {self.operator} {_shown(self.value)}"
 
     def python(self, variable: str) -> str:
         """Return a Python expression over the dict called `variable`."""
         expression = self.feature.python(variable)
         if self.operator in ("is", "not"):
             return expression if self.operator == "is" else f"not ({expression})"
-        if isinstance(self.value, float):
-            return f"{expression} {self.operator} {self.value!r}"
-        return f"{expression} {self.operator} {self._value_text()}"
-
-    def _value_text(self) -> str:
-        if isinstance(self.value, int | float) and not isinstance(self.value, bool):
-            return number_text(self.value)
-        return '"' + self.value + '"' if isinstance(self.value, str) and self.value.isalnum() else repr(self.value)
+        return f"{expression} {self.operator} {self.value!r}"
 
     def holds(self, columns: Mapping[str, Array]) -> Array:
         """Return one boolean per row; False where the value has another type or is NaN.
@@ -82,25 +96,18 @@ class Literal:
         Args:
             columns: One array of equal length per variable.
         """
-        if isinstance(self.value, str | bytes | bool):
-            return self._same(self.feature.column(columns))
+        members = self.value if isinstance(self.value, tuple) else (self.value,)
+        if isinstance(members[0], str | bytes | bool):
+            return _among(self.feature.column(columns), members, wanted=self.operator in ("==", "in"))
         values = self.feature.values(columns)
         if values is None:
             return np.zeros(self.feature.column(columns).shape, dtype=bool)
         if self.operator in ("is", "not"):
-            return np.asarray(values if self.operator == "is" else ~values)
-        assert self.value is not None
+            return np.asarray(values == (self.operator == "is"))
+        if isinstance(self.value, tuple):
+            hits = np.any([compare(values, "==", member) for member in members], axis=0)
+            return np.asarray(hits if self.operator == "in" else ~hits & (values == values))
         return compare(values, self.operator, self.value)
-
-    def _same(self, column: Array) -> Array:
-        kinds = {str: "UO", bytes: "SO", bool: "bO"}[type(self.value)]
-        if column.dtype.kind not in kinds:
-            return np.zeros(column.shape, dtype=bool)
-        rows = column.tolist()
-        equal = [type(row) is type(self.value) and row == self.value for row in rows]
-        if self.operator == "!=":
-            equal = [type(row) is type(self.value) and row != self.value for row in rows]
-        return np.array(equal, dtype=bool).reshape(column.shape)
 
     def distance(self, columns: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
         """Return the distance to the boundary per row, negative exactly where the literal holds.
@@ -113,19 +120,49 @@ class Literal:
             scale: Nominal spread of each variable; 1 where it is missing or not positive.
         """
         inside = self.holds(columns)
-        if isinstance(self.value, str | bytes | bool) or self.operator in ("is", "not"):
-            return np.asarray(np.where(inside, -1.0, 1.0))
-        arrays = [numeric(self.feature.column(columns, index)) for index in range(len(self.feature.args))]
-        if any(array is None for array in arrays):
-            return np.full(inside.shape, FAR)
+        members = self.value if isinstance(self.value, tuple) else (self.value,)
+        values = None if isinstance(members[0], str | bytes | bool | None) else self.feature.values(columns)
+        if values is None:
+            known = self.value is None or isinstance(members[0], str | bytes | bool)
+            return np.asarray(np.where(inside, -1.0, 1.0 if known else FAR))
         units = [_unit(scale.get(name, 1.0)) for name in self.feature.args]
-        assert self.value is not None
-        points = [array.astype(np.float64) for array in arrays if array is not None]
-        far = boundary_distance(self.feature.kind, points, units, float(self.value))
-        if self.operator in ("==", "!="):
-            far = np.where(inside == (self.operator == "=="), 0.5 / max(units), far)
+        if self.operator in ("==", "!=", "in", "not in"):
+            # To a member along one variable; a member itself is half a step from what is beside it.
+            place = values.astype(np.float64)
+            far = np.min([np.abs(place - float(member)) for member in members if member is not None], axis=0)
+            far = np.where(inside == (self.operator in ("==", "in")), 0.5, far) / max(units)
+        else:
+            arrays = [numeric(self.feature.column(columns, index)) for index in range(len(self.feature.args))]
+            points = [array.astype(np.float64) for array in arrays if array is not None]
+            assert isinstance(self.value, int | float)
+            far = boundary_distance(self.feature, points, values, units, float(self.value))
         far = np.clip(np.nan_to_num(far, nan=FAR, posinf=FAR, neginf=FAR), 0.0, FAR)
         return np.asarray(np.where(inside, -np.maximum(far, NEAR), far))
+
+
+def _opposite(feature: Feature) -> str:
+    """Return the text of what a flag is not, without saying "not" twice."""
+    node = feature.expression
+    return text(node.args[0]) if isinstance(node, Applied) and node.operator == "not" else f"not {feature.text()}"
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(_shown(member) for member in value)})"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return number_text(value)
+    if isinstance(value, str | bytes) and len(value) > _SHOWN:
+        return f"{value[:16]!r}... (length {len(value)})"
+    return '"' + value + '"' if isinstance(value, str) and (not value or value.isalnum()) else repr(value)
+
+
+def _among(column: Array, members: tuple[Value, ...], *, wanted: bool) -> Array:
+    """Return where a column has one of the members, or another value of their type."""
+    type_ = type(members[0])
+    if column.dtype.kind not in {str: "UO", bytes: "SO", bool: "bO"}[type_]:
+        return np.zeros(column.shape, dtype=bool)
+    same = [type(row) is type_ and (row in members) == wanted for row in column.ravel().tolist()]
+    return np.array(same, dtype=bool).reshape(column.shape)
 
 
 def _unit(spread: float) -> float:

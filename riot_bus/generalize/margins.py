@@ -3,46 +3,59 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from riot_bus.generalize.features import Array
+from riot_bus.generalize.features import Array, Feature
 
-__all__ = ["boundary_distance"]
+__all__ = ["WRAPS", "boundary_distance"]
+
+WRAPS = re.compile("(wrap|signed)(sub|mul)?(?=[0-9])")
+"""The begin of the kinds of what wraps around; the number of bits follows."""
 
 
-def boundary_distance(kind: str, points: Sequence[Array], units: Sequence[float], value: float) -> Array:
+def boundary_distance(
+    feature: Feature, points: Sequence[Array], values: Array, units: Sequence[float], value: float
+) -> Array:
     """Return an upper bound of the distance to the boundary, exact for moves along one axis.
 
     Args:
-        kind: Kind of a numeric feature (`riot_bus.generalize.features`).
-        points: One float64 array per argument.
+        feature: A feature that is no flag.
+        points: One float64 array per argument; none for features of texts.
+        values: The feature itself.
         units: Nominal spread of each argument.
         value: The constant the feature is compared with.
 
     Returns:
         Non-negative array, NaN or infinite where the point or the boundary is at infinity.
     """
+    kind = feature.kind
     with np.errstate(all="ignore"):
-        if len(points) == 1:
-            place = np.abs(points[0]) if kind == "abs" else points[0]
-            return np.asarray(np.abs(place - value) / units[0])
-        x, y = points
+        gap = np.abs(values.astype(np.float64) - value)
         if kind == "mul":
+            x, y = points
             return _product(x / units[0], y / units[1], value / units[0] / units[1])
         if kind == "div":
-            return _quotient(x, y, units, value)
-        if kind == "hypot":
-            return np.asarray(np.abs(np.hypot(x, y) - value) / max(units))
-        if kind in ("maxabs", "minabs"):
-            choose = np.maximum if kind == "maxabs" else np.minimum
-            return np.asarray(np.abs(choose(np.abs(x), np.abs(y)) - value) / max(units))
-        if kind.startswith("wrap"):
-            total = np.mod(x + y, 2.0 ** int(kind[4:]))
-            return np.asarray(np.abs(total - value) / max(units))
-        total = x - y if kind == "sub" else x + y
-        return np.asarray(np.abs(total - value) / max(units))
+            return _quotient(points[0], points[1], units, value)
+        if kind == "mul3":
+            x, y, z = (np.abs(point) for point in points)
+            slopes = (y * z * units[0], x * z * units[1], x * y * units[2])
+            return np.asarray(np.min([gap / slope for slope in slopes], axis=0))
+        if kind == "mulsub":
+            x, y, _ = (np.abs(point) for point in points)
+            return np.asarray(np.fmin(np.fmin(gap / (y * units[0]), gap / (x * units[1])), gap / units[2]))
+        if isinstance(feature.constant, tuple):
+            return np.asarray(
+                gap / max(abs(weight) * unit for weight, unit in zip(feature.constant, units, strict=True))
+            )
+        if WRAPS.match(kind):
+            # The numbers lie on a circle: the jump is a boundary, too.
+            size = 2.0 ** int(WRAPS.sub("", kind))
+            above = np.mod(values.astype(np.float64) + (size / 2 if kind.startswith("signed") else 0.0), size)
+            return np.asarray(np.minimum(gap, np.minimum(above + 1, size - above)) / max(units))
+        return np.asarray(gap / max(units))
 
 
 def _product(u: Array, v: Array, value: float) -> Array:

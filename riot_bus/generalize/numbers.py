@@ -38,7 +38,7 @@ def number_bits(value: Number) -> float:
 
 def number_text(value: Number) -> str:
     """Return a short, exact spelling that Python reads back."""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e6:
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e9:
         return str(int(value))
     return str(value)
 

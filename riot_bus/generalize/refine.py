@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from riot_bus.generalize.beam import Learnt
-from riot_bus.generalize.features import Feature
+from riot_bus.generalize.features import Array, Feature
+from riot_bus.generalize.margins import WRAPS
 from riot_bus.generalize.numbers import between, number_bits, step
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, columns_of, fit
 from riot_bus.generalize.table import Candidate, Table, concrete
+from riot_bus.generalize.texts import resized
+from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["probe_threshold", "widen"]
+__all__ = ["inversions", "probe_threshold", "widen"]
 
 Number = int | float
+
+LONGEST_TEXT = 1 << 16
 
 
 def widen(table: Table, learnt: Learnt) -> Learnt:
@@ -47,7 +52,28 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
             if inner and outer:
                 inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
                 term[place] = replace(candidate, outside=outside, inside=inside)
-    return replace(learnt, terms=tuple(tuple(term) for term in terms))
+    return replace(learnt, terms=_without_idle(terms, columns))
+
+
+def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
+    """Return the terms without literals that decide about no sample, longest first, and x for abs(x) where it does."""
+    kept = []
+    for term in terms:
+        for place, candidate in enumerate(term):
+            if candidate.feature.kind == "abs":
+                whole = np.all([concrete(one).holds(columns) for one in term], axis=0)
+                plain = replace(candidate, feature=Feature("raw", candidate.feature.args), bits=candidate.bits - 2.0)
+                others = [*term[:place], plain, *term[place + 1 :]]
+                if whole.any() and (np.all([concrete(one).holds(columns) for one in others], axis=0) == whole).all():
+                    term[place] = plain
+        masks = {candidate: concrete(candidate).holds(columns) for candidate in term}
+        whole = np.all(list(masks.values()), axis=0)
+        for candidate in sorted(term, key=lambda one: -one.bits):
+            others = [mask for other, mask in masks.items() if other != candidate]
+            if others and whole.any() and (np.all(others, axis=0) == whole).all():
+                del masks[candidate]
+        kept.append(tuple(candidate for candidate in term if candidate in masks))
+    return tuple(kept)
 
 
 def probe_threshold(
@@ -130,7 +156,7 @@ def _solutions(
     options: list[Assignment] = []
     for target in targets:
         for base in bases:
-            for change in _inversions(feature, base, target):
+            for change in inversions(feature, base, target):
                 fitted = {name: fit(value, types[name].type) for name, value in change.items()}
                 if all(value is not None for value in fitted.values()):
                     options.append({**base, **{name: value for name, value in fitted.items() if value is not None}})
@@ -153,46 +179,71 @@ def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.
     return [table.assignments[row] for row in edge[:4] + others[:8]]
 
 
-def _inversions(feature: Feature, base: Assignment, target: Number) -> list[dict[str, Number]]:
-    """Return changes of one or two variables that bring the feature to about the target."""
+def inversions(feature: Feature, base: Assignment, target: Number) -> list[dict[str, Scalar]]:
+    """Return changes of one or more variables of the base that bring a feature to about the target."""
     first = feature.args[0]
-    if len(feature.args) == 1:
-        places = [target] if feature.kind == "raw" else [target, -target]
-        return [{first: place} for place in places]
-    second = feature.args[1]
-    x, y = base[first], base[second]
-    if not isinstance(x, int | float) or not isinstance(y, int | float) or not (math.isfinite(x) and math.isfinite(y)):
-        x, y = 1, 1
-    if feature.kind == "mul":
-        changes: list[dict[str, Number]] = [{first: _ratio(target, y)}, {second: _ratio(target, x)}]
+    if feature.kind in ("len", "bytes"):
+        text = base[first]
+        assert isinstance(text, str | bytes)
+        return [{first: resized(text, int(target))}] if 0 <= target <= LONGEST_TEXT else []  # type: ignore[type-var]
+    numbers = [base[name] for name in feature.args]
+    known = [one if isinstance(one, int | float) and math.isfinite(one) else 1 for one in numbers]
+    return [dict(zip(feature.args, change, strict=True)) for change in _changes(feature, known, target)]
+
+
+def _changes(feature: Feature, known: list[Number], target: Number) -> Sequence[Sequence[Number]]:
+    """Return values of the arguments that bring a feature to about the target."""
+    kind, x, y = feature.kind, known[0], known[-1]
+    if len(known) == 1:
+        return [[target], [-target]] if kind == "abs" else [[target]]
+    if kind == "mul":
+        changes: list[Sequence[Number]] = [(_ratio(target, y), y), (x, _ratio(target, x))]
         for small in (1, -1, 2, -2, 3, 5, 7):
-            changes += [{first: _ratio(target, small), second: small}, {first: small, second: _ratio(target, small)}]
-        if isinstance(target, int):
-            changes += _factors(first, second, target)
-        return changes
-    if feature.kind == "add" or feature.kind.startswith("wrap"):
-        return [{first: target - y}, {second: target - x}]
-    if feature.kind == "sub":
-        return [{first: target + y}, {second: x - target}]
-    if feature.kind == "div":
-        ones: list[dict[str, Number]] = [{first: target * small, second: small} for small in (1, -1, 2, 10)]
-        return [{first: target * y}, {second: _ratio(x, target)}, *ones]
-    if feature.kind == "hypot":
-        legs: list[dict[str, Number]] = []
-        if abs(target) < 1e150 and abs(y) < abs(target):
-            legs = [{first: math.sqrt(float(target) ** 2 - float(y) ** 2)}]
-        return [*legs, {first: target, second: 0}, {first: 0, second: target}]
-    return [{first: sign * target, second: side} for sign in (1, -1) for side in (y, 0, target)] + [
-        {second: sign * target, first: side} for sign in (1, -1) for side in (x, 0, target)
+            changes += [(_ratio(target, small), small), (small, _ratio(target, small))]
+        return changes + (_factors(target) if isinstance(target, int) else [])
+    if isinstance(feature.constant, tuple) or kind in ("add", "sub"):
+        weights = feature.constant if isinstance(feature.constant, tuple) else (1, -1 if kind == "sub" else 1)
+        missing = target - sum(weight * value for weight, value in zip(weights, known, strict=True))
+        return [
+            [*known[:place], value + _ratio(missing, weight), *known[place + 1 :]]
+            for place, (value, weight) in enumerate(zip(known, weights, strict=True))
+        ]
+    wrap = WRAPS.match(kind)
+    if wrap is not None:
+        plain = Feature(wrap[2] or "add", feature.args)
+        size = 2 ** int(kind[wrap.end() :])
+        return [change for turn in (0, 1, -1, 2) for change in _changes(plain, known, target + turn * size)]
+    if kind == "mul3":
+        sides = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+        changes = [_at(known, place, _ratio(target, known[one] * known[other])) for place, one, other in sides]
+        return changes + [_at([1, 1, 1], place, target) for place in range(3)]
+    if kind == "mulsub":
+        z = known[2]
+        return [
+            (_ratio(target + z, known[1]), known[1], z),
+            (x, _ratio(target + z, x), z),
+            (x, known[1], x * known[1] - target),
+        ]
+    if kind == "div":
+        return [(target * y, y), (x, _ratio(x, target)), *((target * small, small) for small in (1, -1, 2, 10))]
+    if kind == "hypot":
+        legs = [(math.sqrt(float(target) ** 2 - float(y) ** 2), y)] if abs(y) < abs(target) < 1e150 else []
+        return [*legs, (target, 0), (0, target)]
+    return [(sign * target, side) for sign in (1, -1) for side in (y, 0, target)] + [
+        (side, sign * target) for sign in (1, -1) for side in (x, 0, target)
     ]
 
 
-def _factors(first: str, second: str, target: int) -> list[dict[str, Number]]:
+def _at(known: Sequence[Number], place: int, value: Number) -> list[Number]:
+    return [*known[:place], value, *known[place + 1 :]]
+
+
+def _factors(target: int) -> list[Sequence[Number]]:
     """Return pairs of integers with about this product, one of them small or near the root."""
     root = math.isqrt(abs(target))
     sizes = [size for size in (11, 13, 2**10, 2**16, root) if 0 < size <= abs(target)]
     exact = [size for size in range(2, 2000) if target and target % size == 0]
-    return [{first: size * sign, second: target // size * sign} for size in sizes + exact[-8:] for sign in (1, -1)]
+    return [(size * sign, target // size * sign) for size in sizes + exact[-8:] for sign in (1, -1)]
 
 
 def _ratio(value: Number, by: Number) -> Number:

@@ -97,8 +97,7 @@ class Rule:
             raise ConfigError(f"{name!r} is not a name for a Python function")
         terms = [" and ".join(literal.python("v") for literal in term) or "True" for term in self.terms]
         body = "\n        or ".join(f"({term})" for term in terms) or "False"
-        uses_division = any(literal.feature.kind == "div" for term in self.terms for literal in term)
-        division = _DIVISION if uses_division else ""
+        division = _DIVISION if "_div(" in body else ""
         uses_math = division or "math." in body
         return (
             "import math\n\n\n" if uses_math else ""

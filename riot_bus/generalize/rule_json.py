@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from riot_bus.generalize.features import Feature
-from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.literals import Literal, Value
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["VERSION", "decode", "encode"]
 
@@ -31,13 +30,21 @@ def encode(terms: Terms) -> dict[str, Any]:
 
 
 def _encode_literal(literal: Literal) -> dict[str, Any]:
-    value = {"bytes": literal.value.hex()} if isinstance(literal.value, bytes) else literal.value
-    return {
+    found = {
         "feature": literal.feature.kind,
         "args": list(literal.feature.args),
         "operator": literal.operator,
-        "value": value,
+        "value": _encode_value(literal.value),
     }
+    if literal.feature.constant is not None:
+        found["constant"] = _encode_value(literal.feature.constant)
+    return found
+
+
+def _encode_value(value: Value) -> Any:
+    if isinstance(value, tuple):
+        return [_encode_value(member) for member in value]
+    return {"bytes": value.hex()} if isinstance(value, bytes) else value
 
 
 def decode(source: str | bytes | Mapping[str, Any]) -> Terms:
@@ -70,19 +77,28 @@ def _list(value: Any, what: str) -> list[Any]:
 
 
 def _decode_literal(data: Any, where: str) -> Literal:
-    if not isinstance(data, Mapping) or set(data) != {"feature", "args", "operator", "value"}:
-        raise ConfigError("a literal has exactly feature, args, operator and value", where=where)
+    keys = {"feature", "args", "operator", "value"}
+    if not isinstance(data, Mapping) or set(data) - {"constant"} != keys:
+        raise ConfigError("a literal has feature, args, operator, value and maybe constant, no more", where=where)
     kind, args, operator = data["feature"], data["args"], data["operator"]
     names = isinstance(args, list) and all(isinstance(name, str) and len(name) <= LONGEST_NAME for name in args)
     if not isinstance(kind, str) or not isinstance(operator, str) or not names:
         raise ConfigError("feature and operator are strings, args a list of names", where=where)
     try:
-        return Literal(Feature(kind, tuple(args)), operator, _decode_value(data["value"]))
+        constant = _decode_value(data["constant"]) if "constant" in data else None
+        return Literal(Feature(kind, tuple(args), constant), operator, _decode_value(data["value"]))  # type: ignore[arg-type]
     except ConfigError as error:
         raise ConfigError(error.message, where=where, hint=error.hint) from error
 
 
-def _decode_value(value: Any) -> Scalar | None:
+def _decode_value(value: Any) -> Value:
+    if isinstance(value, list):
+        return tuple(_decode_scalar(member) for member in _list(value, "a set"))
+    scalar: Value = _decode_scalar(value)
+    return scalar
+
+
+def _decode_scalar(value: Any) -> Any:
     if isinstance(value, Mapping):
         text = value.get("bytes")
         if set(value) != {"bytes"} or not isinstance(text, str) or len(text) > 2 * LONGEST_NAME:

@@ -6,6 +6,7 @@ where a committee of such rules disagrees, put thresholds between ever closer tr
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -14,26 +15,38 @@ from dataclasses import dataclass
 import numpy as np
 
 from riot_bus.generalize.beam import Learnt, learn
+from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import Oracle, assignment_key
-from riot_bus.generalize.refine import probe_threshold, widen
+from riot_bus.generalize.refine import inversions, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fitted
-from riot_bus.generalize.table import Candidate, Table
-from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fit, fitted
+from riot_bus.generalize.table import Candidate, Table, concrete
+from riot_bus.generalize.validation import Estimate, near_limits, scores
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
-__all__ = ["LearnedRule", "Proportion", "Sample", "Variable", "learn_rule"]
+__all__ = ["Alternative", "Estimate", "LearnedRule", "Sample", "Variable", "learn_rule"]
 
 COMMITTEE = 4
 POOL = 240
+SURFACES = 60
+CONDITIONS = 3
 VALIDATIONS = 3
+DOUBTFUL_BITS = 22.0
+"""A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
+ALTERNATIVE_BITS = 6.0
+"""A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
+LINES_AFTER = 0.4
+"""Edges are sought after this part of the budget: rules without coefficients are found by then."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One trial of the rule search; `phase` is "start", "explore", "committee", "threshold" or "validate"."""
+    """One trial of the rule search; `phase` is "start", "explore", "committee", "threshold", "validate" or "context".
+
+    In the last one, variables outside of the rule have other values too.
+    """
 
     assignment: Mapping[str, Scalar]
     failed: bool
@@ -41,20 +54,42 @@ class Sample:
 
 
 @dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another rule that explains all trials as well, and a case of which they say different things."""
+
+    rule: Rule
+    decided_by: Mapping[str, Scalar]
+
+
+@dataclass(frozen=True, slots=True)
 class LearnedRule:
     """A rule and how well it did on fresh trials that it was not learnt from.
 
-    Half of the `checks` fresh trials (where they can be had) lie inside the rule and half outside; `precision` is the
-    share of failures inside, `recall` the share of these trials' failures that lie inside.
+    Attributes:
+        rule: The rule.
+        precision: Of the predicted failures, how many fail, on the distribution that `validation` states.
+        recall: Of the failures, how many are predicted, on that distribution.
+        balanced_accuracy: Mean of recall and of the share of passing cases that are told; None if no fresh trial
+            failed, or none passed.
+        checks: Fresh trials behind these numbers.
+        samples: All trials.
+        trials: Their number.
+        alternatives: At most two rules that the trials do not tell from this one.
+        varied_mistakes: Of the fresh trials with other values of variables outside of the rule, those that it gets
+            wrong.
+        varied_checks: Number of such trials.
     """
 
     rule: Rule
-    precision: Proportion
-    recall: Proportion
-    balanced_accuracy: float
+    precision: Estimate
+    recall: Estimate
+    balanced_accuracy: float | None
     checks: int
     samples: tuple[Sample, ...]
     trials: int
+    alternatives: tuple[Alternative, ...] = ()
+    varied_mistakes: int = 0
+    varied_checks: int = 0
 
 
 def learn_rule(
@@ -65,6 +100,7 @@ def learn_rule(
     budget: int = 160,
     validation: int = 60,
     parallelism: int = 1,
+    context: Sequence[Variable] = (),
     progress: Progress | None = None,
 ) -> LearnedRule:
     """Learn the simplest rule that explains when the failure happens.
@@ -75,8 +111,9 @@ def learn_rule(
         seed: Decides all draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
         validation: Fresh trials for one validation. Counterexamples are learnt from, and up to 3 validations are run
-            (as long as the budget of learning trials lasts), on top of the budget.
+            on top of the budget.
         parallelism: Questions worth asking in one batch.
+        context: Variables that are not to matter. Every third fresh trial has other nominal values of them too.
         progress: Told after every batch.
 
     Raises:
@@ -87,6 +124,7 @@ def learn_rule(
     if not variables or len({variable.name for variable in variables}) != len(variables):
         raise ValueError("learn_rule needs at least one variable, with distinct names")
     variables = [fitted(variable) for variable in variables]
+    context = [variable for variable in map(fitted, context) if variable.nominal]
     oracle: Oracle[Mapping[str, Scalar]] = Oracle(ask, key=assignment_key, progress=progress)
     oracle.expected = budget + validation
     search = _Search(variables, oracle, seed=seed, budget=budget, parallelism=max(1, parallelism))
@@ -95,8 +133,8 @@ def learn_rule(
         checked: list[Sample] = []
         for _ in range(VALIDATIONS):
             search.refine()
-            checked = search.validate(validation)
-            if not search.mistakes(checked) or search.spent >= budget:
+            checked = search.validate(validation, context)
+            if not search.mistakes(checked):
                 break
         return search.result(checked)
 
@@ -132,7 +170,10 @@ class _Search:
         self.table = Table(variables)
         self.samples: list[Sample] = []
         self.spent = 0
+        self.best = Learnt((), 0.0, 0)
         self.rule = Rule(())
+        self.share = 0.0
+        self.sought = False
         self.turns: dict[object, int] = {}
         self.anchors: list[dict[str, Scalar]] = []
         self.decks: dict[object, list[dict[str, Scalar]]] = {}
@@ -143,7 +184,7 @@ class _Search:
         """Ask what was not asked yet (within the budget, validation aside) and learn the outcomes."""
         fresh = {assignment_key(q): q for q in questions if self.oracle.known(q) is None}
         new = list(fresh.values())
-        if phase != "validate":
+        if phase not in ("validate", "context"):
             new = new[: max(0, self.budget - self.spent)]
             self.spent += len(new)
         asked: list[Sample] = []
@@ -152,6 +193,8 @@ class _Search:
             answers = self.oracle.ask(batch, f"rules: {phase}")
             asked += [Sample(q, answer, phase) for q, answer in zip(batch, answers, strict=True)]
         self.samples += asked
+        if phase == "context":
+            return asked
         self.table.add([sample.assignment for sample in asked], [sample.failed for sample in asked])
         return asked
 
@@ -206,7 +249,12 @@ class _Search:
         while True:
             failed = np.array(self.table.failed, dtype=bool)
             candidates, masks = self.table.candidates()
-            best = widen(self.table, learn(candidates, masks, failed))
+            best = learn(candidates, masks, failed)
+            if self.doubtful(best):
+                candidates, masks = self._with_conditional(best, candidates, masks)
+                best = learn(candidates, masks, failed)
+            best = widen(self.table, best)
+            self.best = best
             self.rule = best.rule
             if self.spent >= self.budget:
                 return
@@ -214,6 +262,8 @@ class _Search:
             before = best.shape
             count = max(self.parallelism, 1 if settled else 3)
             questions = self._committee(best, candidates, masks, failed, count)
+            if self.lines(best):
+                continue
             narrow = self._thresholds(best)
             calm = 0 if narrow or questions else calm + 1
             if calm > 2:
@@ -225,11 +275,48 @@ class _Search:
             if not settled or not questions or not narrow:
                 self.ask([self._alone(self.random.choice(self.anchors)), self._explore()], "explore")
 
+    def doubtful(self, best: Learnt) -> bool:
+        """Return whether a rule is longer than rules of one or two plain literals, or wrong."""
+        return best.mistakes > 0 or best.bits > DOUBTFUL_BITS
+
+    def _with_conditional(
+        self, best: Learnt, candidates: list[Candidate], masks: Array
+    ) -> tuple[list[Candidate], Array]:
+        """Return the candidates, and thresholds among the samples for which one literal of the rule holds."""
+        columns = columns_of(self.variables, self.table.assignments)
+        literals = {candidate: None for term in best.terms for candidate in term}
+        more = [self.table.conditional(concrete(literal).holds(columns)) for literal in list(literals)[:CONDITIONS]]
+        return [*candidates, *(one for some, _ in more for one in some)], np.vstack(
+            [masks, *(mask for _, mask in more)]
+        )
+
+    def lines(self, best: Learnt) -> bool:
+        """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
+
+        Edges are narrowed in the nominal case whose variables fail alone most often.
+        """
+        if self.sought or not self.doubtful(best) or self.spent < LINES_AFTER * self.budget:
+            return False
+        self.sought = True
+        types = {variable.name: variable.type for variable in self.variables}
+        base = self.anchors[1]
+        while True:
+            edges = edges_of(self.variables, base, self.table.assignments, self.table.failed)
+            if len({edge.name for edge in edges}) < 2:
+                return False
+            wide = [(edge.name, middle_of(edge, types[edge.name])) for edge in edges if not edge.narrow]
+            if not self.ask([{**base, name: value} for name, value in wide if value is not None], "threshold"):
+                break
+        found = [feature for feature in linear_features(edges) if feature not in self.table.features]
+        for feature in found:
+            self.table.include(feature)
+        return bool(found)
+
     def _committee(
         self, best: Learnt, candidates: list[Candidate], masks: Array, failed: Array, count: int
     ) -> list[Assignment]:
         """Return new assignments about which rules learnt from parts of the features disagree most."""
-        pool = self._pool()
+        pool = [*self._pool(), *self._surfaces(candidates)]
         columns = columns_of(self.variables, pool)
         votes = [best.rule.predict(columns)]
         weights = [2.0]
@@ -275,27 +362,48 @@ class _Search:
             pool.append(changed)
         return [assignment for assignment in pool if self.oracle.known(assignment) is None]
 
+    def _surfaces(self, candidates: Sequence[Candidate]) -> list[Assignment]:
+        """Return new assignments at the thresholds of features of several variables, seldom met by chance."""
+        types = {variable.name: variable.type for variable in self.variables}
+        several = [one for one in candidates if len(one.feature.args) > 1 and isinstance(one.inside, int | float)]
+        found: list[Assignment] = []
+        for candidate in self.random.sample(several, min(SURFACES, len(several))):
+            base = self.random.choice(self.table.assignments) if self.random.random() < 0.5 else self._nominal()
+            assert isinstance(candidate.inside, int | float)
+            if not math.isfinite(candidate.inside):
+                continue
+            change = self.random.choice(inversions(candidate.feature, base, candidate.inside) or [{}])
+            held = {name: fit(value, types[name]) for name, value in change.items()}
+            if held and all(value is not None for value in held.values()):
+                found.append({**base, **{name: value for name, value in held.items() if value is not None}})
+        return [assignment for assignment in found if self.oracle.known(assignment) is None]
+
     def _explore(self) -> Assignment:
         pool = self._pool()
         return pool[0] if pool else self.sampler.assignment(self.random)
 
     # -- validation -----------------------------------------------------------------------------------------------
 
-    def validate(self, count: int) -> list[Sample]:
-        """Ask fresh assignments, half inside the rule and half outside where they can be had."""
-        pool: dict[object, Assignment] = {}
-        for _ in range(4):
-            drawn = [self.sampler.assignment(self.random) for _ in range(count * 2)]
-            fresh = [assignment for assignment in (*drawn, *self._pool()) if self.oracle.known(assignment) is None]
-            pool.update((assignment_key(assignment), assignment) for assignment in fresh)
-        options = list(pool.values())
-        if not options or count < 1:
+    def validate(self, count: int, context: Sequence[Variable]) -> list[Sample]:
+        """Ask fresh cases of the distribution that `validation` states, half inside the rule where they can be had."""
+        near = near_limits(self.table, self.best, self.sampler, self.random, 10 * count)
+        drawn = [self.sampler.assignment(self.random) for _ in range(len(near) or 10 * count)]
+        pool = [one for one in (*near, *drawn) if self.oracle.known(one) is None]
+        if not pool or count < 1:
             return []
-        inside = self.rule.predict(columns_of(self.variables, options))
-        hits = [option for option, hit in zip(options, inside, strict=True) if hit]
-        rest = [option for option, hit in zip(options, inside, strict=True) if not hit]
+        inside = self.rule.predict(columns_of(self.variables, pool))
+        self.share = float(inside.mean())
+        sides: tuple[dict[object, Assignment], dict[object, Assignment]] = ({}, {})
+        for index in self.random.sample(range(len(pool)), len(pool)):
+            sides[int(inside[index])][assignment_key(pool[index])] = pool[index]
+        rest, hits = (list(side.values()) for side in sides)
         half = min(len(hits), max(count // 2, count - len(rest)))
-        return self.ask([*hits[:half], *rest[: count - half]], "validate")
+        chosen = [*hits[:half], *rest[: count - half]]
+        self.random.shuffle(chosen)
+        varied = chosen[::3] if context else []
+        plain = [one for index, one in enumerate(chosen) if index % 3 or not context]
+        others = [{**one, **{each.name: self.random.choice(each.nominal) for each in context}} for one in varied]
+        return [*self.ask(plain, "validate"), *self.ask(others, "context")]
 
     def mistakes(self, checked: Sequence[Sample]) -> int:
         """Return how many samples the present rule gets wrong."""
@@ -306,14 +414,40 @@ class _Search:
 
     def result(self, checked: Sequence[Sample]) -> LearnedRule:
         """Return the rule with what the last validation said about it."""
-        failed = np.array([sample.failed for sample in checked], dtype=bool)
-        assignments = [sample.assignment for sample in checked]
-        inside = self.rule.predict(columns_of(self.variables, assignments))
-        caught = int((inside & failed).sum())
-        precision = proportion(caught, int(inside.sum()))
-        recall = proportion(caught, int(failed.sum()))
-        correct = proportion(int((~inside & ~failed).sum()), int((~failed).sum()))
-        accuracy = (recall.rate + correct.rate) / 2
+        predicted = self.rule.predict(columns_of(self.variables, [sample.assignment for sample in checked]))
+        failed = [sample.failed for sample in checked]
+        told = scores(predicted.tolist(), failed, self.share)
+        wrong = [sample for sample, said in zip(checked, predicted, strict=True) if bool(said) != sample.failed]
         return LearnedRule(
-            self.rule, precision, recall, accuracy, len(checked), tuple(self.samples), self.oracle.trials
+            self.rule,
+            told.precision,
+            told.recall,
+            told.balanced_accuracy,
+            len(checked),
+            tuple(self.samples),
+            self.oracle.trials,
+            self.alternatives(),
+            sum(sample.phase == "context" for sample in wrong),
+            sum(sample.phase == "context" for sample in checked),
         )
+
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Return short rules without one of this rule's features that explain all trials, but not all other cases."""
+        failed = np.array(self.table.failed, dtype=bool)
+        candidates, masks = self.table.candidates()
+        pool = [*self._pool(), *self._surfaces(candidates)]
+        if not pool or not self.best.terms:
+            return ()
+        columns = columns_of(self.variables, pool)
+        said = self.rule.predict(columns)
+        found: dict[str, tuple[float, Alternative]] = {}
+        for feature in sorted({candidate.feature for term in self.best.terms for candidate in term}):
+            keep = [index for index, candidate in enumerate(candidates) if candidate.feature != feature]
+            rival = widen(self.table, learn([candidates[index] for index in keep], masks[keep], failed))
+            known = columns_of(self.variables, self.table.assignments)
+            if rival.bits > self.best.bits + ALTERNATIVE_BITS or (rival.rule.predict(known) != failed).any():
+                continue
+            differ = np.flatnonzero(rival.rule.predict(columns) != said)
+            if len(differ):
+                found.setdefault(rival.rule.text(), (rival.bits, Alternative(rival.rule, pool[int(differ[0])])))
+        return tuple(one for _, one in sorted(found.values(), key=lambda pair: pair[0])[:2])

@@ -12,6 +12,7 @@ import numpy as np
 
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import scalar_key
+from riot_bus.generalize.texts import varied
 from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["TYPES", "Sampler", "Variable", "columns_of", "fit", "fitted", "integer_range", "interesting"]
@@ -115,6 +116,8 @@ def interesting(variable: Variable) -> list[Scalar]:
     edges: list[Scalar]
     if limits is not None:
         edges = [0, 1, *limits, limits[1] // 2, *([-1] if limits[0] else [])]
+        if limits[1] < 256:  # most likely an enumeration
+            edges += range(2, 10)
     elif variable.type.startswith("float"):
         edges = [0.0, 1.0, -1.0, math.nan, math.inf, -math.inf, 1e6, -1e6]
     elif variable.type == "bool":
@@ -154,15 +157,17 @@ class Sampler:
         """Draw one value of one variable."""
         kind = chance.random()
         known = self.known[variable.name]
+        if variable.type in ("string", "bytes") and kind > 0.6:
+            return varied(known, chance)  # type: ignore[type-var]
         if variable.type in ("bool", "string", "bytes"):
-            return chance.choice(list(variable.nominal) if variable.nominal and kind < 0.4 else known)
+            return chance.choice(list(variable.nominal) if variable.nominal and kind < 0.3 else known)
         if kind < 0.3 and variable.nominal:
             return _nominal(variable, chance)
         if kind < 0.55:
             return chance.choice(known)
         if kind < 0.65:
             base = chance.choice(known)
-            near = fit(base + chance.choice((-2, -1, 1, 2)), variable.type) if isinstance(base, int) else None
+            near = fit(_beside(base, chance), variable.type) if isinstance(base, int) else None
             return base if near is None else near
         return _log_uniform(variable.type, chance)
 
@@ -176,6 +181,16 @@ def _nominal(variable: Variable, chance: random.Random) -> Scalar:
         return left
     value = fit(left + (right - left) * chance.random(), variable.type)
     return left if value is None else value
+
+
+def _beside(base: int, chance: random.Random) -> int:
+    """Return a number a little beside, a few times something round away, or with another bit."""
+    kind = chance.randrange(4)
+    if kind == 0:
+        return base ^ (1 << chance.randrange(max(8, min(base.bit_length() + 1, 32))))
+    if kind == 1:
+        return base + chance.choice((-1, 1)) * chance.randint(1, 50) * chance.choice((4, 8, 10, 16, 100, 256, 1000))
+    return base + chance.choice((-2, -1, 1, 2))
 
 
 def _log_uniform(type_: str, chance: random.Random) -> Scalar:

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from riot_bus.generalize.features import FLAGS, Array, Feature, features_of
-from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.literals import LARGEST_SET, Literal, Value
 from riot_bus.generalize.numbers import number_bits, simplest, step
-from riot_bus.generalize.oracle import same_scalar
-from riot_bus.generalize.sampling import Assignment, Variable, columns_of
+from riot_bus.generalize.sampling import Assignment, Variable, columns_of, integer_range
 from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Candidate", "Table", "concrete"]
@@ -29,7 +28,7 @@ class Candidate:
     operator: str
     bits: float
     outside: Scalar | None = None
-    inside: Scalar | None = None
+    inside: Value = None
 
 
 def concrete(candidate: Candidate) -> Literal:
@@ -60,7 +59,7 @@ class Table:
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
         types = {variable.name: variable.type for variable in variables}
-        self.features = features_of(types)
+        self.features = [*features_of(types), *(feature for each in variables for feature in _beginnings(each))]
         self._types = types
         self.assignments: list[Assignment] = []
         self.failed: list[bool] = []
@@ -81,6 +80,13 @@ class Table:
             else:
                 known.extend(values.tolist())
 
+    def include(self, feature: Feature) -> None:
+        """Have one more feature, for all samples."""
+        if feature not in self.features:
+            values = feature.values(columns_of(self.variables, self.assignments))
+            self.features.append(feature)
+            self._values.append(None if values is None else values.tolist())
+
     def values(self, feature: Feature) -> list[Scalar]:
         """Return the values of one feature for all samples."""
         return self._values[self.features.index(feature)] or []
@@ -94,50 +100,150 @@ class Table:
         failed = np.array(self.failed, dtype=bool)
         found: list[Candidate] = []
         masks: list[Array] = []
+        if not self.assignments:
+            return found, np.zeros((0, 0), dtype=bool)
         for feature, values in zip(self.features, self._values, strict=True):
             if feature.kind in FLAGS:
                 _flags(feature, np.array(values, dtype=bool), found, masks)
                 continue
-            if feature.kind in ("raw", "sub"):
-                self._equalities(feature, failed, found, masks)
-            if values is not None and self._ordered(feature):
-                _thresholds(feature, values, failed, found, masks)
-        if not masks:
-            return [], np.zeros((0, len(failed)), dtype=bool)
+            if feature.kind in ("sub", "mulsub", "linear") and any(
+                type(row) is int and row == 0 for row in values or ()
+            ):
+                _equal(feature, np.array([row == 0 for row in values or ()]), 0, found, masks)
+            if values is not None and (feature.kind != "raw" or self._ordered(feature)):
+                _thresholds(feature, values, failed, found, masks, self._least(feature))
+        for variable in self.variables:
+            if not variable.type.startswith("float"):
+                self._categories(variable, failed, found, masks)
+            if variable.type.startswith(("int", "uint")):
+                _residues(
+                    variable, [assignment[variable.name] for assignment in self.assignments], failed, found, masks
+                )
         return found, np.vstack(masks)
+
+    def conditional(self, within: Array) -> tuple[list[Candidate], Array]:
+        """Return thresholds that separate failing from passing samples among those of a mask alone.
+
+        A second limit of a rule may be no flip among all samples.
+        """
+        failed = np.array(self.failed, dtype=bool)
+        found: list[Candidate] = []
+        masks: list[Array] = [np.zeros((0, len(failed)), dtype=bool)]
+        for feature, values in zip(self.features, self._values, strict=True):
+            if values is not None and feature.kind not in FLAGS and (feature.kind != "raw" or self._ordered(feature)):
+                _thresholds(feature, values, failed, found, masks, self._least(feature), within)
+        return found, np.vstack(masks)
+
+    def _least(self, feature: Feature) -> int | None:
+        """Return the least value that a feature of one integer or text can have."""
+        limits = integer_range(self._types[feature.args[0]]) if feature.kind == "raw" else None
+        return 0 if feature.kind in ("len", "bytes") else None if limits is None else limits[0]
 
     def _ordered(self, feature: Feature) -> bool:
         return self._types[feature.args[0]] not in ("bool", "string", "bytes")
 
-    def _equalities(self, feature: Feature, failed: Array, found: list[Candidate], masks: list[Array]) -> None:
-        """Categories have one per value seen; integers one per small or known value seen failing.
+    def _categories(self, variable: Variable, failed: Array, found: list[Candidate], masks: list[Array]) -> None:
+        """Offer each small or known value that was seen failing, and the sets of those that only fail or only pass.
 
-        That an integer is *not* a value is worth telling if it was seen passing with it: a receiver ignores such.
+        That a variable is *not* a value is worth telling if it was seen passing with it: a receiver ignores such.
         """
-        rows: list[Scalar]
-        bad: set[Scalar]
-        good: set[Scalar]
-        if feature.kind == "sub":
-            rows = self.values(feature)
-            bad = good = {0} if any(type(row) is int and row == 0 for row in rows) else set()
-        else:
-            name = feature.args[0]
-            rows = [assignment[name] for assignment in self.assignments]
-            variable = next(variable for variable in self.variables if variable.name == name)
-            if variable.type.startswith("float"):
-                return
-            category = not self._ordered(feature)
-            known = {variable.failing, *variable.dictionary, *variable.nominal[:64]}
-            told = {row for row in rows if category or row in known or (isinstance(row, int) and abs(row) <= 16)}
-            bad, good = (
-                told & {row for row, fails in zip(rows, failed, strict=True) if fails == side} for side in (1, 0)
-            )
+        feature = Feature("raw", (variable.name,))
+        rows = [assignment[variable.name] for assignment in self.assignments]
+        known = {variable.failing, *variable.passing, *variable.dictionary, *variable.nominal[:64]}
+        told = {row for row in rows if row in known or (abs(row) <= _SMALL if isinstance(row, int) else len(row) <= 8)}  # type: ignore[arg-type]
+        bad, good = (
+            {row for row, fails in zip(rows, failed, strict=True) if fails == side and row in told} for side in (1, 0)
+        )
+        numbers = {value: number for number, value in enumerate(told)}
+        codes = np.array([numbers.get(row, -1) for row in rows])
         for operator, seen in (("==", bad), ("!=", good)):
-            for value in sorted(seen, key=repr)[:64]:
-                mask = np.array([same_scalar(row, value) for row in rows], dtype=bool)
-                bits = feature.cost + 2.0 + (3.0 if isinstance(value, bool | str | bytes) else number_bits(value))
-                found.append(Candidate(feature, operator, bits + 2.0 * (operator == "!="), inside=value))
+            for value in sorted(seen)[:64]:
+                if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 16 and value not in known:
+                    continue
+                mask = codes == numbers[value]
+                bits = feature.cost + 2.0 + _value_bits(value, variable) + 2.0 * (operator == "!=")
+                found.append(Candidate(feature, operator, bits, inside=value))
                 masks.append((mask if operator == "==" else ~mask)[None, :])
+        if variable.type in ("string", "bytes"):
+            bad, good = bad & known, good & known
+        for operator, members in (("in", bad), ("in", bad - good), ("not in", good - bad), ("not in", good)):
+            if 2 <= len(members) <= LARGEST_SET and variable.type != "bool":
+                ordered = tuple(sorted(members))
+                bits = feature.cost + 2.0 + sum(2.0 + 0.5 * _value_bits(value, variable) for value in ordered)
+                mask = np.isin(codes, [numbers[value] for value in ordered])
+                found.append(Candidate(feature, operator, bits + (operator == "not in"), inside=ordered))
+                masks.append((mask if operator == "in" else ~mask)[None, :])
+
+
+_SMALL = 255
+"""Members of a set of integers are known values, or at most so large."""
+
+
+def _value_bits(value: Scalar, variable: Variable) -> float:
+    """Return about the description length of a value: those of texts that are nominal are short."""
+    if isinstance(value, bool):
+        return 3.0
+    if isinstance(value, str | bytes):
+        return 3.0 if value in variable.nominal or not value else 3.0 + min(2.0 * len(value), 40.0)
+    return number_bits(value)
+
+
+def _equal(feature: Feature, mask: Array, value: Scalar, found: list[Candidate], masks: list[Array]) -> None:
+    bits = feature.cost + 2.0 + number_bits(value)  # type: ignore[arg-type]
+    found.extend((Candidate(feature, "==", bits, inside=value), Candidate(feature, "!=", bits + 2.0, inside=value)))
+    masks.extend((mask[None, :], ~mask[None, :]))
+
+
+def _beginnings(variable: Variable) -> list[Feature]:
+    """Return prefixes, and letters that are neither letters nor digits, of a text that fails or is nominal."""
+    found: dict[Feature, None] = {}
+    for text in (variable.failing, *variable.nominal[:1]):
+        if not isinstance(text, str | bytes):
+            continue
+        found.update(
+            (Feature("prefix", (variable.name,), text[:size]), None) for size in range(1, 5) if len(text) >= size
+        )
+        letters = dict.fromkeys(text[place : place + 1] for place in range(min(len(text), 64)))
+        odd = [letter for letter in letters if not letter.isalnum()][:4]
+        found.update((Feature("contains", (variable.name,), letter), None) for letter in odd)
+    return list(found)
+
+
+_DIVISORS = (*range(2, 17), 20, 24, 25, 30, 32, 50, 60, 64, 100, 128, 256, 360, 512, 1000, 1024, 3600, 4096)
+"""Residues are looked at for these: small numbers, powers of ten and two, and those of times and angles."""
+
+
+def _residues(
+    variable: Variable, rows: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
+) -> None:
+    """Offer the residues and bits that tell failing from passing samples best."""
+    limits = integer_range(variable.type)
+    assert limits is not None
+    array = np.array(rows, dtype=object if limits[1] >= 2**63 else np.int64)
+    offers: list[tuple[float, Candidate, Array]] = []
+    for divisor in _DIVISORS:
+        rest = (array % divisor).astype(np.int64)
+        bad, fine = np.bincount(rest[failed], minlength=divisor), np.bincount(rest[~failed], minlength=divisor)
+        score = bad / max(bad.sum(), 1) - fine / max(fine.sum(), 1)
+        feature = Feature("mod", (variable.name,), divisor)
+        for operator, place in (("==", int(np.argmax(score))), ("!=", int(np.argmin(score)))):
+            bits = feature.cost + number_bits(place)
+            candidate = Candidate(feature, operator, bits, inside=place)
+            offers.append((abs(score[place]), candidate, (rest == place) == (operator == "==")))
+    for bit in range(1, limits[1].bit_length()):
+        mask = ((array >> bit) & 1).astype(bool)
+        feature = Feature("bits", (variable.name,), 1 << bit)
+        gain = mask[failed].mean() - mask[~failed].mean() if 0 < failed.sum() < len(failed) else 0.0
+        offers.append(
+            (abs(gain), Candidate(feature, "!=" if gain > 0 else "==", feature.cost, inside=0), mask == (gain > 0))
+        )
+    offers.sort(key=lambda offer: (-offer[0], offer[1].bits))
+    found.extend(candidate for _, candidate, _ in offers[:_OFFERS])
+    masks.extend(mask[None, :] for _, _, mask in offers[:_OFFERS])
+
+
+_OFFERS = 12
+"""So many residues and bits of a variable are tried: rules that need them show them among the first."""
 
 
 def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Array]) -> None:
@@ -146,14 +252,21 @@ def _flags(feature: Feature, mask: Array, found: list[Candidate], masks: list[Ar
 
 
 def _thresholds(
-    feature: Feature, values: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
+    feature: Feature,
+    values: list[Scalar],
+    failed: Array,
+    found: list[Candidate],
+    masks: list[Array],
+    least: int | None,
+    within: Array | None = None,
 ) -> None:
+    """Offer thresholds where the outcome flips along a feature, among all samples or those of a mask."""
     try:
         array = np.array(values, dtype=np.int64 if all(type(value) is int for value in values) else np.float64)
     except OverflowError:
         array = np.array(values, dtype=object)
-    good = array == array  # NaN belongs to neither side
-    good = good.astype(bool)
+    good = (array == array).astype(bool)  # NaN belongs to neither side
+    good = good if within is None else good & within
     unique, inverse = np.unique(array[good], return_inverse=True)
     if len(unique) < 2:
         return
@@ -161,25 +274,26 @@ def _thresholds(
     fine = np.bincount(inverse[~failed[good]], minlength=len(unique))
     pure = ((bad[1:] == 0) & (bad[:-1] == 0)) | ((fine[1:] == 0) & (fine[:-1] == 0))
     places = np.flatnonzero(~pure)
-    if len(places) > BOUNDARIES:
+    most = BOUNDARIES if within is None else BOUNDARIES // 2
+    if len(places) > most:
         gain = np.abs(np.cumsum(bad)[places] / max(bad.sum(), 1) - np.cumsum(fine)[places] / max(fine.sum(), 1))
-        best = places[np.argsort(-gain, kind="stable")[: BOUNDARIES - 8]]
+        best = places[np.argsort(-gain, kind="stable")[: most - 8]]
         places = np.unique(np.concatenate([best, places[:4], places[-4:]]))
     if not len(places):
         return
-    ranks = np.full(len(array), -1)
-    ranks[good] = inverse
-    above = ranks[None, :] > places[:, None]
-    below = (ranks[None, :] <= places[:, None]) & good[None, :]
-    uppers = unique.tolist()
-    for place in places.tolist():
-        low, high = uppers[place], uppers[place + 1]
-        bits = feature.cost + _interval_bits(float(low), float(high))
-        found.append(Candidate(feature, ">", bits, low, high))
-    for place in places.tolist():
-        low, high = uppers[place], uppers[place + 1]
-        bits = feature.cost + _interval_bits(float(low), float(high))
-        found.append(Candidate(feature, "<", bits, high, low))
+    lows, highs = unique[places], unique[places + 1]
+    with np.errstate(invalid="ignore"):
+        above = (array[None, :] >= highs[:, None]).astype(bool)
+        below = (array[None, :] <= lows[:, None]).astype(bool)
+    for operator, ends in (
+        (">", zip(lows.tolist(), highs.tolist(), strict=True)),
+        ("<", zip(highs.tolist(), lows.tolist(), strict=True)),
+    ):
+        for outside, inside in ends:
+            bits = feature.cost + _interval_bits(*sorted((float(outside), float(inside))))
+            if operator == "<" and inside == least:
+                bits += 4.0  # "== 0" says it better
+            found.append(Candidate(feature, operator, bits, outside, inside))
     masks.extend((above, below))
 
 

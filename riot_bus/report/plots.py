@@ -75,14 +75,15 @@ class Plot:
 
 def rule_plot(record: RuleRecord) -> Plot | None:
     """Return the samples of a rule with exactly two numeric fields, else nothing."""
-    names = sorted({name for sample in record.samples for name in sample.values})
+    taught = [sample for sample in record.samples if sample.phase != "context"]
+    names = sorted({name for sample in taught for name in sample.values})
     if len(names) != 2:
         return None
     x, y = names
-    if any(isinstance(entry, bool | str) for sample in record.samples for entry in sample.values.values()):
+    if any(isinstance(entry, bool | str) for sample in taught for entry in sample.values.values()):
         return None
     dots = [
-        Dots(kind, _places(((one.values, one.failed == (kind == "failed")) for one in record.samples), x, y))
+        Dots(kind, _places(((one.values, one.failed == (kind == "failed")) for one in taught), x, y))
         for kind in ("passed", "failed")
     ]
     spread = (record.scale.get(x, 1.0), record.scale.get(y, 1.0))

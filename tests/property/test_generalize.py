@@ -84,44 +84,80 @@ def test_certificates_differ_in_one_field_and_in_the_outcome(
         assert int(field.name[1:]) in used
 
 
+TEXTS = st.text("ab/é\0", max_size=4)
+NUMERIC = sorted(kind for kind in FEATURE_KINDS if kind not in FLAGS and kind not in ("len", "bytes"))
+OF_TEXTS = sorted({*FLAGS, "len", "bytes"} - {"nan", "nonfinite"})
+
+
+@st.composite
+def features(draw: st.DrawFn, kind: str) -> Feature:
+    """A feature of x, y and n (numbers), s (texts) or b (bytes)."""
+    if kind in OF_TEXTS:
+        name = draw(st.sampled_from(["s", "b"]))
+        letter = draw(st.sampled_from(["a", "/", "é"]))
+        constant = None if kind not in ("prefix", "contains") else letter if name == "s" else letter.encode()
+        return Feature(kind, (name,), constant)
+    arity = FEATURE_KINDS[kind].arity or draw(st.integers(2, 4))
+    names = tuple(draw(st.sampled_from(["x", "y", "n"])) for _ in range(arity))
+    if kind == "linear":
+        weights = (draw(st.sampled_from([1, 400, 0.5])), *(draw(st.sampled_from([1, -2, 0.25])) for _ in names[1:]))
+        return Feature(kind, names, weights)
+    return Feature(kind, names, draw(st.sampled_from([1, 4, 2**63])) if kind in ("mod", "bits") else None)
+
+
+@st.composite
+def literals(draw: st.DrawFn) -> Literal:
+    """A literal of every kind: numbers, flags, sets, booleans, texts and bytes."""
+    special = draw(st.integers(0, 9))
+    if special == 0:
+        return Literal(Feature("raw", ("ok",)), draw(st.sampled_from(["==", "!="])), draw(st.booleans()))
+    name = draw(st.sampled_from(["s", "b", "n"]))
+    values = {"s": TEXTS, "b": TEXTS.map(str.encode), "n": st.integers(-2, 3)}[name]
+    if special == 1:
+        members = draw(st.lists(values, min_size=2, max_size=4, unique=True))
+        return Literal(Feature("raw", (name,)), draw(st.sampled_from(["in", "not in"])), tuple(members))
+    if special == 2:
+        return Literal(Feature("raw", (name,)), draw(st.sampled_from(["==", "!="])), draw(values))
+    kind = draw(st.sampled_from([*NUMERIC, *OF_TEXTS, "nan", "nonfinite"]))
+    feature = draw(features(kind))
+    if kind in FLAGS:
+        return Literal(feature, draw(st.sampled_from(["is", "not"])))
+    operator = draw(st.sampled_from(["<", "<=", ">", ">=", "==", "!="]))
+    return Literal(feature, operator, draw(NUMBERS | st.sampled_from([0, 1.0, -2])))
+
+
 @st.composite
 def rules(draw: st.DrawFn) -> Rule:
-    terms = []
-    for _ in range(draw(st.integers(0, 3))):
-        term = []
-        for _ in range(draw(st.integers(0, 3))):
-            kind = draw(st.sampled_from(sorted(FEATURE_KINDS)))
-            names = tuple(draw(st.sampled_from(["x", "y", "n"])) for _ in range(FEATURE_KINDS[kind][0]))
-            if kind in FLAGS:
-                term.append(Literal(Feature(kind, names), draw(st.sampled_from(["is", "not"]))))
-            else:
-                operator = draw(st.sampled_from(["<", "<=", ">", ">=", "==", "!="]))
-                term.append(Literal(Feature(kind, names), operator, draw(NUMBERS | st.sampled_from([0, 1.0, -2]))))
-        terms.append(tuple(term))
-    return Rule(tuple(terms))
+    return Rule(tuple(tuple(draw(st.lists(literals(), max_size=3))) for _ in range(draw(st.integers(0, 3)))))
 
 
-@settings(max_examples=scaled(150), deadline=None)
-@given(rules(), st.data())
-def test_distance_is_negative_exactly_where_the_failure_is_predicted(rule: Rule, data: st.DataObject) -> None:
-    rows = data.draw(
-        st.lists(
-            st.tuples(
-                st.floats() | st.sampled_from([0.0, 1.0, -2.0]),
-                st.floats(),
-                st.integers(-(2**63), 2**63 - 1) | st.sampled_from([0, 1, -2]),
-            ),
-            min_size=1,
-            max_size=8,
-        )
-    )
-    columns = {
-        "x": np.array([row[0] for row in rows]),
-        "y": np.array([row[1] for row in rows]),
-        "n": np.array([row[2] for row in rows], dtype=np.int64),
-    }
-    scale = {"x": data.draw(st.floats(1e-3, 1e3)), "n": 0.0}
-    distance = rule.distance(columns, scale)
+ROWS = st.lists(
+    st.tuples(
+        st.floats() | st.sampled_from([0.0, 1.0, -2.0]),
+        st.floats(),
+        st.integers(-(2**63), 2**63 - 1) | st.sampled_from([0, 1, -2]),
+        TEXTS,
+        TEXTS.map(str.encode) | st.just(b"\xff"),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def columns_of_rows(rows: list[tuple[Any, ...]]) -> dict[str, Any]:
+    dtypes = {"x": np.float64, "y": np.float64, "n": np.int64, "s": np.object_, "b": np.object_, "ok": np.bool_}
+    values = zip(*rows, strict=True)
+    return {name: np.array(list(some), dtype=dtypes[name]) for name, some in zip(dtypes, values, strict=True)}
+
+
+@settings(max_examples=scaled(300), deadline=None)
+@given(rules(), ROWS, st.floats(1e-3, 1e3))
+def test_distance_is_negative_exactly_where_the_failure_is_predicted(
+    rule: Rule, rows: list[tuple[Any, ...]], scale: float
+) -> None:
+    columns = columns_of_rows(rows)
+    distance = rule.distance(columns, {"x": scale, "n": 0.0})
     assert np.isfinite(distance).all()
     assert ((distance < 0) == rule.predict(columns)).all()
 

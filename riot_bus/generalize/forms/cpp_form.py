@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_repairable
 from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS
-from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree
+from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OPERATIONS", "cpp_file"]
 
-OPERATIONS: Mapping[str, str] = {
+OPERATIONS: Mapping[str, str | None] = {
     "negative": "-{0}",
     "abs": "magnitude({0})",
     "nan": "std::isnan({0})",
@@ -28,12 +28,15 @@ OPERATIONS: Mapping[str, str] = {
     "mul": "{0} * {1}",
     "div": "{0} / {1}",
     "mod": "wrapped({0}, {1})",
+    "bitand": "({0} & {1})",
     "hypot": "std::hypot({0}, {1})",
     "max": "larger({0}, {1})",
     "min": "smaller({0}, {1})",
+    **dict.fromkeys(("len", "bytes", "isascii", "isprintable", "isdigit", "isutf8", "startswith", "contains")),
     "quotient": "quotient({0}, {1})",
     "leg": "leg({0}, {1})",
 }
+"""None: a standard library of C++ has no such operation on UTF-8."""
 _ALWAYS_DOUBLE = frozenset({"div", "hypot", "leg"})
 _TYPES = {
     **{name: f"std::{name}_t" for name in INTEGERS},
@@ -62,13 +65,15 @@ def cpp_file(
         told: Lines for the reader: what it is about, and the rule.
 
     Raises:
-        ConfigError: The rule needs integers of more than 127 bits.
+        ConfigError: The rule needs integers of more than 127 bits, or asks for more of a text than what it is.
     """
     names = list(types)
     movable = [each for each in names if not each.rpartition(":")[2].startswith("len(")]
     why = why_not_repairable(terms, movable, types)
     changes = [] if why else where_it_changes(terms, movable, types)
     trees = [feature_tree(literal.feature) for term in terms for literal in term] + [root for _, root, _ in changes]
+    for tree in trees:
+        _check(tree)
     writer = _Writer(types, wide=any(_largest(each, types) >= _SMALL for each in trees))
     text = "\n         + ".join(f"int({writer.term(term)})" for term in terms) or "0"
     parts = [
@@ -111,6 +116,9 @@ class _Writer:
 
     def _literal(self, literal: Literal) -> str:
         value = literal.value
+        if isinstance(value, tuple):
+            parts = [self._literal(each) for each in one_by_one(literal)]
+            return f"({(' || ' if literal.operator == 'in' else ' && ').join(parts)})"
         if is_misfit(literal, self.types):
             return "false"
         if isinstance(value, bool):
@@ -153,12 +161,12 @@ class _Writer:
         if tree.operation == "variable":
             return f"{'double' if floating else 'Integer'}(v.{self.words[str(tree.value)]})"
         if tree.operation == "constant":
-            assert not isinstance(tree.value, str)
+            assert isinstance(tree.value, int | float)
             return _double(float(tree.value)) if floating else f"Integer({self._integer(int(tree.value))})"
         own = is_float(tree, self.types)
         inside = own or tree.operation in _ALWAYS_DOUBLE
         parts = [self._operand(each, tree.operation, floating=inside) for each in tree.operands]
-        form = OPERATIONS[tree.operation]
+        form = _form(tree.operation)
         if tree.operation == "mul" and not inside and _largest(tree, self.types) >= _LARGE:
             form = "product({0}, {1})"
         elif not inside and _largest(tree, self.types) >= _LARGE:
@@ -168,8 +176,22 @@ class _Writer:
 
     def _operand(self, tree: Tree, operation: str, *, floating: bool) -> str:
         text = self._expression(tree, floating=floating)
-        whole = tree.operation in ("variable", "constant") or OPERATIONS[tree.operation].endswith(")")
-        return text if whole or OPERATIONS[operation].endswith(")") else f"({text})"
+        whole = tree.operation in ("variable", "constant") or _form(tree.operation).endswith(")")
+        return text if whole or _form(operation).endswith(")") else f"({text})"
+
+
+def _form(operation: str) -> str:
+    form = OPERATIONS[operation]
+    if form is None:
+        raise ConfigError(f"C++ has no {operation} of texts in UTF-8")
+    return form
+
+
+def _check(tree: Tree) -> None:
+    if tree.operation not in ("variable", "constant"):
+        _form(tree.operation)
+    for each in tree.operands:
+        _check(each)
 
 
 def _too_large() -> ConfigError:
@@ -181,7 +203,7 @@ def _bounds(tree: Tree, types: Mapping[str, str]) -> tuple[int, int]:
     if tree.operation == "variable":
         return INTEGERS.get(types[str(tree.value)], (0, 1))
     if tree.operation == "constant":
-        assert not isinstance(tree.value, str)
+        assert isinstance(tree.value, int | float)
         return int(tree.value), int(tree.value)
     parts = [_bounds(each, types) for each in tree.operands]
     (low, high), (least, most) = parts[0], parts[-1]
@@ -194,6 +216,7 @@ def _bounds(tree: Tree, types: Mapping[str, str]) -> tuple[int, int]:
         "max": (max(low, least), max(high, most)),
         "min": (min(low, least), min(high, most)),
         "mod": (0, most - 1),
+        "bitand": (0, most),
         "quotient": (-size - 1, size + 1),
     }
     if tree.operation == "mul":

@@ -7,8 +7,9 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.generalize.expressions import TEXTS, Applied, of_text
 from riot_bus.generalize.forms.standalone import div, larger, leg, quotient, smaller
-from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree
+from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
@@ -37,6 +38,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "mul": operator.mul,
     "div": div,
     "mod": operator.mod,
+    "bitand": lambda a, b: math.nan if isinstance(a, float) else a & b,
     "hypot": lambda a, b: math.hypot(float(a), float(b)),
     "max": larger,
     "min": smaller,
@@ -93,6 +95,12 @@ def _all(literals: list[Judge]) -> Judge:
 def _literal(literal: Literal, names: Sequence[str]) -> Judge:
     feature, wanted = literal.feature, literal.value
     places = [names.index(name) for name in feature.args]
+    if isinstance(wanted, tuple):
+        judges = [_literal(each, names) for each in one_by_one(literal)]
+        return _all(judges) if literal.operator == "not in" else lambda values: any(judge(values) for judge in judges)
+    node = feature.expression
+    if isinstance(node, Applied) and node.operator in TEXTS:
+        return _of_texts(literal, node, places[0])
     if isinstance(wanted, bool | str | bytes):
         return _same(places[0], wanted, equal=literal.operator == "==")
     value = compiled(feature_tree(feature), names)
@@ -106,6 +114,21 @@ def _literal(literal: Literal, names: Sequence[str]) -> Judge:
         return compare(found, rounded if type(found) is float else exact)
 
     return _numbers(places, judge)
+
+
+def _of_texts(literal: Literal, node: Applied, place: int) -> Judge:
+    operator, constants, wanted = node.operator, node.args[1:], literal.value
+    if wanted is None:
+        flag = literal.operator == "is"
+        compare: Callable[[Any, Any], bool] = lambda found, _: bool(found) is flag  # noqa: E731
+    else:
+        compare = _COMPARE[literal.operator]
+
+    def judge(values: Sequence[Any]) -> bool:
+        found = of_text(operator, values[place], constants)
+        return found is not None and compare(found, wanted)
+
+    return judge
 
 
 def _same(place: int, wanted: Scalar, *, equal: bool) -> Judge:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms import standalone
 from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_repairable
-from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree
+from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
 
 if TYPE_CHECKING:
@@ -26,9 +26,18 @@ OPERATIONS: Mapping[str, str] = {
     "mul": "{0} * {1}",
     "div": "div({0}, {1})",
     "mod": "{0} % {1}",
+    "bitand": "({0} & {1})",
     "hypot": "math.hypot({0}, {1})",
     "max": "larger({0}, {1})",
     "min": "smaller({0}, {1})",
+    "len": "len({0})",
+    "bytes": "len({0}.encode('utf-8', 'surrogatepass'))",
+    "isascii": "{0}.isascii()",
+    "isprintable": "{0}.isprintable()",
+    "isdigit": "{0}.isdigit()",
+    "isutf8": "({0}.decode(errors='replace').encode() == {0})",
+    "startswith": "{0}.startswith({1})",
+    "contains": "({1} in {0})",
     "quotient": "quotient({0}, {1})",
     "leg": "leg({0}, {1})",
 }
@@ -137,6 +146,9 @@ def _term(term: Sequence[Literal], words: Mapping[str, str], types: Mapping[str,
 
 def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str]) -> str:
     value = literal.value
+    if isinstance(value, tuple):
+        parts = [_literal(each, words, types) for each in one_by_one(literal)]
+        return f"({(' or ' if literal.operator == 'in' else ' and ').join(parts)})"
     if is_misfit(literal, types):
         return "False"
     if isinstance(value, bool):
@@ -144,7 +156,11 @@ def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str
     if isinstance(value, str | bytes):
         return f"{words[literal.feature.args[0]]} {literal.operator} {value!a}"
     tree = feature_tree(literal.feature)
+    if tree.operation == "bytes" and types[literal.feature.args[0]] == "bytes":
+        tree = Tree("len", tree.operands)
     text, floating = _expression(tree, words), is_float(tree, types)
+    if value is None and tree.operation not in ("nan", "nonfinite"):
+        return text if literal.operator == "is" else f"not {text}"
     if value is None:
         if not is_float(tree, types):
             return str(literal.operator == "not")  # integers are numbers, and finite
@@ -162,7 +178,7 @@ def _expression(tree: Tree, words: Mapping[str, str]) -> str:
     if tree.operation == "variable":
         return words[str(tree.value)]
     if tree.operation == "constant":
-        return repr(tree.value)
+        return ascii(tree.value)
     parts = []
     for each in tree.operands:
         text = _expression(each, words)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree
+from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit
 
 if TYPE_CHECKING:
@@ -24,10 +24,8 @@ OPERATIONS: Mapping[str, str | None] = {
     "div": "({0} / {1})",
     "mod": None,
     "hypot": "sqrt(({0} * {0}) + ({1} * {1}))",
-    "max": None,
-    "min": None,
-    "quotient": None,
-    "leg": None,
+    **dict.fromkeys(("bitand", "max", "min", "quotient", "leg")),
+    **dict.fromkeys(("len", "bytes", "isascii", "isprintable", "isdigit", "isutf8", "startswith", "contains")),
 }
 """None: the language has no such operation."""
 
@@ -70,6 +68,9 @@ def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[st
 
 def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str]) -> str:
     value, operator = literal.value, literal.operator
+    if isinstance(value, tuple):
+        parts = [_literal(each, words, types) for each in one_by_one(literal)]
+        return f"({(' or ' if operator == 'in' else ' and ').join(parts)})"
     if is_misfit(literal, types) or isinstance(value, str | bytes):
         raise NoFormulaError(f"{literal.text()!r}: signals are numbers")
     if isinstance(value, bool):
@@ -93,8 +94,7 @@ def _expression(tree: Tree, words: Mapping[str, str]) -> str | None:
     if tree.operation == "variable":
         return words[str(tree.value)]
     if tree.operation == "constant":
-        assert not isinstance(tree.value, str)
-        return _number(tree.value)
+        return _number(tree.value) if isinstance(tree.value, int | float) else None
     form, parts = OPERATIONS[tree.operation], [_expression(each, words) for each in tree.operands]
     return None if form is None or None in parts else form.format(*parts)
 

@@ -1,23 +1,24 @@
 """Features as trees of a few operations: every form of a rule renders these, so that no kind of feature is forgotten.
 
-A new kind of feature needs a tree here, and roots or a word why it has none; a new operation needs a rendering in each
-form. Tests go through all of them.
+A new kind of feature needs roots here, or a word why it has none; a new operation needs a rendering in each form. Tests
+go through all of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING
 
+from riot_bus.generalize.expressions import Applied, Name, Node, text
+from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from riot_bus.generalize.features import Feature
-    from riot_bus.generalize.literals import Literal
 
 __all__ = [
-    "FEATURES",
     "NO_ROOTS",
     "OPERATIONS",
     "ROOTS",
@@ -25,11 +26,12 @@ __all__ = [
     "Tree",
     "constant",
     "feature_tree",
+    "one_by_one",
     "roots",
     "variable",
 ]
 
-Terms = tuple[tuple["Literal", ...], ...]
+Terms = tuple[tuple[Literal, ...], ...]
 
 OPERATIONS: Mapping[str, int] = {
     "variable": 0,
@@ -43,26 +45,30 @@ OPERATIONS: Mapping[str, int] = {
     "mul": 2,
     "div": 2,
     "mod": 2,
+    "bitand": 2,
     "hypot": 2,
     "max": 2,
     "min": 2,
+    **dict.fromkeys(("len", "bytes", "isascii", "isprintable", "isdigit", "isutf8"), 1),
+    **dict.fromkeys(("startswith", "contains"), 2),
     "quotient": 2,
     "leg": 2,
 }
 """Operations and how many operands they have. Integers are exact, but for `div`, `hypot` and `leg`.
 
-`quotient` is a / b, of integers a whole number next to it; `leg` is the other leg of the hypotenuse a and the leg b.
-Both are NaN where there is no such number, and stand in roots alone.
+They are those of `riot_bus.generalize.expressions`, some under another name. `quotient` is a / b, of integers a whole
+number next to it; `leg` is the other leg of the hypotenuse a and the leg b. Both are NaN where there is no such number,
+and stand in roots alone.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """One operation and its operands; `value` is the name of a variable or the number of a constant."""
+    """One operation and its operands; `value` is the name of a variable or the value of a constant."""
 
     operation: str
     operands: tuple[Tree, ...] = ()
-    value: str | int | float = 0
+    value: str | bytes | int | float = 0
 
     def variables(self) -> set[str]:
         """Return the names of the variables in it."""
@@ -75,8 +81,8 @@ def variable(name: str) -> Tree:
     return Tree("variable", value=name)
 
 
-def constant(value: float) -> Tree:
-    """Return the tree of a number."""
+def constant(value: str | bytes | float) -> Tree:
+    """Return the tree of a number or a text."""
     return Tree("constant", value=value)
 
 
@@ -84,33 +90,8 @@ def _operation(name: str) -> Callable[..., Tree]:
     return lambda *operands: Tree(name, operands)
 
 
-_negative, _abs, _nan, _nonfinite = map(_operation, ("negative", "abs", "nan", "nonfinite"))
-_add, _sub, _mul, _div, _mod = map(_operation, ("add", "sub", "mul", "div", "mod"))
-_hypot, _max, _min, _quotient, _leg = map(_operation, ("hypot", "max", "min", "quotient", "leg"))
-
-
-def _wrapped(bits: int) -> Callable[[Tree, Tree], Tree]:
-    return lambda x, y: _mod(_add(x, y), constant(2**bits))
-
-
-FEATURES: Mapping[str, Callable[..., Tree]] = {
-    "raw": lambda x: x,
-    "abs": _abs,
-    "mul": _mul,
-    "sub": _sub,
-    "add": _add,
-    "div": _div,
-    "hypot": _hypot,
-    "maxabs": lambda x, y: _max(_abs(x), _abs(y)),
-    "minabs": lambda x, y: _min(_abs(x), _abs(y)),
-    "wrap8": _wrapped(8),
-    "wrap16": _wrapped(16),
-    "wrap32": _wrapped(32),
-    "wrap64": _wrapped(64),
-    "nan": _nan,
-    "nonfinite": _nonfinite,
-}
-"""The tree of each kind of feature, from those of its variables."""
+_negative, _add, _sub, _mul = map(_operation, ("negative", "add", "sub", "mul"))
+_quotient, _leg = map(_operation, ("quotient", "leg"))
 
 _Roots = Callable[..., tuple[Tree, ...]]
 
@@ -133,16 +114,29 @@ ROOTS: Mapping[str, tuple[_Roots, ...]] = {
     "hypot": (_leg_of, _leg_of),
     "maxabs": (_either_sign, _either_sign),
     "minabs": (_either_sign, _either_sign),
+    "mul3": 3 * (lambda t, x, y: (_quotient(t, _mul(x, y)),),),
+    "mulsub": (
+        lambda t, y, z: (_quotient(_add(t, z), y),),
+        lambda t, x, z: (_quotient(_add(t, z), x),),
+        lambda t, x, y: (_sub(_mul(x, y), t),),
+    ),
+    "linear": (),  # from its coefficients, by `roots`
 }
 """By kind of feature and number of the variable: where this variable makes the feature cross t, the others as they are.
 
 Each is called with the trees of t and of the other variables in their order.
 """
 
+_AGAIN = "what wraps around comes back to the same value again and again"
+_TEXT = "a text has no nearest one"
 NO_ROOTS: Mapping[str, str] = {
-    **dict.fromkeys(
-        ("wrap8", "wrap16", "wrap32", "wrap64"), "a sum that wraps comes back to the same value again and again"
-    ),
+    **{
+        f"{kind}{bits}": _AGAIN
+        for kind in ("wrap", "wrapsub", "wrapmul", "signed", "signedsub", "signedmul")
+        for bits in (8, 16, 32, 64)
+    },
+    **dict.fromkeys(("mod", "bits"), "remainders and bits come back again and again"),
+    **dict.fromkeys(("len", "bytes", "ascii", "printable", "digits", "utf8", "prefix", "contains"), _TEXT),
     **dict.fromkeys(("nan", "nonfinite"), "what is not a number has no nearest number"),
 }
 """Kinds of features of which nothing can be said to be the nearest value, and why."""
@@ -152,11 +146,32 @@ def feature_tree(feature: Feature) -> Tree:
     """Return the tree of a feature.
 
     Raises:
-        ConfigError: There is none for its kind, so the rule has no other form than its own.
+        ConfigError: There is none for an operator of it, so the rule has no other form than its own.
     """
-    if feature.kind not in FEATURES:
-        raise ConfigError(f"nobody has said yet how {feature.text()!r} is written elsewhere")
-    return FEATURES[feature.kind](*map(variable, feature.args))
+    return _tree(feature.expression)
+
+
+def _tree(node: Node) -> Tree:
+    if isinstance(node, Name):
+        return variable(node.name)
+    if not isinstance(node, Applied):
+        return constant(node)
+    if node.operator == "not" and isinstance(node.args[0], Applied) and node.args[0].operator == "isfinite":
+        return Tree("nonfinite", (_tree(node.args[0].args[0]),))
+    if node.operator == "signed" and isinstance(node.args[1], int):
+        half = 2 ** (node.args[1] - 1)
+        return _sub(Tree("mod", (_add(_tree(node.args[0]), constant(half)), constant(2 * half))), constant(half))
+    operation = {"and": "bitand", "isnan": "nan"}.get(node.operator, node.operator)
+    if operation not in OPERATIONS:
+        raise ConfigError(f"nobody has said yet how {text(node)!r} is written elsewhere")
+    return Tree(operation, tuple(map(_tree, node.args)))
+
+
+def one_by_one(literal: Literal) -> tuple[Literal, ...]:
+    """Return the literals of which a comparison with a set is made: any of them for "in", all for "not in"."""
+    assert isinstance(literal.value, tuple)
+    operator = "==" if literal.operator == "in" else "!="
+    return tuple(Literal(literal.feature, operator, member) for member in literal.value)
 
 
 def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
@@ -167,10 +182,14 @@ def roots(literal: Literal, name: str) -> tuple[Tree, ...]:
         name: The variable.
     """
     feature = literal.feature
-    if feature.kind not in ROOTS or isinstance(literal.value, bool) or not isinstance(literal.value, int | float):
+    if feature.kind in NO_ROOTS or isinstance(literal.value, bool) or not isinstance(literal.value, int | float):
         return ()
     if feature.args.count(name) != 1:
         return ()
     place = feature.args.index(name)
     others = [variable(each) for each in feature.args if each != name]
+    if isinstance(feature.constant, tuple):
+        weights = [weight for number, weight in enumerate(feature.constant) if number != place]
+        parts = [_mul(constant(weight), other) for weight, other in zip(weights, others, strict=True)]
+        return (_quotient(_sub(constant(literal.value), reduce(_add, parts)), constant(feature.constant[place])),)
     return ROOTS[feature.kind][place](constant(literal.value), *others)

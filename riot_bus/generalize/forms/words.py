@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from riot_bus.generalize.expressions import TEXTS, Applied
 from riot_bus.generalize.forms.standalone import FLOATS
 from riot_bus.generalize.forms.tree import Tree
 
@@ -57,7 +58,16 @@ def is_float(tree: Tree, types: Mapping[str, str]) -> bool:
 
 def is_misfit(literal: Literal, types: Mapping[str, str]) -> bool:
     """Return whether a literal never holds, since it compares with a value of another type than its variable has."""
-    kinds = {types[name] for name in literal.feature.args}
+    feature = literal.feature
+    kinds = {types[name] for name in feature.args}
+    node = feature.expression
+    if isinstance(node, Applied) and node.operator in TEXTS:
+        allowed = {"isutf8": {"bytes"}, "isprintable": {"string"}}.get(node.operator, {"string", "bytes"})
+        if len(node.args) > 1:
+            allowed = {"bytes"} if isinstance(node.args[1], bytes) else {"string"}
+        return not kinds <= allowed
+    if feature.kind == "bits" and kinds & set(FLOATS):
+        return True
     wanted = {bool: {"bool"}, str: {"string"}, bytes: {"bytes"}}.get(type(literal.value))
     return kinds != wanted if wanted else bool(kinds & {"string", "bytes"})
 

@@ -115,7 +115,7 @@ def test_a_sum_that_wraps_is_narrowed() -> None:
     rows: list[Assignment] = [{"x": 3, "y": 2}, {"x": 100, "y": 100}, {"x": 255, "y": 2}]
     table.add(rows, [fails(row) for row in rows])
     found, _ = narrow(table, threshold(feature, ">", 5, 200), fails=fails)
-    assert concrete(found).text() == "(x + y) % 2**8 > 77"
+    assert concrete(found).text() == "(x + y) % 256 > 77"
 
 
 def test_the_rest_of_the_term_holds_in_a_probe_and_other_terms_do_not() -> None:
@@ -189,3 +189,13 @@ def test_an_interval_ends_at_samples_that_this_literal_alone_decides_about() -> 
     rule = learnt(table, [threshold(Feature("raw", ("x",)), ">", 60, 90), on])
     assert (rule.terms[0][0].outside, rule.terms[0][0].inside) == (10, 90)
     assert concrete(rule.terms[0][0]).operator in (">", ">=")
+
+
+def test_a_literal_that_decides_nothing_is_left_out_and_a_size_that_is_no_matter_of_sign_is_plain() -> None:
+    rows: list[Assignment] = [{"x": x, "y": y} for x in (-5000, 50, 150, 900, 5000) for y in (0, 10)]
+    table = table_of({"x": 150, "y": 10}, rows, lambda row: 100 < int(str(row["x"])) < 1000)
+    size = threshold(Feature("abs", ("x",)), "<", 5000, 900)
+    idle = threshold(Feature("raw", ("y",)), ">", -20, 0)
+    found = widen(table, learnt(table, [threshold(Feature("raw", ("x",)), ">", 50, 150), size, idle]))
+    assert {candidate.feature for term in found.terms for candidate in term} == {Feature("raw", ("x",))}
+    assert [candidate.operator for candidate in found.terms[0]] == [">", "<"]

@@ -1,0 +1,447 @@
+"""Forty kinds of rules with their variables, and the distributions that learnt rules are judged on.
+
+The first fourteen are those of the first release, with its small dictionary. The others have the dictionaries that
+riot_bus ships, as the chain gives them to the learner.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from riot_bus.generalize.numbers import between, step
+from riot_bus.generalize.rules import Variable
+from riot_bus.generalize.sampling import fit, integer_range
+from riot_bus.inject.dictionary import load_dictionary
+from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["FIRST", "SHAPES", "Shape", "canonical", "held_out", "near_limits", "variables_of"]
+
+Values = Mapping[str, Any]
+FIRST = 14
+"""So many of the shapes are those of the first release."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One kind of rule: what fails, and the variables with type, failing value and nominal range or values.
+
+    `texts` are the rules that a maintainer would write; a learnt text is exact if it is one of them, apart from the
+    order of its terms and literals. `also` draws cases that chance alone hardly has, a fourth of those held out.
+    """
+
+    name: str
+    fails: Callable[[Values], bool]
+    variables: tuple[tuple[str, str, Any, Any, Any], ...]
+    texts: tuple[str, ...]
+    also: Callable[[random.Random], dict[str, Scalar]] | None = None
+
+
+def quotient(a: float, b: float) -> float:
+    with np.errstate(all="ignore"):
+        return float(np.float64(a) / np.float64(b))
+
+
+def signed(value: int, bits: int) -> int:
+    """Return what a signed integer of so many bits holds of a value."""
+    return (value + 2 ** (bits - 1)) % 2**bits - 2 ** (bits - 1)
+
+
+def _image(width: int, height: int) -> dict[str, Scalar]:
+    return {"w": width, "h": height, "len(data)": width * height}
+
+
+INT_MAX = 2**31 - 1
+SHAPES = (
+    Shape(
+        "x*y<0 or >1e6, float",
+        lambda v: v["x"] * v["y"] < 0 or v["x"] * v["y"] > 1e6,
+        (("x", "float64", -1.0, 1.0, 400.0), ("y", "float64", 20.0, 1.0, 400.0)),
+        ("x * y < 0 or x * y > 1000000",),
+    ),
+    Shape(
+        "x*y<0 or >1e6, int",
+        lambda v: v["x"] * v["y"] < 0 or v["x"] * v["y"] > 10**6,
+        (("x", "int32", -1, 1, 400), ("y", "int32", 20, 1, 400)),
+        ("x * y < 0 or x * y > 1000000",),
+    ),
+    Shape(
+        "x>1000",
+        lambda v: v["x"] > 1000,
+        (("x", "float64", 1e6, 0.0, 10.0), ("y", "float64", 2.0, 0.0, 10.0)),
+        ("x > 1000",),
+    ),
+    Shape(
+        "non-finite",
+        lambda v: not math.isfinite(v["x"]),
+        (("x", "float64", math.nan, 0.0, 10.0), ("y", "int32", 3, 0, 9)),
+        ("not isfinite(x)",),
+    ),
+    Shape(
+        "|x|>50 and mode==2",
+        lambda v: abs(v["x"]) > 50 and v["mode"] == 2,
+        (("x", "float64", 1e6, -5.0, 5.0), ("mode", "int32", 2, 0, 4)),
+        ("mode == 2 and abs(x) > 50",),
+    ),
+    Shape(
+        "x-y>10",
+        lambda v: v["x"] - v["y"] > 10,
+        (("x", "float64", 1e6, 0.0, 5.0), ("y", "float64", 2.0, 0.0, 5.0)),
+        ("x - y > 10",),
+    ),
+    Shape(
+        "hypot>200",
+        lambda v: float(np.hypot(v["x"], v["y"])) > 200,
+        (("x", "float64", 1e6, 0.0, 50.0), ("y", "float64", 2.0, 0.0, 50.0)),
+        ("hypot(x, y) > 200",),
+    ),
+    Shape(
+        "index out of 0..w",
+        lambda v: v["i"] < 0 or v["i"] >= v["w"],
+        (("i", "int32", -1, 0, 99), ("w", "int32", 200, 100, 400)),
+        ("i < 0 or i >= w",),
+    ),
+    Shape("n==0", lambda v: v["n"] == 0, (("n", "uint32", 0, 1, 400), ("y", "float64", 2.0, 0.0, 50.0)), ("n == 0",)),
+    Shape(
+        "w*h>2^31",
+        lambda v: v["w"] * v["h"] > 2**31,
+        (("w", "uint32", 2**32 - 1, 1, 2000), ("h", "uint32", 480, 1, 2000)),
+        ("w * h > 2147483648",),
+    ),
+    Shape(
+        "box and range",
+        lambda v: 100 < v["x"] < 1000 and v["y"] > 50,
+        (("x", "float64", 500.0, 0.0, 50.0), ("y", "float64", 60.0, 0.0, 100.0)),
+        ("x < 1000 and x > 100 and y > 50",),
+    ),
+    Shape(
+        "x<0 or nan",
+        lambda v: v["x"] < 0 or math.isnan(v["x"]),
+        (("x", "float64", -1.0, 0.0, 10.0), ("y", "float64", 2.0, 0.0, 10.0)),
+        ("x < 0 or isnan(x)",),
+    ),
+    Shape(
+        "x*y<0 and mode",
+        lambda v: v["x"] * v["y"] < 0 and v["mode"] == "auto",
+        (
+            ("x", "int32", -1, 1, 400),
+            ("y", "int32", 20, 1, 400),
+            ("mode", "string", "auto", ("auto", "manual", "off"), 0),
+        ),
+        ('mode == "auto" and x * y < 0',),
+    ),
+    Shape(
+        "a/b>100",
+        lambda v: quotient(v["a"], v["b"]) > 100,
+        (("a", "float64", 1e6, 0.0, 50.0), ("b", "float64", 2.0, 1.0, 50.0)),
+        ("a / b > 100",),
+    ),
+    # -- numbers: coefficients, three fields, residues, bits ----------------------------------------------------------
+    Shape(
+        "400*y+x>160000, int",
+        lambda v: 400 * v["y"] + v["x"] > 160000,
+        (("x", "int32", 5, 0, 399), ("y", "int32", 10**6, 0, 399)),
+        ("400 * y + x > 160000",),
+    ),
+    Shape(
+        "index 640*y+x beside size",
+        lambda v: 640 * v["y"] + v["x"] >= v["size"],
+        (("x", "uint32", 5, 0, 639), ("y", "uint32", 65535, 0, 479), ("size", "uint32", 307200, 307200, 307200)),
+        ("640 * y + x >= size",),
+    ),
+    Shape(
+        "x+y>2z",
+        lambda v: v["x"] + v["y"] > 2 * v["z"],
+        (("x", "float64", 1e6, 0.0, 5.0), ("y", "float64", 2.0, 0.0, 5.0), ("z", "float64", 8.0, 6.0, 20.0)),
+        ("x + y > 2 * z",),
+    ),
+    Shape(
+        "x+y+z>1000",
+        lambda v: v["x"] + v["y"] + v["z"] > 1000,
+        (("x", "float64", 1e6, 0.0, 50.0), ("y", "float64", 2.0, 0.0, 50.0), ("z", "float64", 8.0, 0.0, 50.0)),
+        ("x + y + z > 1000",),
+    ),
+    Shape(
+        "x*y*z>1e6",
+        lambda v: v["x"] * v["y"] * v["z"] > 1e6,
+        (("x", "float64", 1e9, 0.0, 20.0), ("y", "float64", 2.0, 1.0, 20.0), ("z", "float64", 8.0, 1.0, 20.0)),
+        ("x * y * z > 1000000",),
+    ),
+    Shape(
+        "w*h*channels>2^31",
+        lambda v: v["w"] * v["h"] * v["c"] > 2**31,
+        (("w", "uint32", 2**32 - 1, 1, 2000), ("h", "uint32", 480, 1, 2000), ("c", "uint8", 3, 1, 4)),
+        ("w * h * c > 2147483648",),
+    ),
+    Shape(
+        "len!=w*h",
+        lambda v: v["len(data)"] != v["w"] * v["h"],
+        (("w", "uint32", 2**31, 20, 20), ("h", "uint32", 10, 10, 10), ("len(data)", "uint16", 200, 200, 200)),
+        ("len(data) != w * h", "w * h != len(data)"),
+        lambda chance: (lambda w, h: {"w": w, "h": h, "len(data)": w * h})(
+            chance.randint(1, 255), chance.randint(1, 255)
+        ),
+    ),
+    Shape("n%4!=0", lambda v: v["n"] % 4 != 0, (("n", "int32", 7, (4, 8, 16, 400), 0),), ("n % 4 != 0",)),
+    Shape(
+        "n%10==3 and n>100",
+        lambda v: v["n"] % 10 == 3 and v["n"] > 100,
+        (("n", "uint32", 1003, 0, 99),),
+        ("n > 100 and n % 10 == 3",),
+    ),
+    Shape(
+        "flags&8",
+        lambda v: bool(v["flags"] & 8),
+        (("flags", "uint8", 255, (0, 1, 4, 5), 0), ("x", "float64", 2.0, 0.0, 10.0)),
+        ("(flags & 8) != 0",),
+    ),
+    Shape(
+        "flags&4096 and not flags&1",
+        lambda v: bool(v["flags"] & 4096) and not v["flags"] & 1,
+        (("flags", "uint32", 4096, (0, 1, 3, 16), 0),),
+        ("(flags & 1) == 0 and (flags & 4096) != 0", "(flags & 4096) != 0 and flags % 2 == 0"),
+    ),
+    # -- wrap-around --------------------------------------------------------------------------------------------------
+    Shape(
+        "y+h wraps uint32",
+        lambda v: v["y"] > 480 and (v["y"] + v["h"]) % 2**32 <= 480,
+        (("y", "uint32", 2**32 - 1, 0, 100), ("h", "uint32", 240, 100, 380)),
+        ("y > 480 and (y + h) % 2**32 <= 480",),
+        lambda chance: {"y": 2**32 - chance.randint(1, 2000), "h": chance.randint(1, 2000)},
+    ),
+    Shape(
+        "y-h wraps uint32",
+        lambda v: (v["y"] - v["h"]) % 2**32 > 1000,
+        (("y", "uint32", 0, 240, 480), ("h", "uint32", 240, 0, 239)),
+        ("(y - h) % 2**32 > 1000",),
+    ),
+    Shape(
+        "w*h wraps uint32",
+        lambda v: v["w"] > 0 and v["h"] > 0 and (v["w"] * v["h"]) % 2**32 < 16,
+        (("w", "uint32", 65536, 16, 2000), ("h", "uint32", 65536, 16, 2000)),
+        ("h > 0 and w > 0 and (w * h) % 2**32 < 16", "w * h > 0 and (w * h) % 2**32 < 16"),
+        lambda chance: {
+            "w": chance.randint(1, 9) << chance.randint(0, 28),
+            "h": chance.randint(1, 9) << chance.randint(0, 28),
+        },
+    ),
+    Shape(
+        "a+b wraps int32",
+        lambda v: signed(v["a"] + v["b"], 32) < 0,
+        (("a", "int32", INT_MAX, 0, 1000), ("b", "int32", 100, 0, 1000)),
+        ("int32(a + b) < 0",),
+    ),
+    Shape(
+        "a-b wraps int16",
+        lambda v: signed(v["a"] - v["b"], 16) > 500,
+        (("a", "int16", -32768, -200, 200), ("b", "int16", 100, -200, 200)),
+        ("int16(a - b) > 500",),
+    ),
+    Shape(
+        "w*h wraps int32",
+        lambda v: signed(v["w"] * v["h"], 32) < 0,
+        (("w", "int32", INT_MAX, 1, 2000), ("h", "int32", 480, 1, 2000)),
+        ("int32(w * h) < 0",),
+    ),
+    # -- strings ------------------------------------------------------------------------------------------------------
+    Shape(
+        "non-ASCII",
+        lambda v: not v["s"].isascii(),
+        (("s", "string", "é", ("map", "base", "odom"), 0),),
+        ("not isascii(s)",),
+    ),
+    Shape(
+        "longer than 255",
+        lambda v: len(v["s"]) > 255,
+        (("s", "string", "A" * 65536, ("map", "base", "odom"), 0),),
+        ("len(s) > 255", "len(s) >= 256"),
+    ),
+    Shape(
+        "empty",
+        lambda v: v["s"] == "",
+        (("s", "string", "", ("map", "base", "odom"), 0),),
+        ('s == ""', "len(s) == 0"),
+    ),
+    Shape(
+        "prefix",
+        lambda v: v["s"].startswith("/"),
+        (("s", "string", "/dev/null", ("map", "base", "odom"), 0),),
+        ("startswith(s, '/')",),
+    ),
+    Shape(
+        "long and on",
+        lambda v: v["on"] and len(v["s"].encode()) > 64,
+        (("s", "string", "A" * 256, ("map", "base", "odom"), 0), ("on", "bool", True, (False, True), 0)),
+        ("on == True and bytes(s) > 64",),
+    ),
+    # -- categories, arrays, two messages -----------------------------------------------------------------------------
+    Shape(
+        "enum set",
+        lambda v: v["mode"] in (2, 5, 7),
+        (("mode", "uint8", 7, (0, 1, 3, 4), 0), ("x", "float64", 2.0, 0.0, 10.0)),
+        ("mode in (2, 5, 7)",),
+    ),
+    Shape(
+        "booleans and a range",
+        lambda v: v["armed"] and not v["homed"] and -90 <= v["z"] < -5,
+        (
+            ("armed", "bool", True, (False, True), 0),
+            ("homed", "bool", False, (False, True), 0),
+            ("z", "float32", -10.0, 0.0, 5.0),
+        ),
+        ("armed == True and homed == False and z < -5 and z >= -90",),
+    ),
+    Shape(
+        "data[i], i>=n of a message before",
+        lambda v: v["/cmd:id"] >= v["/config:len(table)"],
+        (("/cmd:id", "uint8", 255, 0, 3), ("/config:len(table)", "uint16", 8, (4, 8, 16), 0)),
+        ("/cmd:id >= /config:len(table)",),
+    ),
+    Shape(
+        "order of two messages",
+        lambda v: v["/goal:time"] < v["/map:time"],
+        (("/goal:time", "float64", 1.0, 5.0, 20.0), ("/map:time", "float64", 4.0, 0.5, 4.5)),
+        ("/goal:time < /map:time",),
+    ),
+)
+
+
+@cache
+def _shipped(type_: str) -> tuple[Scalar, ...]:
+    values = (entry.value for entry in load_dictionary([]).values_for(type_, f"/topic:{type_}"))
+    return tuple(value for value in values if not isinstance(value, str) or len(value) < 2**20)
+
+
+def variables_of(shape: Shape, seed: int) -> list[Variable]:
+    """Return the variables with twenty nominal values drawn by a seed."""
+    chance = random.Random(seed + 1)
+    found = []
+    for name, type_, failing, low, high in shape.variables:
+        nominal: tuple[Scalar, ...]
+        if isinstance(low, tuple):
+            nominal = tuple(chance.choice(low) for _ in range(20)) + low
+        elif type_.startswith("float"):
+            nominal = tuple(round(chance.uniform(low, high), 3) for _ in range(20))
+        else:
+            nominal = tuple(chance.randint(low, high) for _ in range(20))
+        dictionary: tuple[Scalar, ...] = ()
+        if shape not in SHAPES[:FIRST]:
+            dictionary = _shipped(type_)
+        elif type_.startswith("float"):
+            dictionary = (0.0, -1.0, 1.0, 1e-9, 1e6, -1e6, math.nan, math.inf, -math.inf, 1e300, -1e300)
+        elif type_.startswith("int"):
+            dictionary = (0, 1, -1, 100, 65535, INT_MAX, -INT_MAX - 1)
+        elif type_.startswith("uint"):
+            dictionary = (0, 1, 100, 65535, INT_MAX, 2 * INT_MAX + 1)
+        found.append(Variable(name, type_, failing, nominal[:1], nominal, dictionary))
+    return found
+
+
+def held_out(shape: Shape, variables: Sequence[Variable], chance: random.Random) -> dict[str, Scalar]:
+    """Draw a case; on purpose not with the sampler that the learner uses.
+
+    A fourth by `also` of the shape, if it has one. Else each field, independently: a third in the nominal range, a
+    third of the dictionary, a third log-uniform over the type. Texts: a third nominal, a third of the dictionary, a
+    third random ones of log-uniform length up to 2,000 out of one of four alphabets, half of these behind the begin of
+    a known one.
+    """
+    if shape.also is not None and chance.random() < 0.25:
+        return shape.also(chance)
+    found: dict[str, Scalar] = {}
+    for variable in variables:
+        kind, sign = chance.randrange(3), chance.choice((-1, 1))
+        limits = integer_range(variable.type)
+        if variable.type == "string" and kind and variable.dictionary:
+            found[variable.name] = chance.choice(variable.dictionary) if kind == 1 else _text(variable, chance)
+        elif kind == 0 or variable.type in ("string", "bool", "bytes"):
+            low, high = chance.choice(variable.nominal), chance.choice(variable.nominal)
+            numbers = isinstance(low, int | float) and isinstance(high, int | float)
+            numbers = numbers and variable.type != "bool"
+            value = low + (high - low) * chance.random() if numbers else low  # type: ignore[operator]
+            found[variable.name] = round(value) if limits and isinstance(value, float) else value
+        elif kind == 1:
+            found[variable.name] = chance.choice(variable.dictionary)
+        elif limits:
+            size = int(2 ** (chance.random() * limits[1].bit_length()))
+            found[variable.name] = max(limits[0], min(limits[1], sign * size if limits[0] else size))
+        else:
+            top = 38 if variable.type == "float32" else 300
+            number = (
+                sign * 10 ** chance.uniform(-top, top) if chance.random() < 0.5 else sign * 10 ** chance.uniform(-2, 6)
+            )
+            held = fit(number, variable.type)
+            found[variable.name] = number if held is None else held
+    return found
+
+
+_ALPHABETS = ("abcxyz", "ABC/_-.09 ", "0123456789", "abcé日ü")
+
+
+def _text(variable: Variable, chance: random.Random) -> str:
+    size = int(2 ** chance.uniform(0, 11)) - 1
+    text = "".join(chance.choice(chance.choice(_ALPHABETS)) for _ in range(size))
+    known = str(chance.choice((*variable.nominal, *variable.dictionary)))
+    return known[: chance.randint(0, 8)] + text if chance.random() < 0.5 else text
+
+
+def near_limits(shape: Shape, variables: Sequence[Variable], chance: random.Random, count: int) -> list[Values]:
+    """Return cases at and near the true limits.
+
+    Between a failing and a passing case of `held_out`, the field at which the outcome flips is bisected until two
+    neighbouring numbers fail and pass: both, and a number at a log-uniform relative distance of 1e-6 to 0.5 from them.
+    """
+    types = {variable.name: variable.type for variable in variables}
+    cases: dict[bool, list[dict[str, Scalar]]] = {True: [], False: []}
+    for _ in range(20 * count):
+        drawn = held_out(shape, variables, chance)
+        cases[bool(shape.fails(drawn))].append(drawn)
+    found: list[Values] = []
+    for _ in range(4 * count if all(cases.values()) else 0):
+        if len(found) >= count:
+            break
+        failing, passing = dict(chance.choice(cases[True])), chance.choice(cases[False])
+        for name in chance.sample(sorted(failing), len(failing)):
+            before = failing[name]
+            failing[name] = passing[name]
+            if not shape.fails(failing):
+                found += _beside(shape, {**failing, name: before}, name, types[name], failing[name], chance)
+                break
+    return found
+
+
+def _beside(
+    shape: Shape, case: dict[str, Scalar], name: str, type_: str, passing: Scalar, chance: random.Random
+) -> list[Values]:
+    bad, good = case[name], passing
+    if not isinstance(bad, int | float) or not isinstance(good, int | float) or type_ == "bool":
+        return []
+    if not (math.isfinite(bad) and math.isfinite(good)):
+        return []
+    while True:
+        middle = between(min(bad, good), max(bad, good))  # type: ignore[type-var, arg-type]
+        middle = None if middle is None else fit(middle, type_)  # type: ignore[assignment]
+        if middle is None or middle in (bad, good):
+            break
+        if shape.fails({**case, name: middle}):
+            bad = middle
+        else:
+            good = middle
+    assert isinstance(bad, int | float)
+    away = bad * (1 + chance.choice((-1, 1)) * 10 ** chance.uniform(-6, -0.3))
+    further = [fit(round(away) if isinstance(bad, int) else away, type_), fit(step(bad, 1), type_)]
+    return [{**case, name: value} for value in (bad, good, *further) if value is not None]
+
+
+def canonical(text: str) -> frozenset[frozenset[str]]:
+    """Return the terms and literals of a rule's text without their order."""
+    terms = [
+        term[1:-1] if " and " in term and term.startswith("(") and term.endswith(")") else term
+        for term in text.split(" or ")
+    ]
+    return frozenset(frozenset(term.split(" and ")) for term in terms)

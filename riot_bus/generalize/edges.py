@@ -1,0 +1,144 @@
+"""Edges: where the outcome flips when one number leaves a nominal case, and the linear features that they tell.
+
+With all other variables nominal, `a * x + b * y + ... > c` flips at a distance from nominal that is the inverse of the
+variable's coefficient: two edges that are known to a part in a thousand give the ratio of two coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations
+
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.numbers import between, simplest
+from riot_bus.generalize.oracle import same_scalar
+from riot_bus.generalize.sampling import Assignment, Variable, fit
+from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["Flip", "edges_of", "linear_features", "middle_of"]
+
+NARROW = 1e-3
+"""An edge is known well enough at this width, as a part of its distance from nominal: coefficients have few digits."""
+
+MOST_DIGITS = 4
+"""Coefficients have at most so many digits; others are chance."""
+
+_MULTIPLES = range(1, 9)
+
+
+@dataclass(frozen=True, slots=True)
+class Flip:
+    """The outcome flips between two values of one variable, both beyond nominal on the same side."""
+
+    name: str
+    nominal: int | float
+    passing: int | float
+    failing: int | float
+
+    @property
+    def distances(self) -> tuple[float, float]:
+        """Signed distances from nominal of the two values, the smaller one first."""
+        return float(self.passing) - float(self.nominal), float(self.failing) - float(self.nominal)
+
+    @property
+    def narrow(self) -> bool:
+        """Whether the edge is as narrow as coefficients need it, or as it can be."""
+        near, far = (abs(value) for value in self.distances)
+        return far - near <= NARROW * far or between(*sorted((self.passing, self.failing))) is None
+
+
+def edges_of(
+    variables: Sequence[Variable], nominal: Assignment, assignments: Sequence[Assignment], failed: Sequence[bool]
+) -> list[Flip]:
+    """Return for each variable and side the narrowest edge among trials that differ from a nominal one in it alone."""
+    alone: dict[str, list[tuple[int | float, bool]]] = {}
+    for assignment, fails in zip(assignments, failed, strict=True):
+        other = [name for name, value in assignment.items() if not same_scalar(value, nominal[name])]
+        if len(other) == 1:
+            value = assignment[other[0]]
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                alone.setdefault(other[0], []).append((value, fails))
+    found: list[Flip] = []
+    for variable in variables:
+        start = nominal[variable.name]
+        if not isinstance(start, int | float) or isinstance(start, bool) or not math.isfinite(start):
+            continue
+        for side in (1, -1):
+            beyond = [(value, fails) for value, fails in alone.get(variable.name, ()) if (value - start) * side > 0]
+            bad = [value for value, fails in beyond if fails]
+            if not bad:
+                continue
+            failing = min(bad, key=lambda value: abs(value - start))
+            fine = [value for value, fails in beyond if not fails and abs(value - start) < abs(failing - start)]
+            found.append(Flip(variable.name, start, max(fine, key=lambda v: abs(v - start), default=start), failing))
+    return found
+
+
+def middle_of(edge: Flip, type_: str) -> Scalar | None:
+    """Return a value between both of an edge; None when there is none."""
+    low, high = sorted((edge.passing, edge.failing))
+    middle = between(low, high)
+    return None if middle is None else fit(middle, type_)
+
+
+def linear_features(edges: Sequence[Flip]) -> list[Feature]:
+    """Return the linear features of two to four variables that fit their edges, with the simplest coefficients."""
+    best: dict[str, list[Flip]] = {}
+    for edge in edges:
+        if edge.narrow and min(abs(distance) for distance in edge.distances) > 0:
+            best.setdefault(edge.name, []).append(edge)
+    found: dict[Feature, None] = {}
+    for size in range(2, 5):
+        for names in combinations(best, size):
+            for edges_chosen in _choices([best[name] for name in names]):
+                feature = _linear({edge.name: edge for edge in edges_chosen})
+                if feature is not None:
+                    found[feature] = None
+    return list(found)
+
+
+def _choices(sides: Sequence[Sequence[Flip]]) -> list[list[Flip]]:
+    chosen: list[list[Flip]] = [[]]
+    for options in sides:
+        chosen = [[*before, edge] for before in chosen for edge in options]
+    return chosen[:16]
+
+
+def _linear(edges: Mapping[str, Flip]) -> Feature | None:
+    """Return the feature whose coefficients are the inverse of the distances, None when no simple ones fit."""
+    furthest = max(edges.values(), key=lambda edge: abs(edge.distances[1]))
+    bounds: dict[str, tuple[float, float, int]] = {}
+    for name, edge in edges.items():
+        near, far = (abs(distance) for distance in edge.distances)
+        most, least = abs(furthest.distances[1]) / near, abs(furthest.distances[0]) / far
+        bounds[name] = (1.0, 1.0, 1) if edge is furthest else (least, most, 1)
+        bounds[name] = (*bounds[name][:2], 1 if edge.distances[1] > 0 else -1)
+    for multiple in _MULTIPLES:
+        weights: dict[str, int | float] = {}
+        for name, (least, most, sign) in bounds.items():
+            low, high = math.ceil(least * multiple - 1e-9), math.floor(most * multiple + 1e-9)
+            if low > high or low < 1:
+                break
+            weights[name] = sign * int(simplest(low, high))
+        if len(weights) == len(bounds) and all(_digits(weight) <= MOST_DIGITS for weight in weights.values()):
+            return _ordered(weights)
+    return None
+
+
+def _digits(weight: int | float) -> int:
+    return len(str(abs(Fraction(weight).numerator)).rstrip("0"))
+
+
+def _ordered(weights: Mapping[str, int | float]) -> Feature | None:
+    """Return the feature as people write it: what is added first, the largest coefficient first."""
+    if all(abs(weight) == 1 for weight in weights.values()) and len(weights) == 2:
+        return None  # sums and differences are there anyway
+    plus = sum(weight > 0 for weight in weights.values())
+    turn = -1 if 2 * plus < len(weights) else 1
+    names = sorted(weights, key=lambda name: (turn * weights[name] < 0, -abs(weights[name])))
+    if turn * weights[names[0]] < 0:
+        return None
+    return Feature("linear", tuple(names), tuple(turn * weights[name] for name in names))
