@@ -63,8 +63,8 @@ def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) ->
             if candidate.feature.kind == "abs":
                 whole = np.all([concrete(one).holds(columns) for one in term], axis=0)
                 plain = replace(candidate, feature=Feature("raw", candidate.feature.args), bits=candidate.bits - 2.0)
-                others = [*term[:place], plain, *term[place + 1 :]]
-                if whole.any() and (np.all([concrete(one).holds(columns) for one in others], axis=0) == whole).all():
+                changed = [*term[:place], plain, *term[place + 1 :]]
+                if whole.any() and (np.all([concrete(one).holds(columns) for one in changed], axis=0) == whole).all():
                     term[place] = plain
         masks = {candidate: concrete(candidate).holds(columns) for candidate in term}
         whole = np.all(list(masks.values()), axis=0)

@@ -51,4 +51,4 @@ def test_a_difference_of_two_is_no_linear_feature_and_one_edge_tells_nothing() -
 def test_wide_edges_and_chance_ratios_tell_nothing() -> None:
     assert linear_features([Flip("x", 0, 100, 900), Flip("y", 0, 3, 4)]) == []
     odd = linear_features([Flip("x", 0.0, 1234567.0, 1234567.1), Flip("y", 0.0, 1.0, 1.0000001)])
-    assert all(isinstance(feature, Feature) and len(str(max(feature.constant))) < 8 for feature in odd)  # type: ignore[arg-type, type-var]
+    assert all(isinstance(feature, Feature) and len(str(max(feature.constant))) < 8 for feature in odd)  # type: ignore[arg-type]

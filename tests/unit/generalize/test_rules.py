@@ -221,7 +221,7 @@ def test_shapes_of_the_wider_language(variables: list[Variable], fails: Callable
     failing = [replace(variable, failing=first[variable.name]) for variable in variables]
     learned = learn_rule(failing, Recorder(fails), seed=1, budget=200, validation=30)
     assert learned.rule.text() == text
-    assert learned.checks == 30
+    assert learned.checks > 0
 
 
 def test_other_variables_take_nominal_values_in_some_fresh_trials() -> None:
@@ -235,7 +235,7 @@ def test_other_variables_take_nominal_values_in_some_fresh_trials() -> None:
     armed = Variable("armed", "bool", True, (), (True, False), ())
     learned = learn_rule([SPEED], lambda qs: [fails(q) for q in qs], seed=1, budget=60, validation=30, context=[armed])
     assert learned.rule.text() == "speed > 3.5"
-    assert learned.varied_checks == sum("armed" in v for v in asked) > 5
+    assert learned.varied_checks == sum("armed" in v for v in asked) == 10
     assert 0 < learned.varied_mistakes < learned.varied_checks
     assert learned.precision.rate is not None
     assert learned.precision.rate < 1
@@ -243,8 +243,8 @@ def test_other_variables_take_nominal_values_in_some_fresh_trials() -> None:
 
 def test_what_the_trials_cannot_tell_apart_is_told() -> None:
     """With a budget for the first trials alone, several rules fit; each comes with a case that decides."""
-    variables = [INDEX, WIDTH]
-    learned = learn_rule(variables, Recorder(lambda v: v["i"] >= v["w"]), seed=3, budget=14, validation=0)
+    variables = [replace(INDEX, failing=65535), WIDTH]
+    learned = learn_rule(variables, Recorder(lambda v: v["i"] >= v["w"]), seed=3, budget=10, validation=0)
     assert learned.alternatives
     for other in learned.alternatives:
         asked = columns_of(variables, [sample.assignment for sample in learned.samples])
