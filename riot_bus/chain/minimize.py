@@ -67,7 +67,7 @@ class _Minimization:
                 best.clear()  # what was found so far has another cause
                 minimal = self._shrunk(self._failing_if_modified, best, left)
         except KeyboardInterrupt:
-            if best:
+            if best and not MinimalRecord.exists(self.folder):
                 figures = {"seed": self.step.workspace.seed, "trials": self.step.trials, "seconds": self.step.seconds}
                 self._saved(best[-1]).model_copy(update={"interrupted": True, **figures}).save(self.folder)
             raise

@@ -28,7 +28,8 @@ __all__ = ["considered_fields", "field_spaces", "relevance"]
 
 _REPEATS, _MOST = 3, 30
 """Fresh trials of each side of a certificate: at least, and at most; 30 decide at a rate of 0.2."""
-_DOUBT = 0.05
+_DOUBT, _REFUTED = 0.05, 0.002
+"""What confirms one side, and what drops a certificate: the search has been sure of it, so bad luck must not do."""
 _AFTER = 1000
 """Trials of the minimal log itself, by which it was chosen, are none of these."""
 _INJECTED_PRIOR = 10.0
@@ -127,8 +128,8 @@ def _repeated(values: Mapping[str, Scalar], fails: int, ask: Ask[Mapping[str, Sc
         count = max(1, _REPEATS - total)
         failed, total = failed + sum(ask([values] * count)), total + count
         chance = noise.triggers(failed, total - failed)
-        if not _DOUBT < chance < 1 - _DOUBT or total >= _MOST:
-            sure = chance if fails else 1 - chance
+        sure = chance if fails else 1 - chance
+        if not _REFUTED < sure < 1 - _DOUBT or total >= _MOST:
             return _Side(failed if fails else total - failed, total, sure >= 1 - _DOUBT)
 
 

@@ -38,6 +38,9 @@ _FAILS = 0.98
 _SURE = 0.98
 """Of one search."""
 
+_DOUBTED = 0.02
+"""Probability that one side of a certificate is wrong, above which it is asked again."""
+
 _START = 0.01
 """Prior that the start of a search is not what it was found to be."""
 
@@ -235,7 +238,7 @@ class _Search:
         for name, field in list(self.found.items()):
             sides, doing = (field.certificate.failing, field.certificate.passing), "confirming certificates"
             for side, prior in zip(sides, (1 - _UNCONFIRMED, _UNCONFIRMED), strict=True):
-                (chance,) = self.trials.triggers([side], prior=prior, doubt=1 - _SURE, doing=doing)
+                (chance,) = self.trials.triggers([side], prior=prior, doubt=_DOUBTED, doing=doing)
                 if (chance > 0.5) is not (prior > 0.5):
                     del self.found[name]
                     dropped.append(name)
