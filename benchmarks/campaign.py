@@ -625,6 +625,9 @@ def main() -> None:
         if "coverage" in options.kinds and not options.quick and key not in known:
             jobs.append(CoverageJob(fields, faulty, seed, options.out))
     if not options.table:
+        if options.out.exists() and not options.out.read_bytes().endswith(b"\n"):
+            with options.out.open("a") as stream:  # ends a line that an interruption has cut off
+                stream.write("\n")
         with multiprocessing.Pool(2) as pool:
             for _ in pool.imap_unordered(carry_out, jobs, chunksize=1):
                 pass
