@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from riot_bus.generalize.expressions import TEXTS, Applied
 from riot_bus.generalize.features import FEATURE_KINDS, FLAGS, Feature
+from riot_bus.generalize.forms.tree import Tree
 from riot_bus.generalize.literals import OPERATORS, Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import integer_range
@@ -38,22 +40,54 @@ def numbers() -> list[str]:
     return [name for name in TYPES if name not in CATEGORIES]
 
 
+CONSTANTS: Mapping[str, Any] = {"linear": (3, -2), "mod": 7, "bits": 12}
+"""Constants of the kinds of features that have one, but for those of texts."""
+SETS = {"a:i8": (-3, 1, 100), "a:u64": (0, 2**63 - 1, 2**64 - 1), "a:f64": (1, -1), **CATEGORIES}
+
+
+def feature_of(kind: str, args: Sequence[str]) -> Feature:
+    """Return a feature of a kind, with a constant if it needs one; `args` may be more than it takes."""
+    if kind in ("prefix", "contains"):
+        return Feature(
+            kind,
+            tuple(args[:1]),
+            b"\x00" if TYPES.get(args[0]) == "bytes" else "\u00e9" if kind == "contains" else "au",
+        )
+    return Feature(kind, tuple(args[: FEATURE_KINDS[kind].arity or 2]), CONSTANTS.get(kind))
+
+
+def takes_texts(kind: str) -> bool:
+    """Return whether a kind of feature is of texts."""
+    node = feature_of(kind, ("x", "y", "z")).expression
+    return isinstance(node, Applied) and node.operator in TEXTS
+
+
+def operations(tree: Tree) -> set[str]:
+    """Return the operations in a tree."""
+    return {tree.operation}.union(*map(operations, tree.operands))
+
+
 def every_literal() -> Iterator[Literal]:
     """Yield literals of each kind of feature over each type, with each operator and each threshold, in some pairing."""
-    names, turn = numbers(), 0
-    for kind, (count, *_) in FEATURE_KINDS.items():
-        for place, name in enumerate(names):
-            args = tuple(names[(place + step * (1 + turn % 5)) % len(names)] for step in range(count))
+    turn = 0
+    for kind in FEATURE_KINDS:
+        names = ["a:mode", "a:blob"] if takes_texts(kind) else numbers()
+        for place in range(len(names)):
+            args = tuple(names[(place + step * (1 + turn % 5)) % len(names)] for step in range(3))
+            args = (names[place], *args[1:])
             for operator in OPERATORS:
                 flag = operator in ("is", "not")
-                if flag == (kind in FLAGS):
+                if flag == (kind in FLAGS) and operator not in ("in", "not in"):
                     turn += 1
                     value = None if flag else THRESHOLDS[turn % len(THRESHOLDS)]
-                    yield Literal(Feature(kind, (name, *args[1:])), operator, value)
+                    yield Literal(feature_of(kind, args), operator, value)
     for name, values in CATEGORIES.items():
         for value in values:
             for operator in ("==", "!="):
                 yield Literal(Feature("raw", (name,)), operator, value)
+    for name, members in SETS.items():
+        for operator in ("in", "not in") if name != "a:flag" else ():
+            yield Literal(Feature("raw", (name,)), operator, members)
 
 
 def every_rule(*, size: int) -> Iterator[Rule]:

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from riot_bus.generalize.expressions import TEXTS
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.forms.function import OPERATIONS, judge_of
 from riot_bus.generalize.forms.tree import OPERATIONS as ALL
@@ -12,7 +13,7 @@ from tests.rule_rows import TYPES, columns, every_rule, rows
 
 
 def test_each_operation_is_carried_out() -> None:
-    assert {*OPERATIONS, "variable", "constant"} == set(ALL)
+    assert {*OPERATIONS, *TEXTS, "variable", "constant"} == set(ALL)
 
 
 def test_it_says_of_each_row_what_the_rule_does() -> None:
@@ -30,7 +31,7 @@ ODD = ["text", b"bytes", None, True, 3, 2.5, math.nan, math.inf, -(2**70)]
 def test_values_of_other_types_and_sizes(value: object) -> None:
     for rule in every_rule(size=1):
         names = rule.variables
-        row = [value, 3][: len(names)]
+        row = [value, 3, 3, 3][: len(names)]
         said = judge_of(rule.terms, names)(row)
         table = {name: np.array([each], dtype=object) for name, each in zip(names, row, strict=True)}
         assert [said] == rule.predict(table).tolist(), rule.text()

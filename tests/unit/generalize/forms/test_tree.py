@@ -1,25 +1,31 @@
+import math
+
 import pytest
 
+from riot_bus.generalize.expressions import OPERATORS
 from riot_bus.generalize.features import FEATURE_KINDS, Feature
-from riot_bus.generalize.forms.tree import FEATURES, NO_ROOTS, OPERATIONS, ROOTS, Tree, feature_tree, roots
+from riot_bus.generalize.forms.function import compiled
+from riot_bus.generalize.forms.tree import NO_ROOTS, OPERATIONS, ROOTS, Tree, feature_tree, roots
 from riot_bus.generalize.literals import Literal
 from riot_bus.vocabulary.errors import ConfigError
-
-
-def operations(tree: Tree) -> set[str]:
-    return {tree.operation}.union(*map(operations, tree.operands))
+from tests.rule_rows import feature_of, operations
 
 
 def test_each_kind_of_feature_has_a_tree() -> None:
-    assert set(FEATURES) == set(FEATURE_KINDS)
-    for kind, (count, *_) in FEATURE_KINDS.items():
-        tree = feature_tree(Feature(kind, ("x", "y", "z")[:count]))
-        assert tree.variables() == set("xyz"[:count])
+    for kind in FEATURE_KINDS:
+        feature = feature_of(kind, ("x", "y", "z"))
+        tree = feature_tree(feature)
+        assert tree.variables() == set(feature.args)
         assert operations(tree) <= set(OPERATIONS)
 
 
-def test_a_kind_without_a_tree_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("riot_bus.generalize.forms.tree.FEATURES", {})
+def test_each_operator_of_expressions_has_an_operation() -> None:
+    composed = {"signed", "not", "isfinite"}
+    assert {"and": "bitand", "isnan": "nan"}.keys() | composed | set(OPERATIONS) >= OPERATORS
+
+
+def test_an_operator_without_a_tree_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("riot_bus.generalize.forms.tree.OPERATIONS", {})
     with pytest.raises(ConfigError, match="how 'abs\\(x\\)' is written elsewhere"):
         feature_tree(Feature("abs", ("x",)))
 
@@ -28,7 +34,22 @@ def test_each_kind_has_roots_for_each_variable_or_a_word_why_not() -> None:
     assert set(ROOTS) | set(NO_ROOTS) == set(FEATURE_KINDS)
     assert not set(ROOTS) & set(NO_ROOTS)
     for kind in ROOTS:
-        assert len(ROOTS[kind]) == FEATURE_KINDS[kind][0]
+        feature = feature_of(kind, ("x", "y", "z"))
+        assert all(roots(Literal(feature, ">", 3), name) for name in feature.args)
+
+
+def test_roots_are_where_a_feature_crosses_its_threshold() -> None:
+    for kind in ROOTS:
+        feature, values = feature_of(kind, ("x", "y", "z")), [5.0, 3.0, 2.0]
+        names = ["x", "y", "z"]
+        for name in feature.args:
+            for root in roots(Literal(feature, ">", 6), name):
+                moved = values.copy()
+                moved[names.index(name)] = compiled(root, names)(values)
+                found = compiled(feature_tree(feature), names)(moved)
+                # The other variable may be the one that decides, and a ratio changes sign at 0.
+                elsewhere = kind in ("maxabs", "minabs") or (kind == "div" and math.isinf(found))
+                assert found == pytest.approx(6) or elsewhere or math.isnan(found), (kind, name)
 
 
 def test_trees_have_as_many_operands_as_the_operation_takes() -> None:
@@ -37,11 +58,11 @@ def test_trees_have_as_many_operands_as_the_operation_takes() -> None:
         for each in tree.operands:
             check(each)
 
-    for kind, (count, *_) in FEATURE_KINDS.items():
-        names = ("x", "y", "z")[:count]
-        check(feature_tree(Feature(kind, names)))
-        for name in names if kind in ROOTS else ():
-            for root in roots(Literal(Feature(kind, names), ">", 3), name):
+    for kind in FEATURE_KINDS:
+        feature = feature_of(kind, ("x", "y", "z"))
+        check(feature_tree(feature))
+        for name in feature.args if kind in ROOTS else ():
+            for root in roots(Literal(feature, ">", 3), name):
                 check(root)
 
 
