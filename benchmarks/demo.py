@@ -40,9 +40,11 @@ def row(one: dict) -> str:
     off = max((abs(region[side] - TRUTH[side]) for side in TRUTH), default=float("nan")) if region else float("nan")
     wrong = [name for name in one["permeable_fields"] if name not in RELEVANT]
     missed = [name for name in RELEVANT if name not in one["permeable_fields"]]
+    told = one["rule_balanced_accuracy"]
+    accuracy = "not tested" if told is None else f"{told:.3f}"
     return (
         f"{one['seed']:>4} {one['seconds']:>6.0f} s {one['nominal_messages']:>6} -> {one['minimal_messages']}  "
-        f"fields {len(one['relevant_fields'])}  accuracy {one['rule_balanced_accuracy']:.3f}  "
+        f"fields {len(one['relevant_fields'])}  accuracy {accuracy}  "
         f"runs {one['activation_runs']}  replays {one['activation_replay_rate']}  region off by {off:.1f} m  "
         f"permeable wrong {wrong} missed {missed}\n      {one['rule']}"
     )

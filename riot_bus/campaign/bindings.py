@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Applied", "applied", "misfits", "never_applied"]
+__all__ = ["AppliesTo", "applied", "misfits", "never_applied"]
 
 _INDEX = re.compile(r"\[\d+\]")
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class AppliesTo:
     """What a table of a dictionary file applies to.
 
     Attributes:
@@ -114,7 +114,7 @@ def applied(
     *,
     leave: Iterable[str] = (),
     include: Iterable[str] = (),
-) -> dict[str, Applied]:
+) -> dict[str, AppliesTo]:
     """Return what each table of a file (`entry[0]`, `field[0]`, `message[0]`, ...) applies to in a log.
 
     Args:
@@ -156,11 +156,11 @@ def _name(target: Target) -> str:
     return f"{target.topic}:{_INDEX.sub('[*]', target.path)}"
 
 
-def _sorted_out(rows: Iterable[tuple[str, bool]]) -> Applied:
+def _sorted_out(rows: Iterable[tuple[str, bool]]) -> AppliesTo:
     found: dict[str, bool] = {}
     for name, chosen in rows:
         found[name] = found.get(name, False) or chosen
-    return Applied(
+    return AppliesTo(
         tuple(name for name, chosen in found.items() if chosen),
         tuple(name for name, chosen in found.items() if not chosen),
     )

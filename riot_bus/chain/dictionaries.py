@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.bindings import Applied, applied, misfits
+from riot_bus.campaign.bindings import AppliesTo, applied, misfits
 from riot_bus.chain.logs import inputs_of, read_messages
 from riot_bus.inject.dictionary import Dictionary, installed_files, own_text
 from riot_bus.inject.dictionary_file import DictionaryFile, read_file
@@ -135,7 +135,7 @@ def beside(log: Path | None, system: Path | None, unit: str | None) -> Beside | 
     return Beside(f"inputs of {unit} in {path}", messages, registry, settings.leave, settings.include)
 
 
-def what_applies(name: str, text: str, where: Beside | None) -> tuple[DictionaryFile, dict[str, Applied]]:
+def what_applies(name: str, text: str, where: Beside | None) -> tuple[DictionaryFile, dict[str, AppliesTo]]:
     """Return a dictionary file, and what its tables apply to beside a log; nothing of that without one.
 
     Raises:

@@ -7,7 +7,7 @@ from typing import Any
 from riot_bus.findings.records import RuleRecord
 from riot_bus.generalize import rule_json
 from riot_bus.generalize.features import FEATURE_KINDS, Feature
-from riot_bus.generalize.literals import OPERATORS
+from riot_bus.generalize.literals import LARGEST_SET, OPERATORS
 
 __all__ = ["rule_schema"]
 
@@ -21,9 +21,10 @@ def rule_schema() -> dict[str, Any]:
     octets = {"type": "string", "pattern": "^([0-9a-f]{2})*$", "maxLength": 2 * rule_json.LONGEST_NAME}
     raw = {"type": "object", "properties": {"bytes": octets}, "required": ["bytes"], "additionalProperties": False}
     scalars = [{"type": ["null", "boolean", "number"]}, name, raw]
+    members = {"type": "array", "items": {"anyOf": scalars}, "minItems": 2, "maxItems": LARGEST_SET}
     value = {
         "description": "what the feature is compared with; null for flags (is, not), a list for sets (in, not in)",
-        "anyOf": [*scalars, {"type": "array", "items": {"anyOf": scalars}, "maxItems": rule_json.MOST_TERMS}],
+        "anyOf": [*scalars, members],
     }
     constant = {
         "description": "coefficients of linear, divisor of mod, mask of bits, text of prefix and contains",

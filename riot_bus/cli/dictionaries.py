@@ -16,7 +16,7 @@ from riot_bus.vocabulary.redaction import escape_control_chars
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from riot_bus.campaign.bindings import Applied
+    from riot_bus.campaign.bindings import AppliesTo
     from riot_bus.inject.dictionary_file import DictionaryFile
 
 __all__ = ["register"]
@@ -131,7 +131,7 @@ def schema() -> None:
     typer.echo(json.dumps(json_schema(), indent=1))
 
 
-def _lines(file: DictionaryFile, found: dict[str, Applied]) -> list[str]:
+def _lines(file: DictionaryFile, found: dict[str, AppliesTo]) -> list[str]:
     """Return a file, one line for each value or mutation; after the tables what they apply to."""
     lines: list[str] = []
     if file.entry:
@@ -156,7 +156,7 @@ def _lines(file: DictionaryFile, found: dict[str, Applied]) -> list[str]:
     return lines
 
 
-def _applies(found: Applied | None) -> list[str]:
+def _applies(found: AppliesTo | None) -> list[str]:
     if found is None:
         return []
     lines = [f"  -> {_few(found.fields)}"] if found.fields or not found.left_alone else []

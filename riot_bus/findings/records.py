@@ -324,7 +324,12 @@ class MinimalRecord(Artefact):
     @classmethod
     def exists(cls, directory: Path) -> bool:
         """Return whether the search has ended: what it had when it was interrupted does not count."""
-        return super().exists(directory) and not cls.load(directory).interrupted
+        if not super().exists(directory):
+            return False
+        try:
+            return not cls.load(directory).interrupted
+        except ConfigError:
+            return True  # it is there, and whoever reads it says what is wrong with it
 
 
 class CertificateRecord(_Model):

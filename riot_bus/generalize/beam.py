@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from riot_bus.generalize.features import Array
+from riot_bus.generalize.features import Array, Feature
+from riot_bus.generalize.literals import LARGEST_SET, Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.table import Candidate, concrete
 
@@ -35,12 +36,27 @@ class Learnt:
     @property
     def rule(self) -> Rule:
         """The rule with the simplest thresholds."""
-        return Rule(tuple(tuple(concrete(candidate) for candidate in term) for term in self.terms))
+        return Rule(tuple(_with_sets([concrete(candidate) for candidate in term]) for term in self.terms))
 
     @property
     def shape(self) -> tuple[object, ...]:
         """The rule without its thresholds."""
         return tuple(sorted(tuple(sorted((c.feature, c.operator) for c in term)) for term in self.terms))
+
+
+def _with_sets(term: Sequence[Literal]) -> tuple[Literal, ...]:
+    """Return a term that says `x not in (1, 8)` instead of `x != 1 and x != 8`; it holds for the same values."""
+    unequal: dict[tuple[Feature, type], list[Literal]] = {}
+    for literal in term:
+        if literal.operator == "!=" and literal.feature.kind == "raw" and isinstance(literal.value, int | str | bytes):
+            unequal.setdefault((literal.feature, type(literal.value)), []).append(literal)
+    found = list(term)
+    for (feature, _), literals in unequal.items():
+        if 2 <= len(literals) <= LARGEST_SET and not isinstance(literals[0].value, bool):
+            members = tuple(sorted(literal.value for literal in literals))  # type: ignore[type-var]
+            found[found.index(literals[0])] = Literal(feature, "not in", members)
+            found = [literal for literal in found if literal not in literals]
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

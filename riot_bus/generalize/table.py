@@ -230,7 +230,8 @@ def _residues(
             bits = feature.cost + number_bits(place)
             candidate = Candidate(feature, operator, bits, inside=place)
             offers.append((abs(score[place]), candidate, (rest == place) == (operator == "==")))
-    for bit in range(1, limits[1].bit_length()):
+    # The highest bit of an unsigned integer is a threshold, which is said as such.
+    for bit in range(1, limits[1].bit_length() - variable.type.startswith("uint")):
         mask = ((array >> bit) & 1).astype(bool)
         feature = Feature("bits", (variable.name,), 1 << bit)
         gain = mask[failed].mean() - mask[~failed].mean() if 0 < failed.sum() < len(failed) else 0.0

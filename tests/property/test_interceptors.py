@@ -1,14 +1,20 @@
 """What holds for all shipped interceptors, whatever the traffic."""
 
+import functools
 import json
 import struct
+import tempfile
 from collections import Counter, defaultdict
+from pathlib import Path
 
 import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
+from riot_bus.generalize.rule import Rule
 from riot_bus.interceptors.catalogue import build, describe
 from riot_bus.interceptors.copies import Duplicate, Tee
 from riot_bus.interceptors.losses import Bandwidth, Drop, Throttle
@@ -246,6 +252,17 @@ topic = "json"
 fault = "duplicate"
 first = 2
 """
+
+
+@functools.cache
+def rule_file() -> Path:
+    """Return a rule of one topic, so that the order of topics does not matter."""
+    rule = Rule(((Literal(Feature("raw", ("json:x",)), ">", 0.5),),))
+    path = Path(tempfile.mkdtemp()) / "rule.json"
+    path.write_text(json.dumps({"rule": rule.to_dict(), "types": {"json:x": "float64"}, "scale": {"json:x": 1.0}}))
+    return path
+
+
 OPTIONS = {
     "bandwidth": st.fixed_dictionaries(
         {"bytes_per_second": st.floats(1, 1e12)}, optional={"queue": st.integers(0, 200)}
@@ -268,6 +285,9 @@ OPTIONS = {
     ),
     "duplicate": st.fixed_dictionaries({"copies": st.integers(1, 3)}, optional={"spacing": seconds}),
     "freeze": st.fixed_dictionaries({"hold": st.integers(0, 4)}),
+    "guard": st.fixed_dictionaries({"action": st.sampled_from(["drop", "clamp", "hold", "report"])}).map(
+        lambda chosen: {"rule": str(rule_file()), **chosen}
+    ),
     "inject": st.fixed_dictionaries({"seed": st.integers(0, 5)}),
     "jitter": st.fixed_dictionaries({"seconds": seconds, "spread": seconds}),
     "record": st.just({}),

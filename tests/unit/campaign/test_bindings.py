@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from riot_bus.campaign.bindings import Applied, applied, misfits
+from riot_bus.campaign.bindings import AppliesTo, applied, misfits
 from riot_bus.inject.dictionary_file import read_file
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
@@ -75,17 +75,17 @@ def test_what_each_table_applies_to() -> None:
     file = read_file(text, where="own.toml")
     found = applied(file, text, MESSAGES, TypeRegistry())
     assert found == {
-        "entry[0]": Applied(("drive:mode",), ()),
-        "field[0]": Applied(("drive:cells[*]",), ()),
-        "field[1]": Applied((), ("drive:seq",)),
-        "field[2]": Applied((), ()),
-        "message[0]": Applied(("drive",), ()),
-        "message[1]": Applied((), ("drive",)),
-        "message[2]": Applied((), ()),
+        "entry[0]": AppliesTo(("drive:mode",), ()),
+        "field[0]": AppliesTo(("drive:cells[*]",), ()),
+        "field[1]": AppliesTo((), ("drive:seq",)),
+        "field[2]": AppliesTo((), ()),
+        "message[0]": AppliesTo(("drive",), ()),
+        "message[1]": AppliesTo((), ("drive",)),
+        "message[2]": AppliesTo((), ()),
     }
     asked = applied(file, text, MESSAGES, TypeRegistry(), leave=["drive:mode"], include=["drive:seq"])
-    assert asked["entry[0]"] == Applied((), ("drive:mode",))
-    assert asked["field[1]"] == Applied(("drive:seq",), ())
+    assert asked["entry[0]"] == AppliesTo((), ("drive:mode",))
+    assert asked["field[1]"] == AppliesTo(("drive:seq",), ())
     assert asked["message[1]"].fields == ("drive",)
 
 

@@ -42,7 +42,7 @@ def fits(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> bool:
     if not any(kinds[kind] for kind in ([wanted] if isinstance(wanted, str) else wanted)):
         return False
     if isinstance(value, list):
-        return len(value) <= schema.get("maxItems", 1e9) and all(
+        return schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", 1e9) and all(
             fits(each, schema.get("items", {}), root) for each in value
         )
     if isinstance(value, dict):

@@ -44,7 +44,7 @@ def test_finds_exactly_the_needed_messages(items: tuple[int, ...]) -> None:
     assert result.trials == len(ask.asked)
 
 
-@pytest.mark.parametrize(("n", "needed", "most"), [(1000, 1, 15), (1000, 3, 42), (5000, 1, 18), (5000, 3, 48)])
+@pytest.mark.parametrize(("n", "needed", "most"), [(1000, 1, 15), (1000, 3, 42), (5000, 1, 18), (5000, 3, 50)])
 def test_trials_without_prior_stay_within_the_bound(n: int, needed: int, most: int) -> None:
     for seed in range(8):
         items = random.Random(seed).sample(range(n), needed)
