@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Moment", "Prediction", "explained", "predict", "predict_log"]
 
 _TOLD = 20
+_RELIABLE = 0.95
 _MOST_MESSAGES = 300_000
 """Messages of trials that a rule is held against, in all: about half a minute."""
 
@@ -118,19 +119,20 @@ def predict_log(path: Path, folder: Path) -> Prediction:
 
 
 def explained(
-    record: RuleRecord, step: StepRun, unit: str, signature: str
+    record: RuleRecord, step: StepRun, unit: str, signature: str, *, rate: float = 1.0
 ) -> tuple[int, list[tuple[list[dict[str, Any]], bool]]]:
     """Hold a rule against what campaigns have tried on the nominal log already; nothing is run.
 
     Trials that failed otherwise do not count: whether this failure would have come, they do not tell. Neither do those
     that failed so where the rule holds nowhere, but not all of its fields were known, such as before the first message
-    of a topic.
+    of a topic; nor passing ones where the rule holds, if the failure comes only sometimes.
 
     Args:
         record: The rule.
         step: The running step.
         unit: The unit.
         signature: The failure.
+        rate: How often it comes where it is triggered.
 
     Returns:
         How many trials it was held against, and those of which it says what is not so: what was injected, and whether
@@ -150,7 +152,7 @@ def explained(
         injections = [injection_of(row, "trials") for row in rows]
         messages, _ = inject_log(log, injections, registry=registry, seed=seed)
         found = predict(rule, record.topics, messages, registry=registry, at_most=1)
-        if failed and not found.fails and found.unknown:
+        if (failed and not found.fails and found.unknown) or (found.fails and not failed and rate < _RELIABLE):
             continue
         count += 1
         if bool(found.fails) != failed:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields, nominal_values
-from riot_bus.findings.records import FindingRecord, Value
+from riot_bus.findings.records import FindingRecord, MinimalRecord, Value
 from riot_bus.generalize.oracle import BudgetSpentError, Trials, same_scalar
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.statistics.noise import Noise
@@ -56,13 +56,17 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
     return tuple(values)
 
 
-def noise_of(finding: FindingRecord) -> Noise:
-    """Return what a campaign has shown of the rates of a failure, and of the same failure without its cause."""
+def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> Noise:
+    """Return what is known of the rates of a failure, and of the same failure without its cause.
+
+    Args:
+        finding: What a campaign has shown. Its case may have many causes of the failure, so it may come more often.
+        minimal: What trials of the minimal log have shown; then they alone count for the rate.
+    """
     rate, nominal = finding.rate, finding.nominal
-    false = nominal if nominal is not None and nominal.count == 0 else None
-    return Noise.after(
-        *((rate.count, rate.total) if rate else ()), nominal_total=false.total if false is not None else 0
-    )
+    shown = minimal.failed if minimal and minimal.failed[1] else (rate.count, rate.total) if rate else ()
+    false = nominal.total if nominal is not None and nominal.count == 0 else 0
+    return Noise.after(*shown, nominal_total=false)
 
 
 class FreshCases:
@@ -107,6 +111,7 @@ class UnitQuestions:
         fields: The minimal log, by field.
         dictionary: Exceptional values for the unit.
         runner: Executes the trials.
+        noise: What is known of the rates of the failure.
     """
 
     def __init__(self, step: StepRun, folder: Path) -> None:
@@ -117,11 +122,12 @@ class UnitQuestions:
         self.dictionary = dictionary_of(step.workspace, self.finding.unit)
         self.runner = step.unit_runner(self.finding.unit)
         cases = FreshCases(self.runner)
-        self._noise = noise_of(self.finding)
+        minimal = MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None
+        self.noise = noise_of(self.finding, minimal)
         self._trials: Trials[TestCase] = Trials(
             lambda asked: [self.failed(outcome) for outcome in cases.run(asked)],
             key=TestCase.digest,
-            noise=self._noise,
+            noise=self.noise,
             budget=_MOST_TRIALS,
             parallelism=self.runner.parallelism,
         )
@@ -177,9 +183,9 @@ class UnitQuestions:
         except BudgetSpentError:
             raise InconclusiveError(
                 f"{_MOST_TRIALS} trials have not told when it fails: it comes too seldom",
-                hint=f"its rate is about {self._noise.rate:.2f}; what makes it come more often?",
+                hint=f"its rate is about {self.noise.rate:.2f}; what makes it come more often?",
             ) from None
-        self._trials.noise = self._noise  # how many of the cases trigger it is not known, so they do not tell its rate
+        self._trials.noise = self.noise  # how many of the cases trigger it is not known, so they do not tell its rate
         found = {digest: chance > 0.5 for digest, chance in zip(by_digest, chances, strict=True)}
         return [found[case.digest()] for case in cases]
 

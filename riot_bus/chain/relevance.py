@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
-from riot_bus.chain.questions import UnitQuestions, draws_for, json_value, noise_of
+from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
@@ -72,7 +72,7 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
         field_spaces(questions, considered),
         ask,
         seed=step.workspace.seed,
-        noise=noise_of(questions.finding),
+        noise=questions.noise,
         budget=budget,
         parallelism=questions.runner.parallelism,
         progress=step.progress,

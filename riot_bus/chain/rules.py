@@ -11,7 +11,7 @@ import numpy as np
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
 from riot_bus.chain.prediction import explained
-from riot_bus.chain.questions import UnitQuestions, draws_for, json_value, noise_of
+from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.chain.relevance import considered_fields, field_spaces
 from riot_bus.findings.records import AlternativeRecord, FieldsRecord, ProportionRecord, RuleRecord, RuleSample, Value
 from riot_bus.generalize.relevance import relevant_fields
@@ -79,7 +79,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
     record = _record(found)
     finding = found.questions.finding
-    trials, wrong = explained(record, step, finding.unit, finding.signature)
+    trials, wrong = explained(record, step, finding.unit, finding.signature, rate=found.questions.noise.rate)
     missed = sum(failed for _, failed in wrong)
     rate = _proportion(proportion(trials - len(wrong), trials))
     return with_forms(record.model_copy(update={"in_campaign": rate, "missed": missed}), finding, folder)
@@ -182,7 +182,7 @@ class _Teacher:
             field_spaces(questions, considered),
             questions.fresh(),
             seed=self.step.workspace.seed,
-            noise=noise_of(questions.finding),
+            noise=questions.noise,
             parallelism=questions.runner.parallelism,
             progress=self.step.progress,
         )

@@ -54,7 +54,7 @@ def _with_sets(term: Sequence[Literal]) -> tuple[Literal, ...]:
     found = list(term)
     for (feature, _), literals in unequal.items():
         if 2 <= len(literals) <= LARGEST_SET and not isinstance(literals[0].value, bool):
-            members: Any = tuple(sorted(literal.value for literal in literals))  # type: ignore[type-var]
+            members: Any = tuple(sorted(literal.value for literal in literals))
             found[found.index(literals[0])] = Literal(feature, "not in", members)
             found = [literal for literal in found if literal not in literals]
     return tuple(found)

@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.campaign.confirm import CONFIRMATIONS
 from riot_bus.chain.questions import FreshCases, UnitQuestions, json_value, noise_of
-from riot_bus.findings.records import FindingRecord, ProportionRecord
+from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
 from riot_bus.vocabulary.errors import InconclusiveError
 from tests.unit.chain.machine import MODE, SPEED, bench, rated, sometimes, write_minimal
 
@@ -78,3 +78,15 @@ def test_what_a_campaign_has_shown_of_the_rate_is_taken_in(tmp_path: Path) -> No
     assert noise_of(finding.model_copy(update={"rate": rare})).rate < 0.5 < noise_of(finding).rate
     never = ProportionRecord(value=0, low=0, high=0.1, count=0, total=40)
     assert noise_of(finding.model_copy(update={"nominal": never})).false_rate < noise_of(finding).false_rate
+
+
+def test_the_rate_is_that_of_the_minimal_log_where_it_is_known(tmp_path: Path) -> None:
+    """The case of a campaign may have many causes of the failure, and so fail more often."""
+    one = bench(tmp_path)
+    write_minimal(one)
+    rated(one, 4, 4)
+    minimal = MinimalRecord.load(one.folder).model_copy(update={"failed": (4, 13)})
+    assert noise_of(FindingRecord.load(one.folder)).rate > 0.95
+    assert noise_of(FindingRecord.load(one.folder), minimal).rate < 0.5
+    minimal.save(one.folder)
+    assert UnitQuestions(one.run(), one.folder).noise.rate < 0.5
