@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.contexts import ContextAnswers
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["rules"]
 
@@ -70,10 +71,11 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
     passing = {one.name: one.certificate.passing for one in relevant.fields}
     found = teacher.learn(UnitQuestions(step, folder), passing)
     for _ in range(_CONTEXTS):
-        worst = max(found.answers, key=lambda one: len(one.wrong), default=None)
-        if worst is None or not worst.wrong or (more := teacher.learn_behind(found, worst)) is None:
+        more = teacher.learn_behind(found) if found.wrong else None
+        if more is None or more.wrong >= found.wrong:
             break
         found = more
+    (folder / "context.mcap").unlink(missing_ok=True)  # of an earlier rule
     if found.context:
         metadata = {"finding": found.questions.finding.id, "signature": found.questions.finding.signature}
         found.questions.fields.log.save(folder / "context.mcap", context=step.workspace.context, metadata=metadata)
@@ -104,6 +106,11 @@ class _Found:
     learned: LearnedRule
     answers: Sequence[ContextAnswers]
     context: int = 0
+
+    @property
+    def wrong(self) -> int:
+        """Of how many of the answers the rule says what is not so."""
+        return sum(len(one.wrong) for one in self.answers)
 
 
 class _Teacher:
@@ -157,11 +164,19 @@ class _Teacher:
         answers = ask_in_contexts(questions, contexts(questions.nominal_log(), self._registry), asked, predicted)
         return _Found(questions, variables, scale, learned, answers, context)
 
-    def learn_behind(self, found: _Found, wrong: ContextAnswers) -> _Found | None:
+    def learn_behind(self, found: _Found) -> _Found | None:
         """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be told."""
+        wrong = max(found.answers, key=lambda one: len(one.wrong))
         failing = next((values for values, failed in zip(wrong.asked, wrong.failed, strict=True) if failed), None)
-        context = bring_in(found.questions, wrong, progress=self.step.progress) if failing else ()
-        if not context or failing is None:
+        if failing is None:
+            return None
+        try:
+            return self._behind(found, bring_in(found.questions, wrong, progress=self.step.progress), failing)
+        except InconclusiveError:  # what the rule was learnt on is not called in doubt by that
+            return None
+
+    def _behind(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Scalar]) -> _Found | None:
+        if not context:
             return None
         fields = with_context(found.questions, context, failing)
         questions = found.questions.within(fields)
@@ -236,7 +251,6 @@ def _values(assignment: Mapping[str, Scalar]) -> dict[str, Value]:
 def _record(found: _Found) -> RuleRecord:
     learned = found.learned
     topics = [found.questions.fields.registry.topic(message.key) for message in found.questions.fields.log.messages]
-    wrong = sum(len(one.wrong) for one in found.answers)
     asked = sum(len(one.asked) for one in found.answers)
     return RuleRecord(
         text=learned.rule.text(),
@@ -252,7 +266,7 @@ def _record(found: _Found) -> RuleRecord:
             AlternativeRecord(text=one.rule.text(), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
             for one in learned.alternatives
         ),
-        in_context=_proportion(proportion(asked - wrong, asked)),
+        in_context=_proportion(proportion(asked - found.wrong, asked)),
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
         scale=found.scale,

@@ -30,6 +30,8 @@ _Definitions = Annotated[
     list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
 ]
 
+DEFAULT_OUT = Path("riot-out")
+
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
@@ -179,7 +181,9 @@ def export(
 
 
 def show(
-    what: Annotated[Path, typer.Argument(metavar="LOG|FINDING", help="A log, or the folder of a finding.")],
+    what: Annotated[
+        Path, typer.Argument(metavar="[LOG|FINDING]", help="A log, or the folder of a finding.")
+    ] = DEFAULT_OUT,
     *,
     most: Annotated[int, typer.Option("--most", min=1, help="Most messages that are shown.")] = 20,
     type_: _Types = None,

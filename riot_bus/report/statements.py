@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from riot_bus.findings.records import ProportionRecord
+from riot_bus.findings.records import ProportionRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
@@ -117,10 +117,10 @@ def _names(topics: Sequence[str]) -> str:
     return clean(", ".join(topics[:8]) + (", ..." if len(topics) > 8 else ""))
 
 
-def _proportion(what: ProportionRecord) -> tuple[str, str]:
+def _proportion(what: ProportionRecord, kind: str = "fresh trial") -> tuple[str, str]:
     if not what.total:
-        return "no fresh trial could tell", "not tested"
-    return f"{what.count} of {plural(what.total, 'fresh trial')}", f"95 %: {share_interval(what.low, what.high)}"
+        return f"no {kind} could tell", "not tested"
+    return f"{what.count} of {plural(what.total, kind)}", f"95 %: {share_interval(what.low, what.high)}"
 
 
 def _rule(view: FindingView) -> list[Statement]:
@@ -129,7 +129,27 @@ def _rule(view: FindingView) -> list[Statement]:
     return [
         Statement("what the rule calls a failure, fails (precision)", *_proportion(view.rule.precision)),
         Statement("what fails, the rule calls a failure (recall)", *_proportion(view.rule.recall)),
+        *(
+            Statement(told, *_proportion(rate, kind))
+            for told, rate, kind in (
+                ("behind nominal messages, what the rule says is so", view.rule.in_context, "fresh trial"),
+                ("in the campaign, what the rule says was so", view.rule.in_campaign, "earlier trial"),
+            )
+            if rate is not None and rate.total
+        ),
+        *(
+            Statement(
+                f"the rule may as well be: {clean(one.text)}",
+                "it explains all trials, too",
+                f"would be decided by {_values(one.decided_by)}",
+            )
+            for one in view.rule.alternatives
+        ),
     ]
+
+
+def _values(values: Mapping[str, Value]) -> str:
+    return clean(", ".join(f"{name} = {value}" for name, value in values.items()))
 
 
 def _outside(view: FindingView) -> list[Statement]:

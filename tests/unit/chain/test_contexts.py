@@ -168,3 +168,20 @@ def test_a_rule_that_no_context_explains_stays_and_says_how_often_it_is_wrong(tm
     assert record.in_context is not None
     assert record.in_context.count < record.in_context.total
     assert f"right in {record.in_context.count} of {record.in_context.total} trials" in record.summary
+
+
+def test_a_unit_that_answers_otherwise_later_keeps_the_rule_it_has(tmp_path: Path) -> None:
+    """What was brought in does not fail again: no reason to end the step, nor to keep the new rule."""
+
+    def fails(messages: Sequence[Message]) -> int | None:
+        place = beyond(messages)
+        several = len({one.key for one in messages}) > 1
+        return None if several and len(messages) < 20 else place
+
+    one = finding(tmp_path, 40, fails=fails)
+    (one.folder / "context.mcap").write_bytes(b"of an earlier rule")
+    record = rules(one.run(), one.folder, budget=60)
+    assert record.text.startswith("pick:index")
+    assert record.in_context is not None
+    assert record.in_context.total > 0
+    assert (one.folder / "context.mcap").exists() == bool(record.context)

@@ -1,0 +1,39 @@
+"""What a report claims of a rule is what its record counts; the other claims are read on the page (test_page.py)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.findings.records import AlternativeRecord, ProportionRecord, RuleRecord
+from riot_bus.report.finding_view import load
+from riot_bus.report.statements import Statement, statements
+from riot_bus.testing.reports import view_at
+
+
+def told(folder: Path, **changes: object) -> list[Statement]:
+    """Return the claims of a finding whose rule has some other values."""
+    view_at("until activate", folder)
+    RuleRecord.load(folder).model_copy(update=changes).save(folder)
+    return statements(load(folder))
+
+
+def test_a_rule_is_told_with_the_trials_behind_it_and_nothing_without_trials(tmp_path: Path) -> None:
+    right = ProportionRecord(value=22 / 24, low=0.73, high=0.99, count=22, total=24)
+    none = ProportionRecord(value=1.0, low=0.0, high=1.0)
+    found = {one.claim: one for one in told(tmp_path, in_context=right, in_campaign=none)}
+    context = found["behind nominal messages, what the rule says is so"]
+    assert context.evidence.replace("\N{NO-BREAK SPACE}", " ") == "22 of 24 fresh trials"
+    assert context.confidence == "95 %: 73 to 99 %"
+    assert not [claim for claim in found if "campaign" in claim]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_other_rules_that_explain_all_trials_are_told_with_what_would_decide(tmp_path: Path, count: int) -> None:
+    others = tuple(
+        AlternativeRecord(text=f"x < {number}", rule={}, decided_by={"x": number - 1}) for number in range(count)
+    )
+    found = [one for one in told(tmp_path, alternatives=others) if "may as well be" in one.claim]
+    assert [one.claim for one in found] == [f"the rule may as well be: x < {number}" for number in range(count)]
+    assert found[0].confidence == "would be decided by x = -1"
