@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms.cpp_form import cpp_file
-from riot_bus.generalize.forms.python_form import python_file
+from riot_bus.generalize.forms.python_form import python_file, python_predicate
 from riot_bus.generalize.forms.stl_form import NoFormulaError, stl_formula
 from riot_bus.generalize.rule import Rule
 from riot_bus.report.formats import write_file
@@ -41,6 +41,8 @@ def with_forms(record: RuleRecord, finding: FindingRecord, folder: Path) -> Rule
         (folder / name).unlink(missing_ok=True)  # of an earlier rule
     try:
         write_file(python_file(terms, types=types, scale=record.scale, told=told), folder / PYTHON)
+        source = python_predicate(terms, types=types, told=record.text)
+        record = record.model_copy(update={"python": source})
         formula, signals = stl_formula(terms, types=types)
         record = record.model_copy(update={"stl": formula, "stl_signals": signals})
     except (ConfigError, NoFormulaError) as why:

@@ -255,7 +255,6 @@ def _record(found: _Found) -> RuleRecord:
     return RuleRecord(
         text=learned.rule.text(),
         rule=learned.rule.to_dict(),
-        python=learned.rule.python(),
         precision=_proportion(learned.precision),
         recall=_proportion(learned.recall),
         balanced_accuracy=learned.balanced_accuracy,

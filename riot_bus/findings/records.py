@@ -424,7 +424,7 @@ class RuleRecord(Artefact):
     STEP = "rules"
     text: str
     rule: dict[str, Any]
-    python: str
+    python: str = Field(default="", description="a predicate over a dict of its fields")
     precision: ProportionRecord
     recall: ProportionRecord
     balanced_accuracy: float | None = Field(description="null unless some fresh trials failed and some passed")

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["OPERATORS", "TEXTS", "Applied", "Array", "Name", "Node", "evaluate", "numeric", "of_text", "python", "text"]
+__all__ = ["OPERATORS", "TEXTS", "Applied", "Array", "Name", "Node", "evaluate", "numeric", "of_text", "text"]
 
 Array = npt.NDArray[Any]
 
@@ -188,56 +188,32 @@ def of_text(operator: str, value: object, constants: Sequence[Node]) -> int | No
 
 def text(node: Node) -> str:
     """Return an expression as people write it."""
-    return _write(node, lambda name: name, _as_text)[0]
+    return _write(node)[0]
 
 
-def python(node: Node, variable: str) -> str:
-    """Return a Python expression over the dict called `variable`; it may call `_div`, `math` and nothing else."""
-    return _write(node, lambda name: f"{variable}[{name!r}]", _as_python)[0]
-
-
-def _write(node: Node, name: Callable[[str], str], call: Callable[[str, list[str]], str]) -> tuple[str, int]:
+def _write(node: Node) -> tuple[str, int]:
     """Return the text of a node and how tightly its parts belong together."""
     if isinstance(node, Name):
-        return name(node.name), _ATOM
+        return node.name, _ATOM
     if not isinstance(node, Applied):
         power = isinstance(node, int) and node >= 2**16 and node & (node - 1) == 0
         return (f"2**{node.bit_length() - 1}" if power else repr(node)), _ATOM  # type: ignore[union-attr]
-    parts = [_write(arg, name, call) for arg in node.args]
+    parts = [_write(arg) for arg in node.args]
     if node.operator == "and":
         return f"({parts[0][0]} & {parts[1][0]})", _ATOM
     if node.operator == "not":
         return f"not {parts[0][0]}", 0
-    if node.operator in _INFIX and not (node.operator == "div" and call is _as_python):
+    if node.operator in _INFIX:
         sign, level = _INFIX[node.operator]
         left = parts[0][0] if parts[0][1] >= level else f"({parts[0][0]})"
         right = parts[1][0] if parts[1][1] > level or (sign in "+*" and parts[1][1] == level) else f"({parts[1][0]})"
         if node.operator == "mod" and parts[0][1] < _ATOM:
             left = f"({parts[0][0]})"
         return f"{left} {sign} {right}", level
-    return call(node.operator, [part for part, _ in parts]), _ATOM
+    return _as_text(node.operator, [part for part, _ in parts]), _ATOM
 
 
 def _as_text(operator: str, args: list[str]) -> str:
     if operator == "signed":
         return f"int{args[1]}({args[0]})"
-    return f"{operator}({', '.join(args)})"
-
-
-def _as_python(operator: str, args: list[str]) -> str:
-    if operator == "div":
-        return f"_div({', '.join(args)})"
-    if operator == "signed":
-        half = f"2**{int(args[1]) - 1}"
-        return f"(({args[0]} + {half}) % 2**{args[1]} - {half})"
-    if operator in ("hypot", "isnan", "isfinite"):
-        return f"math.{operator}({', '.join(args)})"
-    if operator == "bytes":
-        return f"len({args[0]}.encode('utf-8', 'surrogatepass'))"
-    if operator == "isutf8":
-        return f"({args[0]}.decode(errors='replace').encode() == {args[0]})"
-    if operator == "contains":
-        return f"({args[1]} in {args[0]})"
-    if operator in ("startswith", "isascii", "isprintable", "isdigit"):
-        return f"{args[0]}.{operator}({', '.join(args[1:])})"
     return f"{operator}({', '.join(args)})"

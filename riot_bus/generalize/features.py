@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, numeric, python, text
+from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, numeric, text
 from riot_bus.generalize.numbers import number_bits
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
@@ -167,10 +167,6 @@ class Feature:
     def text(self) -> str:
         """Return it as people write it."""
         return text(self.expression)
-
-    def python(self, variable: str) -> str:
-        """Return a Python expression over the dict called `variable`."""
-        return python(self.expression, variable)
 
     def column(self, columns: Mapping[str, Array], index: int = 0) -> Array:
         """Return the raw column of one argument.

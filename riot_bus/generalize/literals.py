@@ -83,13 +83,6 @@ class Literal:
             return f"{text(node.args[0])} {self.operator} {text(node.args[1])}"
         return f"{self.feature.text()} {self.operator} {_shown(self.value)}"
 
-    def python(self, variable: str) -> str:
-        """Return a Python expression over the dict called `variable`."""
-        expression = self.feature.python(variable)
-        if self.operator in ("is", "not"):
-            return expression if self.operator == "is" else f"not ({expression})"
-        return f"{expression} {self.operator} {self.value!r}"
-
     def holds(self, columns: Mapping[str, Array]) -> Array:
         """Return one boolean per row; False where the value has another type or is NaN.
 

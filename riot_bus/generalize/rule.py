@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import keyword
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,19 +12,8 @@ import numpy as np
 from riot_bus.generalize import rule_json
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.literals import FAR, Literal
-from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["Rule"]
-
-_DIVISION = """\
-    def _div(a, b):
-        if b:
-            return a / b if isinstance(a, float) or isinstance(b, float) else float(a) / float(b)
-        if not a or a != a or b != b:
-            return math.nan
-        return math.copysign(math.inf, a) * math.copysign(1.0, b)
-
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,22 +74,6 @@ class Rule:
             line = " and ".join(literal.text() for literal in term) or "always"
             terms.append(f"({line})" if several and len(term) > 1 else line)
         return " or ".join(terms)
-
-    def python(self, name: str = "rule") -> str:
-        """Return the source of a standalone predicate `name(v)` over a dict of variables.
-
-        Raises:
-            ConfigError: If `name` is not a Python identifier.
-        """
-        if not name.isidentifier() or keyword.iskeyword(name):
-            raise ConfigError(f"{name!r} is not a name for a Python function")
-        terms = [" and ".join(literal.python("v") for literal in term) or "True" for term in self.terms]
-        body = "\n        or ".join(f"({term})" for term in terms) or "False"
-        division = _DIVISION if "_div(" in body else ""
-        uses_math = division or "math." in body
-        return (
-            "import math\n\n\n" if uses_math else ""
-        ) + f"def {name}(v):\n    {self.text()!r}\n{division}    return (\n        {body}\n    )\n"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the versioned JSON object, to be embedded in other files."""

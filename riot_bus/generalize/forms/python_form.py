@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from riot_bus.generalize.forms.words import comparison, identifiers, is_float, i
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
 
-__all__ = ["OPERATIONS", "python_file"]
+__all__ = ["OPERATIONS", "python_file", "python_predicate"]
 
 OPERATIONS: Mapping[str, str] = {
     "negative": "-{0}",
@@ -114,6 +115,28 @@ def python_file(terms: Terms, *, types: Mapping[str, str], scale: Mapping[str, f
         sanitize=_sanitize(terms, names, words, types, scale),
         copy=_copy(),
     )
+
+
+def python_predicate(terms: Terms, *, types: Mapping[str, str], told: str) -> str:
+    """Return the source of a standalone predicate `rule(v)` over a dict of variables.
+
+    Args:
+        terms: Of the rule.
+        types: Of its variables.
+        told: The rule as text.
+    """
+    words = identifiers(list(types))
+    predicate = "\n        or ".join(f"({_term(term, words, types)})" for term in terms) or "False"
+    used = {each.__name__ for each in _HELPERS if f"{each.__name__}(" in predicate}
+    used |= {"larger"} if "smaller" in used else set()  # which calls it
+    helpers = "".join(f"{inspect.getsource(each)}\n\n" for each in _HELPERS if each.__name__ in used)
+    head = "import math\n\n\n" if helpers or "math." in predicate else ""
+    read = [(word, name) for name, word in words.items() if re.search(rf"\b{word}\b", predicate)]
+    values = "".join(f"    {word} = v[{name!a}]\n" for word, name in read)
+    return f"{head}{helpers}def rule(v):\n    {told!a}\n{values}    return (\n        {predicate}\n    )\n"
+
+
+_HELPERS = (standalone.div, standalone.larger, standalone.smaller)
 
 
 def _sanitize(

@@ -363,6 +363,6 @@ def write_rule(one: Bench) -> None:
     rule = Rule(((Literal(Feature("raw", (MODE,)), "==", "step"), slow),))
     sure = ProportionRecord(value=1.0, low=0.9, high=1.0, count=30, total=30)
     RuleRecord(
-        text=rule.text(), rule=rule.to_dict(), python=rule.python(), precision=sure, recall=sure, checks=60,
+        text=rule.text(), rule=rule.to_dict(), precision=sure, recall=sure, checks=60,
         balanced_accuracy=1.0, scale={SPEED: 1.0}, types={MODE: "string", SPEED: "float64"},
     ).save(one.folder)  # fmt: skip

@@ -85,32 +85,6 @@ def test_categories() -> None:
     assert raw.predict({"b": np.array([b"\0", b""], dtype=object)}).tolist() == [False, True]
 
 
-def test_python_source_stands_alone() -> None:
-    rules = [
-        PAPER,
-        MODE,
-        Rule(((Literal(Feature("div", (X, Y)), ">", 100.0),), (Literal(Feature("nonfinite", (X,)), "is"),))),
-        Rule(((Literal(Feature("nan", (X,)), "not"), Literal(Feature("hypot", (X, Y)), ">", 2.0)),)),
-        Rule(()),
-        Rule(((),)),
-    ]
-    rows: list[dict[str, Any]] = [
-        {X: x, Y: y, "cmd:mode": mode, "speed": speed}
-        for x in (0.0, -0.0, 5.0, -3.0, math.inf, math.nan)
-        for y in (0.0, -0.0, 0.01, 1e9)
-        for mode, speed in (("auto", 4.0), ("off", 4.0))
-    ]
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    for rule in rules:
-        space: dict[str, Any] = {}
-        exec(rule.python("check"), space)
-        assert [bool(space["check"](row)) for row in rows] == rule.predict(columns).tolist()
-    with pytest.raises(ConfigError):
-        PAPER.python("import os")
-    hostile = Rule(((Literal(Feature("raw", ("a'] or print(1) #\n",)), "==", '"""\n'),),))
-    compile(hostile.python(), "rule", "exec")
-
-
 def test_json_round_trip() -> None:
     many = Rule((*PAPER.terms, *MODE.terms, (Literal(Feature("raw", ("b",)), "!=", b"\x00\xff"),), ()))
     assert Rule.from_json(many.to_json()) == many
