@@ -140,9 +140,6 @@ def start_router(
     as_json: bool = False,
 ) -> None:
     """Run a router until it is told to stop; the arguments are the options of `riot router`."""
-    from riot_bus.zenoh.libraries import check_ahead
-
-    check_ahead()  # while the rest is imported
     from riot_bus.control.router_flags import RouterFlags
     from riot_bus.control.router_options import RouterOptions
     from riot_bus.control.router_process import run_router

@@ -22,16 +22,17 @@ import threading
 from contextlib import suppress
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
     import zenoh
 
-__all__ = ["borrow", "check_ahead", "give_back", "library_of", "moved"]
+__all__ = ["borrow", "give_back", "library_of", "moved"]
 
 _NAME = "zenoh.zenoh"
 _CHUNK = 1 << 26
@@ -39,7 +40,6 @@ _lock = threading.Lock()
 _copies: list[ModuleType] = []
 _idle: list[ModuleType] = []
 _by_type: dict[type, ModuleType] = {}
-_ahead: list[_Check] = []
 
 
 def borrow() -> ModuleType:
@@ -91,54 +91,13 @@ def _load(number: int) -> ModuleType:
 
     original = Path(sys.modules[_NAME].__file__ or "")
     try:
-        return _loaded(_take_checked(original, number), zenoh)
+        return _loaded(_kept(original, number), zenoh)
     except (OSError, ImportError, RuntimeError):  # such as no home, or one from which nothing may be executed
         try:
             return _loaded(_in_memory(original), zenoh)
         except (OSError, ImportError, AttributeError) as error:
             text = f"Zenoh's library cannot be loaded once more: {error}"
             raise EnvironmentFaultError(text, hint="set XDG_CACHE_HOME to where libraries may be kept") from error
-
-
-class _Check(threading.Thread):
-    """Checks a copy beside whatever is done until it is wanted, after another check."""
-
-    def __init__(self, number: int, before: _Check | None) -> None:
-        super().__init__(name="riot-library", daemon=True)
-        self.number, self.original = number, Path()
-        self.file: int | None = None
-        self._before = before
-
-    def run(self) -> None:
-        """Open the copy if it is there and right; else it is looked at again once it is wanted."""
-        if self._before is not None:
-            self._before.join()
-        with suppress(OSError, RuntimeError, AttributeError, StopIteration):
-            package = importlib.util.find_spec("zenoh")  # without importing it
-            self.original = next(Path(package.origin).parent.glob("zenoh.*.so"))  # type: ignore[union-attr, arg-type]
-            self.file = _opened(_place(self.original, self.number), _digest(self.original))
-
-
-def check_ahead(count: int = 3) -> None:
-    """Begin to check copies that will be wanted soon: it takes 20 ms for each, but needs nobody else.
-
-    Args:
-        count: How many; two segments and a junction need three.
-    """
-    for number in range(count):
-        _ahead.append(_Check(number, _ahead[-1] if _ahead else None))
-    for each in _ahead:
-        each.start()
-
-
-def _take_checked(original: Path, number: int) -> int:
-    """Return an open copy that is what was installed."""
-    for check in [each for each in _ahead if each.number == number]:
-        _ahead.remove(check)
-        check.join()
-        if check.file is not None and check.original == original:
-            return check.file
-    return _kept(original, number)
 
 
 def _kept(original: Path, number: int) -> int:
@@ -163,7 +122,8 @@ def _place(original: Path, number: int) -> Path:
 def _opened(path: Path, digest: str) -> int | None:
     """Open a copy; None if there is none, or if it is not what was installed.
 
-    What is loaded is this descriptor, so nobody can put another file in its place.
+    What is loaded is this descriptor, so nobody can put another file in its place. Its content, which takes 20 ms to
+    check, is checked once: a note beside it says for which state of which file it was right.
 
     Raises:
         PermissionError: Others may write to it.
@@ -173,15 +133,30 @@ def _opened(path: Path, digest: str) -> int | None:
     except FileNotFoundError:
         return None
     try:
-        if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (os.fstat(file), path.parent.stat())):
+        state = os.fstat(file)
+        if any(each.st_uid != os.getuid() or each.st_mode & 0o022 for each in (state, path.parent.stat())):
             raise PermissionError(f"others may write to {path}")
+        note = path.with_suffix(".checked")
+        right = f"{digest} {state.st_dev} {state.st_ino} {state.st_size} {state.st_mtime_ns} {state.st_ctime_ns}"
+        if _text(note) == right:
+            return file
         if _hashed(file) == digest:
+            with suppress(OSError):  # such as a folder that is read-only
+                _put(note, lambda sink: sink.write(right.encode()))
             return file
     except BaseException:
         os.close(file)
         raise
     os.close(file)
     return None
+
+
+def _text(path: Path) -> str:
+    """Return what a note says; empty if there is none."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError):
+        return ""
 
 
 def _hashed(file: int) -> str:
@@ -193,11 +168,16 @@ def _hashed(file: int) -> str:
 
 
 def _copy(original: Path, path: Path) -> None:
-    """Copy a file so that nobody sees a part of it."""
+    with original.open("rb") as source:
+        _put(path, lambda sink: shutil.copyfileobj(source, sink))
+
+
+def _put(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file so that nobody sees a part of it, after a loss of power neither."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
-        with original.open("rb") as source, os.fdopen(handle, "wb") as sink:
-            shutil.copyfileobj(source, sink)
+        with os.fdopen(handle, "wb") as sink:
+            write(sink)
             sink.flush()
             os.fsync(sink.fileno())
         Path(temporary).chmod(0o500)

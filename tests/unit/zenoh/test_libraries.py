@@ -99,7 +99,7 @@ def test_copies_are_kept_where_nobody_else_may_write(tmp_path: Path, monkeypatch
     path = libraries._place(original, 3)
     assert kept(original, 3) == original.read_bytes()
     assert path.parent.stat().st_mode & 0o777 == 0o700
-    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    assert {each.name for each in path.parent.iterdir()} == {path.name, path.with_suffix(".checked").name}
     before = path.stat()
     assert kept(original, 3) == original.read_bytes()
     assert path.stat().st_mtime_ns == before.st_mtime_ns  # it is not made again
@@ -109,7 +109,7 @@ def test_copies_are_kept_where_nobody_else_may_write(tmp_path: Path, monkeypatch
     path.chmod(0o700)
     path.write_bytes(b"cut off")
     assert kept(original, 3) == original.read_bytes()
-    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    assert {each.name for each in path.parent.iterdir()} == {path.name, path.with_suffix(".checked").name}
 
 
 def test_one_wrong_byte_in_a_copy_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,18 +141,25 @@ def test_what_is_loaded_is_what_was_checked(tmp_path: Path, monkeypatch: pytest.
         libraries._kept(original, 0)
 
 
-def test_copies_can_be_checked_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_content_is_checked_once_for_each_state_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     original = Path(sys.modules["zenoh.zenoh"].__file__ or "")
-    os.close(libraries._kept(original, 1))
-    libraries.check_ahead(2)
-    checks = list(libraries._ahead)
-    found = [libraries._take_checked(original, number) for number in range(2)]
-    assert [check.file for check in checks] == [None, found[1]]  # there was no first one
-    assert not libraries._ahead
-    assert libraries._hashed(found[0]) == libraries._hashed(found[1]) == libraries._digest(original)
-    for file in found:
-        os.close(file)
+    checked: list[int] = []
+    hashed = libraries._hashed
+    monkeypatch.setattr(libraries, "_hashed", lambda file: checked.append(file) or hashed(file))
+    for _ in range(3):
+        assert kept(original, 0) == original.read_bytes()
+    assert len(checked) == 1
+    path = libraries._place(original, 0)
+    state = path.stat()
+    path.chmod(0o700)
+    with path.open("r+b") as file:
+        file.write(b"!")
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))  # nobody can do that to the time of the change
+    assert kept(original, 0) == original.read_bytes()
+    path.with_suffix(".checked").write_bytes(b"\xff")
+    assert kept(original, 0) == original.read_bytes()
+    assert len(checked) == 4  # the wrong one, the one that took its place, and that again
 
 
 def test_builds_are_told_by_their_wheels_checksum_or_by_their_time(tmp_path: Path) -> None:
