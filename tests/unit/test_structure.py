@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 from collections import defaultdict
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -22,6 +23,7 @@ CIRCLES = [
 """Circles that there are; the list may only get shorter."""
 
 
+@functools.cache
 def sources() -> dict[str, ast.Module]:
     """Return the syntax tree of each module by its name."""
     found = {}

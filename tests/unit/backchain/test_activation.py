@@ -9,6 +9,7 @@ from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.proposers import Simplex
 from riot_bus.vocabulary.errors import MissingExtraError
+from tests.tiers import scaled
 
 
 def rover_fields(irrelevant=0):
@@ -35,9 +36,9 @@ def rover(points, zone=80.0):
 
 
 def test_rover_is_activated_within_200_runs_for_nearly_every_seed():
-    runs = [activate(rover_fields(), rover, seed=seed) for seed in range(30)]
+    runs = [activate(rover_fields(), rover, seed=seed) for seed in range(scaled(30))]
     solved = [one.runs for one in runs if one.found is not None]
-    assert len(solved) >= 28
+    assert len(solved) >= len(runs) - 2
     assert np.median(solved) <= 60
     assert rover([runs[0].found])[0].failed
     assert "activated after" in runs[0].text

@@ -12,6 +12,7 @@ from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
+from tests.tiers import scaled
 
 Values = Mapping[str, Any]
 INT_MAX, INT_MIN = 2**31 - 1, -(2**31)
@@ -47,7 +48,7 @@ def accuracy(learned: LearnedRule, variables: list[Variable], fails: Callable[[V
 
 @pytest.mark.parametrize(
     ("limit", "start", "seed"),
-    [(4194304, -1, 0), (10**6, INT_MIN, 1), (2**31, INT_MAX, 2), (250_000, -1, 3), (4194304, INT_MAX, 4)],
+    [(4194304, -1, 0), (10**6, INT_MIN, 1), (2**31, INT_MAX, 2), (250_000, -1, 3), (4194304, INT_MAX, 4)][: scaled(5)],
 )
 def test_the_rule_of_the_paper_is_found_exactly(limit: int, start: int, seed: int) -> None:
     def fails(v: Values) -> bool:
@@ -202,10 +203,11 @@ def test_types() -> None:
         ([KIND], lambda v: v["kind"] & 16 != 0, "(kind & 16) != 0"),
         ([KIND], lambda v: v["kind"] in (3, 5, 9), "kind in (3, 5, 9)"),
         ([INDEX, WIDTH], lambda v: 400 * v["w"] + v["i"] > 160000, "400 * w + i > 160000"),
-        (
+        pytest.param(
             [INDEX, WIDTH, replace(WIDTH, name="h")],
             lambda v: v["i"] * v["w"] * v["h"] > 10**6,
             "i * w * h > 1000000",
+            marks=pytest.mark.nightly,
         ),
         (
             [INDEX, WIDTH],
