@@ -273,6 +273,10 @@ def _encoded(value: Scalar) -> bytes:
 
 def _collect(node: Node, path: str, data: Data, position: int, count: Unpack, elements: int, found: list[Leaf]) -> int:
     """List a field's scalars and return where it ends."""
+    if isinstance(node, Number):  # first, since most are
+        position += node.padding[position & 7]
+        found.append(Leaf(path, node.type, node.read(data, position, count)))
+        return position + node.size
     if isinstance(node, Struct):
         if node.jump is not None and node.jump.first == NOTHING:
             return position

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import asdict, dataclass
+from hashlib import blake2b
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
+    from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
@@ -32,6 +34,7 @@ _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15
 """Squares and products of larger inputs may overflow where numbers have single precision."""
 _MOST_ELEMENTS = 1 << 16
+_MOST_KNOWN = 1 << 16
 _ROOM, _SAME = 3.0, 1e-6
 """Bounds are so many times what nominal trials differ by away from them, and at least this share of the size. With six
 trials, normal noise is then more than nine standard deviations from its mean."""
@@ -44,9 +47,16 @@ _STALE_NS = 10 * 10**9
 _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
 
 
+_known: dict[tuple[MessageType | None, bytes], bool] = {}
+"""Whether payloads hold exceptional values, by their checksum: the inputs of one trial are nearly those of another."""
+
+
 class _Answer(NamedTuple):
+    """Numbers of one message by path; `odd` tells those that are NaN or infinite, with `[*]` for any element."""
+
     time: int
     numbers: Mapping[str, float]
+    odd: Mapping[str, str]
 
 
 _Answers = dict[str, list[_Answer]]
@@ -89,7 +99,7 @@ class MinedRule:
             low, high = self.low[0], self.high[0]
             return "" if low <= len(answers) <= high else f"{len(answers)} messages, allowed: {low:g} to {high:g}"
         if self.kind == "finite":
-            return _not_finite(answers, self.field)
+            return next((each.odd[self.field] for each in answers if self.field in each.odd), "")
         found = [(each.time, each.numbers.get(self.field)) for each in answers]
         if self.kind == "norm":
             lengths = [length for each in answers if (length := _norm(each.numbers, self.field)) is not None]
@@ -167,14 +177,12 @@ class Mined:
                 yield rule, f"{what}, in answer to nominal input"
             if what and rule.kind == "count":
                 miscounted.add(rule.topic)
+        if any(_is_exceptional(message, view.registry) for message in view.inputs):
+            return
         before = _answers(view.outputs[: view.probed], view.registry)
-        wrong = [
-            (rule, what)
-            for rule in self.rules
-            if rule.kind == "finite" and (what := _not_finite(before.get(rule.topic, []), rule.field))
-        ]
-        if wrong and not any(map(_is_exceptional, _input_values(view))):
-            yield from wrong
+        for rule in self.rules:
+            if rule.kind == "finite" and (what := rule.broken(before.get(rule.topic, []))):
+                yield rule, what
 
 
 NO_RULES = Mined()
@@ -214,9 +222,8 @@ def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Mi
     counts = {len(trial) for trial in trials}
     every = list(chain.from_iterable(trials))
     paths = sorted(set().union(*(answer.numbers for answer in every)))
-    for name in sorted({_INDEX.sub("[*]", path) for path in paths}):
-        if not _not_finite(every, name):
-            yield MinedRule("finite", topic, name)
+    for name in sorted({_INDEX.sub("[*]", path) for path in paths}.difference(*(answer.odd for answer in every))):
+        yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
         lengths = [_norm(answer.numbers, parent) for answer in every]
         if all(length is not None and abs(length - 1) <= _NORM_NOMINAL for length in lengths):
@@ -282,16 +289,13 @@ def _answers(outputs: Sequence[Message], registry: TypeRegistry) -> _Answers:
             for leaf in leaves
             if isinstance(leaf.value, int | float) and not isinstance(leaf.value, bool)
         }
-        found.setdefault(registry.topic(message.key), []).append(_Answer(message.time, numbers))
+        odd = {
+            _INDEX.sub("[*]", path): f"{path} = {value!r}"
+            for path, value in reversed(numbers.items())  # the first element is told
+            if not math.isfinite(value)
+        }
+        found.setdefault(registry.topic(message.key), []).append(_Answer(message.time, numbers, odd))
     return found
-
-
-def _not_finite(answers: Sequence[_Answer], name: str) -> str:
-    for answer in answers:
-        for path, value in answer.numbers.items():
-            if not math.isfinite(value) and _INDEX.sub("[*]", path) == name:
-                return f"{path} = {value!r}"
-    return ""
 
 
 def _norm(numbers: Mapping[str, float], parent: str) -> float | None:
@@ -308,19 +312,27 @@ def _range(values: Sequence[float]) -> float:
     return max(values) - min(values)
 
 
-def _input_values(view: TrialView) -> Iterator[Any]:
-    """Yield all values of all inputs; NaN for one that cannot be taken apart."""
-    for message in view.inputs:
-        kind = view.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        try:
-            leaves = () if kind is None else kind.leaves(message.payload, elements=_MOST_ELEMENTS)
-        except PayloadError:
-            leaves = ()
-        yield from (leaf.value for leaf in leaves) if leaves else (math.nan,)
+def _is_exceptional(message: Message, registry: TypeRegistry) -> bool:
+    """Return whether an output may rightly be infinite because of this input, or it cannot be taken apart."""
+    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    key = kind, blake2b(message.payload, digest_size=16).digest()
+    if key not in _known:
+        if len(_known) >= _MOST_KNOWN:
+            _known.clear()
+        _known[key] = _holds_large(kind, message.payload)
+    return _known[key]
 
 
-def _is_exceptional(value: Any) -> bool:
-    """Return whether an output may rightly be infinite because of this input: a number, or the text of one."""
+def _holds_large(kind: MessageType | None, payload: bytes) -> bool:
+    try:
+        leaves = () if kind is None else kind.leaves(payload, elements=_MOST_ELEMENTS)
+    except PayloadError:
+        leaves = ()
+    return not leaves or any(_is_large(leaf.value) for leaf in leaves)
+
+
+def _is_large(value: Any) -> bool:
+    """Return whether a number, or the text of one, is as large as results that are infinite may come of, or NaN."""
     try:
         return not abs(float(value)) <= _MOST_INPUT
     except (OverflowError, TypeError, ValueError):

@@ -243,6 +243,7 @@ def _unquote(text: str, path: str) -> str:
         raise PayloadError(f"{text} in {path!r} is not a quoted key") from error
 
 
+@lru_cache(1 << 12)  # the same fields come with each message
 def member_path(parent: str, key: str) -> str:
     """Return the path of a member; keys that are no identifiers are quoted as in JSON: `a["odd key"]`."""
     if _NAME.fullmatch(key) is None:
