@@ -196,37 +196,40 @@ def _terms(
     matrix: Array, masks: Array, bits: Array, kinds: Array, failed: Array, covered: Array, beam: int
 ) -> list[_Term]:
     """Return terms by falling value: bits saved on failing samples not covered yet, minus passing ones included."""
-    weight = float(_weights(failed).max())
-    want = (failed & ~covered).astype(np.float32)
-    avoid = (~failed).astype(np.float32)
-    base = want.sum() / (want.sum() + avoid.sum())
+    weight = np.float32(_weights(failed).max())
+    want, avoid = failed & ~covered, ~failed
+    useful = np.flatnonzero(matrix[:, want].any(axis=1))  # the others hit nothing, whatever they are joined to
+    wanted, avoided = matrix[np.ix_(useful, want)].T, matrix[np.ix_(useful, avoid)].T
+    masks, bits, kinds = masks[useful], bits[useful].astype(np.float32), kinds[useful]
+    base = np.log2(want.sum() / (want.sum() + avoid.sum())).astype(np.float32)
     frontier = [_Term((), np.ones(len(failed), dtype=bool), 1.0)]
     found: dict[tuple[int, ...], tuple[float, _Term]] = {}
     for _ in range(MOST_LITERALS):
         rows = np.array([term.mask for term in frontier], dtype=np.float32)
-        hits = (rows * want) @ matrix.T
-        misses = (rows * avoid) @ matrix.T
-        costs = np.array([term.bits for term in frontier])[:, None] + bits[None, :]
-        value = weight * hits - ERROR_BITS * misses - costs
-        promise = hits * (np.log2((hits + 0.1) / (hits + misses + 0.2)) - np.log2(base)) - 0.1 * costs
-        promise[hits < 1] = -np.inf
-        value[hits < 1] = -np.inf
+        hits, misses = rows[:, want] @ wanted, rows[:, avoid] @ avoided
+        costs = np.array([term.bits for term in frontier], dtype=np.float32)[:, None] + bits[None, :]
+        value = weight * hits - np.float32(ERROR_BITS) * misses - costs
+        promise = hits * (np.log2((hits + np.float32(0.1)) / (hits + misses + np.float32(0.2))) - base)
+        promise -= np.float32(0.1) * costs
+        none = hits < 1
+        promise[none] = value[none] = -np.inf
         picks = {*_top(value, 8), *_top(promise, beam)}
         if not frontier[0].literals:
             # The best threshold of each feature: else the thresholds of one feature crowd out all others.
             order = np.argsort(-value[0], kind="stable")
             picks |= {(0, int(order[first])) for first in np.unique(kinds[order], return_index=True)[1]}
         following: dict[tuple[int, ...], _Term] = {}
-        for parent, literal in sorted(picks):
-            if not np.isfinite(value[parent, literal]) or literal in frontier[parent].literals:
+        for parent, column in sorted(picks):
+            literal = int(useful[column])
+            if not np.isfinite(value[parent, column]) or literal in frontier[parent].literals:
                 continue
             term = _Term(
                 tuple(sorted((*frontier[parent].literals, literal))),
-                frontier[parent].mask & masks[literal],
-                float(costs[parent, literal]),
+                frontier[parent].mask & masks[column],
+                float(costs[parent, column]),
             )
-            found[term.literals] = (float(value[parent, literal]), term)
-            if misses[parent, literal] > 0:
+            found[term.literals] = (float(value[parent, column]), term)
+            if misses[parent, column] > 0:
                 following[term.literals] = term
         frontier = list(following.values())
         if not frontier:
