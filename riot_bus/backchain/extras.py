@@ -2,9 +2,35 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from riot_bus.vocabulary.errors import MissingExtraError
 
-__all__ = ["student_reach"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["strong_components", "student_reach"]
+
+
+def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int]:
+    """Return for each of so many nodes the number of its strongly connected component.
+
+    Args:
+        count: Nodes.
+        arrows: From node to node.
+
+    Raises:
+        MissingExtraError: scipy is not installed.
+    """
+    try:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+    except ImportError:
+        raise MissingExtraError("scipy", "analysis") from None
+    rows, columns = ([pair[end] for pair in arrows] for end in (0, 1))
+    matrix = coo_array(([1.0] * len(arrows), (rows, columns)), shape=(count, count))
+    labels: list[int] = connected_components(matrix, directed=True, connection="strong")[1].tolist()
+    return labels
 
 
 def student_reach(freedom: int) -> float:

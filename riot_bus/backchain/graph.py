@@ -5,18 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.backchain.extras import strong_components
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
 __all__ = ["ComponentTopics", "Hop", "TopicGraph"]
 
+_DEEPEST = 200
+"""Hops on one path of a tree in which each topic is followed once; those of a real system are a tenth of that."""
+
 
 @dataclass(frozen=True, slots=True)
 class ComponentTopics:
-    """The topics that one component reads and writes."""
+    """The topics that one component reads and writes.
+
+    Attributes:
+        inputs: Topics that it reads.
+        outputs: Topics that it writes.
+        told: Who says so: such as `riot.toml`, `recorded graph`; `inferred` if nobody does.
+        open: Whether it may read more than is known.
+    """
 
     inputs: frozenset[str] = frozenset()
     outputs: frozenset[str] = frozenset()
+    told: str = "riot.toml"
+    open: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +43,7 @@ class Hop:
         external: Whether the outside world controls it.
         loop: Whether it is already on the path from the root; it is not followed again.
         cut: Whether the tree was too large to follow it.
+        again: Whether what comes next stands elsewhere in the tree already.
         hops: What comes next, by component and topic.
     """
 
@@ -37,6 +52,7 @@ class Hop:
     external: bool = False
     loop: bool = False
     cut: bool = False
+    again: bool = False
     hops: tuple[Hop, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -47,6 +63,7 @@ class Hop:
             "external": self.external,
             "loop": self.loop,
             "cut": self.cut,
+            "again": self.again,
             "hops": [hop.as_json() for hop in self.hops],
         }
 
@@ -55,7 +72,7 @@ class Hop:
         return "\n".join(self._lines(0))
 
     def _lines(self, depth: int) -> list[str]:
-        marks = [word for word in ("external", "loop", "cut") if getattr(self, word)]
+        marks = [word for word in ("external", "loop", "cut", "again") if getattr(self, word)]
         via = f" via {self.component}" if self.component is not None else ""
         line = "  " * depth + self.topic + via + (f" [{', '.join(marks)}]" if marks else "")
         return [line] + [text for hop in self.hops for text in hop._lines(depth + 1)]
@@ -75,7 +92,27 @@ class TopicGraph:
         """Return every topic to which some path of components leads from `topic`, and `topic` itself."""
         return self._closure(topic, forward=True)
 
-    def backtrack_tree(self, topic: str, externals: Collection[str], *, most: int = 10_000) -> Hop:
+    def writers(self, topic: str) -> dict[str, ComponentTopics]:
+        """Return the components that write a topic, by name."""
+        return {name: one for name, one in sorted(self.components.items()) if topic in one.outputs}
+
+    def loops(self) -> list[tuple[str, ...]]:
+        """Return the sets of topics that lead back to themselves, each sorted."""
+        topics = sorted({topic for one in self.components.values() for topic in (*one.inputs, *one.outputs)})
+        number = {topic: place for place, topic in enumerate(topics)}
+        arrows = [
+            (number[source], number[target])
+            for one in self.components.values()
+            for source in one.inputs
+            for target in one.outputs
+        ]
+        groups: dict[int, list[str]] = {}
+        for topic, label in zip(topics, strong_components(len(topics), arrows), strict=True):
+            groups.setdefault(label, []).append(topic)
+        alone = {source for source, target in arrows if source == target}
+        return [tuple(one) for one in groups.values() if len(one) > 1 or number[one[0]] in alone]
+
+    def backtrack_tree(self, topic: str, externals: Collection[str], *, most: int = 10_000, once: bool = False) -> Hop:
         """Return the tree of all paths from an internal topic back to the externals.
 
         Branches that reach no external topic are left out, and paths end at the first external topic.
@@ -84,8 +121,12 @@ class TopicGraph:
             topic: The internal topic.
             externals: Topics that the outside world controls.
             most: Largest number of hops; what lies beyond is marked `cut`.
+            once: Whether each topic is followed at one place alone, as near to the root as it stands; elsewhere it is
+                marked `again`.
         """
         useful = frozenset().union(*(self.reached(one) for one in externals)) if externals else frozenset()
+        if once:
+            return self._tree_once(topic, frozenset(externals), useful)
         return self._tree(topic, frozenset(externals), useful, most=most, forward=False)
 
     def trace_tree(self, topic: str, targets: Collection[str], *, most: int = 10_000) -> Hop:
@@ -115,6 +156,35 @@ class TopicGraph:
                     seen.add(other)
                     ahead.append(other)
         return frozenset(seen)
+
+    def _tree_once(self, root: str, externals: frozenset[str], useful: frozenset[str]) -> Hop:
+        following: dict[str, list[tuple[str, str]]] = {}
+        owner: dict[str, tuple[str, str] | None] = {root: None}
+        ahead = [root]
+        for topic in ahead:  # grows: topics by their distance from the root
+            following[topic] = []
+            if topic not in externals or topic == root:
+                following[topic] = [one for one in self._next(topic, forward=False) if one[1] in useful]
+            for name, other in following[topic]:
+                if other not in owner:
+                    owner[other] = (topic, name)
+                    ahead.append(other)
+
+        def grow(topic: str, component: str | None, path: frozenset[str]) -> Hop:
+            hops = []
+            for name, other in following[topic]:
+                external = other in externals
+                if other in path or other == topic:
+                    hops.append(Hop(other, name, external, loop=True))
+                elif len(path) >= _DEEPEST:
+                    hops.append(Hop(other, name, external, cut=True))
+                elif external or owner[other] == (topic, name):
+                    hops.append(grow(other, name, path | {topic}))
+                else:
+                    hops.append(Hop(other, name, external, again=bool(following[other])))
+            return Hop(topic, component, topic in externals, hops=tuple(hops))
+
+        return grow(root, None, frozenset())
 
     def _tree(self, root: str, externals: frozenset[str], useful: frozenset[str], *, most: int, forward: bool) -> Hop:
         neighbours: dict[str, list[tuple[str, str]]] = {}

@@ -1,0 +1,323 @@
+"""From an internal field back to the outside by logs alone: which ways there are, and what speaks for each (RIOT II-C).
+
+The topic graph says which ways there are. Who writes a topic that nobody is known to write, or what a component reads
+that does not say it all, is inferred from what the topic's fields follow, and told as such. Each step back is tested on
+the fields of the topic that were found to matter in the step before. The external fields are tested against the field
+that is asked for directly as well, given each other: that is their order.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.backchain.alignment import Piece, Variants, held_variants, response_of, topic_of
+from riot_bus.backchain.dependence import Dependence, dependences
+from riot_bus.backchain.graph import ComponentTopics, Hop, TopicGraph
+
+if TYPE_CHECKING:
+    from riot_bus.vocabulary.trial import Progress
+
+__all__ = ["INFERRED", "Backtracked", "FieldEvidence", "TopicEdge", "backtrack"]
+
+INFERRED = "inferred"
+
+_MOST_RESPONSES = 40
+_FEW = 3
+"""Fields of a topic that are looked at where none was found to matter: those that change most."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldEvidence:
+    """What the logs say of one field following another.
+
+    Attributes:
+        source: The field that may be followed.
+        target: The field that may follow.
+        rows: Messages of the target's topic that it rests on.
+        logs: Logs that it rests on.
+        dependence: What was found; None if it was not tested.
+        reason: Why it was not tested.
+    """
+
+    source: str
+    target: str
+    rows: int = 0
+    logs: int = 0
+    dependence: Dependence | None = None
+    reason: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether the target follows the source in these logs."""
+        return self.dependence is not None and self.dependence.found
+
+    @property
+    def level(self) -> bool:
+        """Whether the target's value follows it, not only how much it varies, as with shared times of activity."""
+        return self.found and self.dependence is not None and self.dependence.follows == "level"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEdge:
+    """A component reads one topic and writes another, or seems to.
+
+    Attributes:
+        source: The topic that is read.
+        target: The topic that is written.
+        components: Who does it.
+        told: Who says so; `inferred` where only the logs' dependence does.
+        evidence: Of the fields looked at; those found first.
+    """
+
+    source: str
+    target: str
+    components: tuple[str, ...]
+    told: tuple[str, ...]
+    evidence: tuple[FieldEvidence, ...] = ()
+
+
+@dataclass(slots=True)
+class Backtracked:
+    """The way back from some fields of the system to the outside.
+
+    Attributes:
+        targets: The fields that were asked for, and why some of them cannot be told of (empty: they can).
+        trees: One per topic of the targets.
+        edges: What speaks for each step of the trees.
+        externals: Topics of the outside, and who says so.
+        ranking: The external fields against each target, the most promising first.
+        unreachable: External topics from which no way leads to a target, by the graph.
+        unwritten: Topics on the way that nobody is known to write, though not external.
+        missing: Topics on the way of which no log has a message.
+        loops: Sets of topics on the way that lead back to themselves.
+        unseen: Fields that were not looked at any more, as there were too many.
+        alpha: Accepted chance of any wrong name per field that was looked at.
+        tested: Pairs of fields that were tested.
+    """
+
+    targets: dict[str, str]
+    trees: list[Hop] = field(default_factory=list)
+    edges: list[TopicEdge] = field(default_factory=list)
+    externals: dict[str, str] = field(default_factory=dict)
+    ranking: list[FieldEvidence] = field(default_factory=list)
+    unreachable: list[str] = field(default_factory=list)
+    unwritten: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    loops: list[tuple[str, ...]] = field(default_factory=list)
+    unseen: list[str] = field(default_factory=list)
+    alpha: float = 0.01
+    tested: int = 0
+
+
+def backtrack(
+    pieces: Sequence[Piece],
+    graph: TopicGraph,
+    targets: Sequence[str],
+    *,
+    externals: Mapping[str, str],
+    recorded: Collection[str] = (),
+    horizon: float = 2.0,
+    draws: int = 199,
+    alpha: float = 0.01,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Backtracked:
+    """Find the way back from internal fields to the outside.
+
+    Args:
+        pieces: What was recorded.
+        graph: Who is known to read and write what.
+        targets: The internal fields, as `topic:path`.
+        externals: Topics that the outside controls, and who says so; empty if nobody does: those that nothing recorded
+            leads to are taken for them.
+        recorded: Topics of the logs that have no numeric field; those of `pieces` need not be named.
+        horizon: Longest delay of one step that is looked for, in seconds.
+        draws: Random shifts for each null distribution.
+        alpha: Accepted chance that any field is named wrongly, per field that is looked at.
+        seed: Seed of the shifts.
+        progress: Told after each field that was looked at.
+    """
+    look = _Look(pieces, recorded, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+    walk = _Walk(look, graph, externals, progress)
+    result = Backtracked(dict.fromkeys(targets, ""), alpha=alpha)
+    for name in targets:
+        found = response_of(pieces, name)
+        result.targets[name] = found if isinstance(found, str) else ""
+    walk.follow(targets)
+    graph = walk.graph
+    result.externals = dict(externals) or walk.ends
+    roots = list(dict.fromkeys(map(topic_of, targets)))
+    ends = {*result.externals, *walk.ends, *walk.blind}
+    result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
+    around = frozenset().union(*(graph.reaching(topic) for topic in roots))
+    result.unreachable = sorted(set(result.externals) - around)
+    asked = [one for topic in sorted(set(result.externals) & around) for one in look.fields.get(topic, ())]
+    result.ranking = _ranked(one for name in targets for one in look.at(name, [one for one in asked if one != name]))
+    result.edges = walk.edges()
+    result.unwritten = sorted(walk.unwritten)
+    result.missing = sorted((around & (walk.seen | set(result.externals))) - set(look.fields))
+    result.loops = [one for one in graph.loops() if set(one) & walk.seen]
+    result.unseen = walk.unseen
+    result.tested = look.tested
+    return result
+
+
+def _ranked(found: Iterable[FieldEvidence]) -> list[FieldEvidence]:
+    def order(one: FieldEvidence) -> tuple[int, float, float, str]:
+        told = one.dependence
+        if told is None:
+            return 3, 0.0, 0.0, one.source
+        return (0 if one.level else 1 if one.found else 2), -(told.strength or 0.0), told.p_value, one.source
+
+    return sorted(found, key=order)
+
+
+class _Look:
+    """Tests fields against fields, each pair once."""
+
+    def __init__(
+        self,
+        pieces: Sequence[Piece],
+        recorded: Collection[str],
+        *,
+        horizon: float,
+        draws: int,
+        alpha: float,
+        seed: int,
+    ) -> None:
+        self.pieces = pieces
+        self.tested = 0
+        self._test = partial(dependences, horizon=horizon, draws=draws, alpha=alpha, seed=seed)
+        topics = sorted({*recorded, *(topic for piece in pieces for topic in piece.times)})
+        self.fields: dict[str, list[str]] = {topic: [] for topic in topics}
+        for name in sorted({name for piece in pieces for name in piece.values}):
+            self.fields[topic_of(name)].append(name)
+
+    def at(self, target: str, names: Sequence[str]) -> list[FieldEvidence]:
+        """Return what is to be said of a field following each of some others, given each other."""
+        response = response_of(self.pieces, target)
+        if isinstance(response, str):
+            return [FieldEvidence(name, target, reason=f"{target}: {response}") for name in names]
+        usable: dict[str, Variants] = {}
+        result = []
+        for name in names:
+            variants = held_variants(self.pieces, name, response)
+            if isinstance(variants, str):
+                result.append(FieldEvidence(name, target, reason=variants))
+            else:
+                usable[name] = variants
+        found = self._test(response, usable)
+        self.tested += len(usable)
+        told = [FieldEvidence(one.name, target, usable[one.name].rows, usable[one.name].logs, one) for one in found]
+        return told + result
+
+    def liveliest(self, topic: str) -> list[str]:
+        """Return the few fields of a topic that change most."""
+        counts = {}
+        for name in self.fields.get(topic, ()):
+            values = [piece.values[name] for piece in self.pieces if name in piece.values]
+            counts[name] = sum(int(np.count_nonzero(np.diff(one))) for one in values)
+        alive = [name for name in sorted(counts, key=lambda name: (-counts[name], name)) if counts[name]]
+        return alive[:_FEW]
+
+
+class _Walk:
+    """Goes back from topic to topic."""
+
+    def __init__(self, look: _Look, graph: TopicGraph, externals: Mapping[str, str], progress: Progress | None) -> None:
+        self.look, self.graph, self.externals, self.progress = look, graph, externals, progress
+        self.ends: dict[str, str] = {}
+        self.blind: set[str] = set()
+        self.unwritten: set[str] = set()
+        self.unseen: list[str] = []
+        self.seen: set[str] = set()
+        self._evidence: defaultdict[tuple[str, str], list[FieldEvidence]] = defaultdict(list)
+        self._inferred: set[tuple[str, str]] = set()
+        self._done = 0
+
+    def follow(self, targets: Sequence[str]) -> None:
+        """Go back from the topics of these fields until only ends are left."""
+        asked: dict[str, list[str]] = defaultdict(list)
+        for name in targets:
+            asked[topic_of(name)].append(name)
+        ahead = list(asked)
+        roots = frozenset(ahead)
+        self.seen = set(ahead)
+        for topic in ahead:  # grows
+            if topic in self.externals and topic not in roots:
+                continue
+            matters = self._step_back(topic, asked.get(topic) or self.look.liveliest(topic))
+            for source, fields in sorted(matters.items()):
+                if source not in self.seen:
+                    self.seen.add(source)
+                    ahead.append(source)
+                    asked[source] = fields
+                elif source in ahead[ahead.index(topic) + 1 :]:
+                    asked[source] = list(dict.fromkeys([*asked[source], *fields]))
+
+    def _step_back(self, topic: str, responses: Sequence[str]) -> dict[str, list[str]]:
+        """Test a topic's fields against what may lead to it; return topics before it, and their fields that matter."""
+        writers = self.graph.writers(topic)
+        known = frozenset().union(*(one.inputs for one in writers.values())) - {topic}
+        guess = not writers or any(one.open for one in writers.values())
+        others = set(self.look.fields) - {topic} if guess else known & set(self.look.fields)
+        names = [name for other in sorted(others) for name in self.look.fields[other]]
+        found: list[FieldEvidence] = []
+        for response in responses:
+            if self._done >= _MOST_RESPONSES:
+                self.unseen.append(response)
+                continue
+            found += self.look.at(response, names)
+            self._done += 1
+            if self.progress is not None:
+                self.progress(self._done, None, f"what {response} follows")
+        inferred = {topic_of(one.source) for one in found if one.level} - known if guess else set()
+        if not writers:
+            self.unwritten.add(topic)
+        if inferred:
+            self._infer(topic, writers, inferred)
+        before = known | inferred
+        for one in found:
+            source = topic_of(one.source)
+            if source in before:
+                self._evidence[source, topic].append(one)
+        if not before:
+            if topic in self.look.fields:
+                self.ends[topic] = "nothing recorded leads to it" if guess else f"{', '.join(writers)} reads nothing"
+            else:
+                self.blind.add(topic)
+        return {
+            source: list(dict.fromkeys(one.source for one in found if one.found and topic_of(one.source) == source))
+            for source in before
+        }
+
+    def _infer(self, topic: str, writers: Mapping[str, ComponentTopics], sources: Collection[str]) -> None:
+        components = dict(self.graph.components)
+        for name, one in writers.items():
+            if one.open:
+                components[name] = replace(one, inputs=one.inputs | frozenset(sources))
+        if not writers:
+            name = f"unknown writer of {topic}"
+            components[name] = ComponentTopics(frozenset(sources), frozenset({topic}), INFERRED, open=True)
+        self.graph = TopicGraph(components)
+        self._inferred |= {(source, topic) for source in sources}
+
+    def edges(self) -> list[TopicEdge]:
+        """Return the steps that were looked at, by their topics."""
+        result = []
+        for target in sorted(self.seen):
+            if target in self.externals and not any(pair[1] == target for pair in self._evidence):
+                continue
+            writers = self.graph.writers(target)
+            for source in sorted(frozenset().union(*(one.inputs for one in writers.values())) - {target}):
+                by = {name: one for name, one in writers.items() if source in one.inputs}
+                told = {INFERRED} if (source, target) in self._inferred else {one.told for one in by.values()}
+                evidence = tuple(_ranked(self._evidence[source, target]))
+                result.append(TopicEdge(source, target, tuple(by), tuple(sorted(told)), evidence))
+        return result

@@ -1,0 +1,368 @@
+"""Which recorded fields an internal one follows, from nominal logs alone: lagged dependence, conditional on the rest.
+
+Nothing was perturbed here, so what is found is dependence, not proof of cause. What the field's own past tells of it is
+taken out first: else whatever moves slowly follows whatever else does, and what the field drives itself would seem to
+drive it (Granger). What is left, and its size, is compared with each candidate at many lags: its level, its square, its
+changes. Products are summed over blocks of time, and the evidence is the sum over its spread from block to block. The
+null distribution comes from random signs of the blocks, the same for all candidates and lags (wild cluster bootstrap),
+with the maximum over all of them (Westfall and Young). So neither autocorrelation of the candidates, nor times of rest
+and of activity, nor a single coincidence, however large, look like evidence. The strongest candidate is taken out and
+the others are tried again on the rest, until none stands out; then each is tried once more given all others, and has to
+explain something in all logs, or stretches of logs, alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from riot_bus.backchain.alignment import Response, Variants
+from riot_bus.backchain.fir import Floats, Ints, fit_terms
+from riot_bus.backchain.strength import Share, estimate
+
+__all__ = ["Dependence", "Follows", "dependences"]
+
+Follows = Literal["level", "spread"]
+"""What of a response follows a candidate: its value, or how much it varies."""
+
+_ROUNDS = 12
+_IDLE = 0.25
+_OWN = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64)
+"""Own past, in messages: near ones each, far ones now and then."""
+
+_EXACT = 12
+_GROWTH = 1.25
+_MOST_LAGS = 400
+"""Lags in messages: the first ones each, then the mean over stretches that grow by a quarter, up to the horizon."""
+
+_SMOOTH = 0.3
+_RIDGE = 1e-6
+"""So little of the variance that it changes nothing but sums that would be singular."""
+
+_OWN_PAST = ""
+_TRIMS, _OUTLIER = 2, 6.0
+_SHORTEST_BLOCK, _FEWEST_BLOCKS = 8, 20
+_CORRELATED = 0.1
+_FULL = 0.95
+_ROWS_PER_TERM = 40
+_GROUPS = 10
+"""Logs, or stretches of logs where there are fewer, over which a strength has to be alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dependence:
+    """What is known of how an internal field follows a candidate.
+
+    Attributes:
+        name: The candidate.
+        found: Whether it stands out, given all others that do.
+        p_value: Chance of such evidence, or stronger, from any candidate left, if the response followed none of them.
+        follows: What of the response follows it; None where nothing was found.
+        strength: Share that it explains of what the response's own past leaves open, 0 to 1; likewise.
+        low: Lower end of its 95 % interval over logs.
+        high: Upper end.
+        lag_s: Time from the candidate's message to the response that shows it most, in seconds.
+        detectable: Share of what is left open at which a plain effect of one lag would have stood out about every
+            second time; None if so few messages could not have shown any.
+    """
+
+    name: str
+    found: bool
+    p_value: float
+    follows: Follows | None = None
+    strength: float | None = None
+    low: float | None = None
+    high: float | None = None
+    lag_s: float | None = None
+    detectable: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Score:
+    """The evidence of one candidate: observed, with random signs, and where it shows."""
+
+    observed: float
+    null: Floats
+    follows: Follows
+    column: int
+
+
+def dependences(
+    response: Response,
+    candidates: Mapping[str, Variants],
+    *,
+    horizon: float = 2.0,
+    draws: int = 199,
+    alpha: float = 0.01,
+    seed: int = 0,
+) -> list[Dependence]:
+    """Find what a response follows among candidates.
+
+    Args:
+        response: The internal field.
+        candidates: Other fields at its rows.
+        horizon: Longest delay that is looked for, in seconds (at least 12 messages of the response).
+        draws: Random signs for the null distribution.
+        alpha: Accepted chance that any candidate is named wrongly.
+        seed: Seed of the signs.
+
+    Returns:
+        Those found, strongest first, then the others by their evidence.
+    """
+    names = sorted(candidates)
+    if not names:
+        return []
+    test = _Test(response, candidates, horizon=horizon, draws=draws, seed=seed)
+    selected: list[str] = []
+    p_values: dict[str, float] = {}
+    scores: dict[str, _Score] = {}
+    limit = 0.0
+    left, settled = names, np.zeros(draws)
+    for _ in range(_ROUNDS):
+        left = [name for name in left if name not in selected]
+        if not left:
+            break
+        found = test.scores(left, given=selected)
+        scores |= found
+        null = np.max([settled, *(one.null for one in found.values())], axis=0)
+        limit = float(np.quantile(null, 1 - alpha))
+        p_values |= {name: _share_above(null, one.observed) for name, one in found.items()}
+        best = max(left, key=lambda name: found[name].observed)
+        if p_values[best] > alpha:
+            break
+        selected.append(best)
+        # Those that show nothing at all are not asked again; the null distribution keeps them.
+        idle = [name for name in left if name != best and _share_above(found[name].null, found[name].observed) > _IDLE]
+        settled = np.max([settled, *(found[name].null for name in idle)], axis=0)
+        left = [name for name in left if name not in idle]
+    for name in list(reversed(selected)):
+        others = [one for one in selected if one != name]
+        if others:
+            (score,) = test.scores([name], given=others).values()
+            p_value = _share_above(score.null, score.observed)
+            if p_value > alpha:
+                selected.remove(name)
+                p_values[name] = p_value
+    shares = test.shares(selected, scores)
+    selected = [name for name in selected if shares[name].low > 0]  # else it differs from log to log
+    result = [
+        Dependence(
+            name,
+            found=True,
+            p_value=p_values[name],
+            follows=scores[name].follows,
+            strength=shares[name].strength,
+            low=shares[name].low,
+            high=shares[name].high,
+            lag_s=test.lag(name, scores[name].column),
+        )
+        for name in selected
+    ]
+    result.sort(key=lambda one: (one.follows == "spread", -(one.strength or 0.0), one.p_value, one.name))
+    rest = sorted((name for name in names if name not in selected), key=lambda name: (p_values[name], name))
+    # So few blocks have the same signs by chance; and if all are alike, they reach the root of their number, no more.
+    few = 2.0 ** (1 - test.blocks) > alpha or limit**2 > _FULL * test.blocks
+    detectable = None if few else min(1.0, limit**2 / test.rows)
+    return result + [Dependence(name, found=False, p_value=p_values[name], detectable=detectable) for name in rest]
+
+
+def _share_above(null: Floats, observed: float) -> float:
+    return float(1 + np.count_nonzero(null >= observed)) / (len(null) + 1)
+
+
+class _Test:
+    def __init__(
+        self, response: Response, candidates: Mapping[str, Variants], *, horizon: float, draws: int, seed: int
+    ) -> None:
+        self.response, self.candidates, self.draws, self.seed = response, candidates, draws, seed
+        sizes = [len(part) for part in response.values]
+        self.bounds = np.cumsum([0, *sizes])
+        self.rows = int(self.bounds[-1])
+        usual = int(np.median(sizes))
+        wanted = int(np.ceil(horizon / response.step)) if response.step > 0 else _EXACT
+        self.stretches = _stretches(max(1, min(max(_EXACT, min(wanted, _MOST_LAGS)), usual // 4)))
+        self.level = np.concatenate(response.values)
+        own = [lag for lag in _OWN if lag <= max(1, usual // 10)]
+        self._known = {_OWN_PAST: self._lagged(response.values, [(lag, lag + 1) for lag in own]).astype(np.float64)}
+        self.blocks = 0
+        self._products: dict[tuple[str, str], Floats] = {}
+
+    def scores(self, names: Sequence[str], *, given: Sequence[str]) -> dict[str, _Score]:
+        """Return the evidence of candidates for what own past and some other candidates leave of the response."""
+        left = self._left(given)
+        starts = self._blocks(left)
+        self.blocks = len(starts)
+        rng = np.random.default_rng([self.seed, len(given)])
+        signs = rng.choice(np.array([-1.0, 1.0], np.float32), size=(self.draws, len(starts)))
+        return {name: self._score(name, left, starts, signs) for name in names}
+
+    def _score(self, name: str, left: Floats, starts: Ints, signs: Floats) -> _Score:
+        columns = self.columns(name)
+        sums = [np.add.reduceat(columns * one[:, None], starts, axis=0) for one in left]
+        both = np.hstack(sums)
+        spread = np.sqrt((both**2).sum(axis=0))
+        usable = spread > 1e-6 * (float(spread.max()) or 1.0)
+        scale = np.where(usable, spread, np.inf)
+        observed = np.abs(both.sum(axis=0)) / scale
+        best = int(observed.argmax())
+        null = (np.abs(signs @ both) / scale).max(axis=1)
+        follows: Follows = "spread" if best // columns.shape[1] == 1 else "level"
+        return _Score(float(observed[best]), null, follows, best % columns.shape[1])
+
+    def _blocks(self, left: Floats) -> Ints:
+        """Return where blocks begin: longer than what is left hangs together, and enough of them to tell."""
+        length = _SHORTEST_BLOCK
+        longest = max(_SHORTEST_BLOCK, self.rows // _FEWEST_BLOCKS)
+        while length < longest and max(self._correlation(one, length) for one in left) > _CORRELATED:
+            length *= 2
+        length = min(length, longest)
+        starts = [np.arange(low, max(low + 1, high - length // 2), length) for low, high in self._parts()]
+        return np.concatenate(starts)
+
+    def _correlation(self, series: Floats, lag: int) -> float:
+        pieces = [series[low:high] for low, high in self._parts() if high - low > lag]
+        products = sum(float(one[lag:] @ one[:-lag]) for one in pieces)
+        squares = sum(float(one @ one) for one in pieces)
+        return products / squares if squares > 0 else 0.0
+
+    def _parts(self) -> list[tuple[int, int]]:
+        return list(zip(self.bounds[:-1].tolist(), self.bounds[1:].tolist(), strict=True))
+
+    def _lagged(self, parts: Sequence[Floats], stretches: Sequence[tuple[int, int]]) -> Floats:
+        """Return a series' means over stretches of lags, zero before its beginning (samples x stretches)."""
+        result: NDArray[Any] = np.zeros((self.rows, len(stretches)), np.float32)
+        for (low, high), part in zip(self._parts(), parts, strict=True):
+            size = high - low
+            sums = np.concatenate([[0.0], np.cumsum(part, dtype=np.float64)])
+            for column, (first, last) in enumerate(stretches):
+                if first >= size:
+                    continue
+                if last == first + 1:
+                    result[low + first : high, column] = part[: size - first]
+                    continue
+                ends = np.arange(first, size) - first + 1
+                begins = np.maximum(ends - (last - first), 0)
+                result[low + first : high, column] = (sums[ends] - sums[begins]) / (last - first)
+        return result
+
+    def columns(self, name: str, *, changes: bool = True) -> Floats:
+        """Return a candidate's variants, and its changes if it moves slowly, at all lags (samples x columns)."""
+        parts = self.candidates[name].parts
+        rows = [[part[row] for part in parts] for row in range(len(parts[0]))]
+        memory = _memory(rows[0])
+        if changes and memory > _SMOOTH:
+            rows.append([np.concatenate([one[:1] * 0, one[1:] - memory * one[:-1]]) for one in rows[0]])
+        columns: Floats = np.hstack([self._lagged(some, self.stretches) for some in rows])
+        return columns
+
+    def lag(self, name: str, column: int) -> float:
+        """Return the lag of a column in seconds."""
+        first, last = self.stretches[column % len(self.stretches)]
+        return (first + last - 1) / 2 * self.response.step + self.candidates[name].age
+
+    def _left(self, given: Sequence[str]) -> Floats:
+        """Return what own past and given candidates leave (3 x samples): level, spread, level where it is explained."""
+        names = [_OWN_PAST, *given]
+        level = self._without(self.level, names)
+        size = np.abs(level)
+        size -= size.mean()
+        lags = [(lag, lag + 1) for lag in _OWN if lag <= self.rows // (_ROWS_PER_TERM * len(self.response.values))]
+        own = self._lagged([size[low:high] for low, high in self._parts()], lags).astype(np.float64)
+        spread = self._without(size, names, own)
+        return np.stack([self._centred(one) for one in (level, spread, self._robust(level, names))])
+
+    def _robust(self, level: Floats, names: Sequence[str]) -> Floats:
+        """Return what is left after a fit to the rows that are explained well, with the others cut short.
+
+        A strong candidate that jumps leaves large errors where it does, by jitter alone; they must not hide a weak one
+        at all other times.
+        """
+        design = np.hstack([self._take(name) for name in names])
+        left, limit = level, 0.0
+        for _ in range(_TRIMS):
+            limit = _OUTLIER * float(np.median(np.abs(left))) + 1e-9
+            good = np.abs(left) <= limit
+            if good.sum() <= 2 * design.shape[1]:
+                break
+            some = design[good]
+            products = some.T @ some
+            products[np.diag_indices_from(products)] += _RIDGE * self.rows
+            left = self.level - design @ np.linalg.solve(products, some.T @ self.level[good])
+        return np.clip(left, -limit, limit)
+
+    def _without(self, series: Floats, names: Sequence[str], own: Floats | None = None) -> Floats:
+        """Return what some sets of columns leave of a series, by their normal equations, which are kept."""
+        blocks = [self._take(name) for name in names]
+        rows = [np.hstack([self._product(one, other) for other in names]) for one in names]
+        products, target = np.vstack(rows), np.concatenate([block.T @ series for block in blocks])
+        if own is not None and own.shape[1]:
+            across = np.vstack([block.T @ own for block in blocks])
+            products = np.block([[products, across], [across.T, own.T @ own]])
+            target = np.concatenate([target, own.T @ series])
+            blocks.append(own)
+        products[np.diag_indices_from(products)] += _RIDGE * self.rows
+        weights = np.split(np.linalg.solve(products, target), np.cumsum([block.shape[1] for block in blocks])[:-1])
+        left = series.copy()
+        for block, part in zip(blocks, weights, strict=True):
+            left -= block @ part
+        return left
+
+    def _product(self, one: str, other: str) -> Floats:
+        if (one, other) not in self._products:
+            found = self._take(one).T @ self._take(other)
+            self._products[one, other], self._products[other, one] = found, found.T
+        return self._products[one, other]
+
+    def _centred(self, series: Floats) -> Floats:
+        deviation = float(series.std()) or 1.0
+        cut = np.clip(series / deviation, -5.0, 5.0)
+        for low, high in self._parts():
+            cut[low:high] -= cut[low:high].mean()
+        return cut
+
+    def _take(self, name: str) -> Floats:
+        """Return the columns by which a candidate is taken out: all, or where rows are few those that explain most."""
+        if name not in self._known:
+            columns = self.columns(name, changes=False).astype(np.float64)
+            most = max(2, self.rows // _ROWS_PER_TERM)
+            if columns.shape[1] > most:
+                columns = columns[:, fit_terms(self._without(self.level, [_OWN_PAST]), columns, most=most) or [0]]
+            self._known[name] = columns
+        return self._known[name]
+
+    def shares(self, selected: Sequence[str], scores: Mapping[str, _Score]) -> dict[str, Share]:
+        """Return how strong those are that were found."""
+        left = self._left([])
+        cuts = -(-_GROUPS // len(self.response.values))
+        stretches = [np.arange(high - low) * cuts // (high - low) for low, high in self._parts()]
+        groups = np.concatenate([number * cuts + one for number, one in enumerate(stretches)])
+        own = np.linalg.qr(self._take(_OWN_PAST))[0]
+        designs = {name: self._take(name) - own @ (own.T @ self._take(name)) for name in selected}
+        result: dict[str, Share] = {}
+        for place, follows in enumerate(("level", "spread")):
+            asked = [name for name in selected if scores[name].follows == follows]
+            if asked:
+                found = estimate(left[place], designs, selected=selected, asked=asked, groups=groups)
+                result |= {one.name: one for one in found}
+        return result
+
+
+def _stretches(longest: int) -> list[tuple[int, int]]:
+    """Return half-open stretches of lags from 0 to beyond the longest."""
+    found = [(lag, lag + 1) for lag in range(min(longest, _EXACT))]
+    first = len(found)
+    while first < longest:
+        last = max(first + 2, round(first * _GROWTH))
+        found.append((first, last))
+        first = last
+    return found
+
+
+def _memory(pieces: Sequence[Floats]) -> float:
+    products = sum(float(one[:-1] @ one[1:]) for one in pieces)
+    squares = sum(float(one[:-1] @ one[:-1]) for one in pieces)
+    return float(np.clip(products / squares, 0.0, 0.999)) if squares > 0 else 0.0

@@ -1,0 +1,210 @@
+"""`riot backchain`: from an internal field, or a finding, back to the outside, by logs alone (RIOT II-C, no run)."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.backchain.backtrack import backtrack
+from riot_bus.backchain.graph import TopicGraph
+from riot_bus.chain.log_columns import read_pieces
+from riot_bus.chain.logs import internal_name, learn_types
+from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
+from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
+from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
+from riot_bus.generalize.rule import Rule
+from riot_bus.log.reader import LogReader
+from riot_bus.log.rosbag2 import files_of
+from riot_bus.log.tables.plan import log_registry
+from riot_bus.sut.context import open_system
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.selector import parse_selector
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.backchain.backtrack import Backtracked, FieldEvidence
+    from riot_bus.chain.log_columns import LogColumns
+    from riot_bus.sut.context import Context
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.trial import Progress
+
+__all__ = ["backchain"]
+
+
+def backchain(
+    logs: Sequence[Path],
+    target: str,
+    *,
+    system: Path | None = None,
+    externals: Sequence[str] = (),
+    horizon: float = 2.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> BacktrackRecord:
+    """Find the way from an internal field back to the outside in nominal logs; nothing is run.
+
+    Args:
+        logs: MCAP files, or folders of bags.
+        target: A field such as `/map_updates:y`, or the folder of a finding: its relevant fields, and the result is
+            kept there.
+        system: riot.toml; that of the finding if it is one.
+        externals: Topics that the outside controls, besides those of riot.toml.
+        horizon: Longest delay of one step that is looked for, in seconds.
+        seed: Seed of the null distributions.
+        progress: Told of the logs that are read, then of the fields that were looked at.
+
+    Raises:
+        ConfigError: The target is no field of the logs, or a log or riot.toml cannot be read.
+    """
+    begin = time.monotonic()
+    folder = Path(target) if FindingRecord.exists(Path(target)) else None
+    if folder is None:
+        targets = [_field(target)]
+    else:
+        targets = _fields_of(folder)
+        system = system or Path(FindingRecord.load(folder).system_file)
+    context = open_system(system) if system is not None else None
+    files = [file for log in logs for file in files_of(log)]
+    columns = read_pieces(files, lambda reader: _registry(reader, context), wanted=targets, progress=progress)
+    _check(targets, columns)
+    graph, outside, told, registry = _graph(files, columns, context)
+    for name in externals:
+        topics = topics_named(name, columns.keys, registry)
+        if not topics & columns.topics.keys():
+            hint = did_you_mean(name, columns.topics)
+            raise ConfigError(f"no topic {name!r} in these logs", where="--external", hint=hint)
+        outside |= dict.fromkeys(sorted(topics), "--external")
+    found = backtrack(
+        columns.pieces,
+        graph,
+        targets,
+        externals=outside,
+        recorded=columns.topics,
+        horizon=horizon,
+        seed=seed,
+        progress=progress,
+    )
+    record = _record(found, columns, files, told).model_copy(
+        update={"seed": seed, "seconds": round(time.monotonic() - begin, 2)}
+    )
+    if folder is not None:
+        record.save(folder)
+    return record
+
+
+def _field(target: str) -> str:
+    selector = parse_selector(target)
+    if selector.field is None or selector.where is not None:
+        raise ConfigError(
+            f"{target!r} is neither a field nor the folder of a finding",
+            where="--to",
+            hint="write TOPIC:FIELD, such as '/odom:twist.twist.linear.x'; `riot types LOG` lists the fields",
+        )
+    return f"{selector.topic}:{selector.field}"
+
+
+def _fields_of(folder: Path) -> list[str]:
+    names = [record.name for record in FieldsRecord.load(folder).fields]
+    names += Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
+    found = sorted({internal_name(name) for name in names})
+    if not found:
+        raise ConfigError("this finding has no relevant field", where=str(folder), hint="name a field instead")
+    return found
+
+
+def _registry(reader: LogReader, context: Context | None) -> TypeRegistry:
+    if context is None:
+        return log_registry(reader)
+    learn_types(reader, context.registry)
+    return context.registry
+
+
+def _check(targets: Sequence[str], columns: LogColumns) -> None:
+    known = {name for piece in columns.pieces for name in piece.values}
+    for name in targets:
+        topic = name.rpartition(":")[0]
+        if topic not in columns.topics:
+            raise ConfigError(
+                f"no topic {topic!r} in these logs", where="--to", hint=did_you_mean(topic, columns.topics)
+            )
+        if name not in known:
+            of_topic = [one for one in known if one.startswith(f"{topic}:")]
+            raise ConfigError(
+                f"no numeric field {name!r} in these logs", where="--to", hint=did_you_mean(name, of_topic)
+            )
+
+
+def _graph(
+    files: Sequence[Path], columns: LogColumns, context: Context | None
+) -> tuple[TopicGraph, dict[str, str], list[str], TypeRegistry]:
+    """Return who reads and writes what, the external topics, and who says so."""
+    recorded = RecordedComponents()
+    registry: TypeRegistry | None = None if context is None else context.registry
+    for path in files:
+        with LogReader(path) as reader:
+            recorded.take(reader)
+            registry = registry or log_registry(reader)
+    assert registry is not None
+    columns.notes += recorded.damaged
+    told = [f"{RECORDED} of {recorded.logs} of {len(files)} logs"] if recorded.logs else []
+    if context is None:
+        return recorded.graph(), {}, told, registry
+    file = context.file
+    declared = declared_graph(file, columns.keys, registry)
+    outside: dict[str, str] = {}
+    for name in file.external.topics:
+        outside |= dict.fromkeys(sorted(topics_named(name, columns.keys, registry)), "riot.toml")
+    return joined(declared, recorded.graph()), outside, [str(file.path), *told], registry
+
+
+def _record(found: Backtracked, columns: LogColumns, files: Sequence[Path], told: Sequence[str]) -> BacktrackRecord:
+    return BacktrackRecord(
+        targets=found.targets,
+        logs=tuple(map(str, files)),
+        messages=columns.messages,
+        looked_at=columns.looked_at,
+        told=tuple(told),
+        alpha=found.alpha,
+        tested=found.tested,
+        trees=tuple(tree.as_json() for tree in found.trees),
+        steps=tuple(
+            StepRecord(
+                source=edge.source,
+                target=edge.target,
+                components=edge.components,
+                told=edge.told,
+                evidence=tuple(map(_evidence, edge.evidence)),
+            )
+            for edge in found.edges
+        ),
+        externals=found.externals,
+        ranking=tuple(map(_evidence, found.ranking)),
+        unreachable=tuple(found.unreachable),
+        unwritten=tuple(found.unwritten),
+        missing=tuple(found.missing),
+        loops=tuple(found.loops),
+        unseen=tuple(found.unseen),
+        notes=tuple(columns.notes),
+    )
+
+
+def _evidence(one: FieldEvidence) -> EvidenceRecord:
+    known = one.dependence
+    if known is None:
+        return EvidenceRecord(source=one.source, target=one.target, verdict="not tested", reason=one.reason)
+    return EvidenceRecord(
+        source=one.source,
+        target=one.target,
+        verdict="follows" if known.found else "no evidence",
+        messages=one.rows,
+        logs=one.logs,
+        p_value=known.p_value,
+        follows=known.follows,
+        strength=known.strength,
+        low=known.low,
+        high=known.high,
+        lag_s=known.lag_s,
+        detectable=known.detectable,
+    )

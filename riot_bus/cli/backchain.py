@@ -1,0 +1,92 @@
+"""`riot backchain`."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from riot_bus.cli.options import Seed
+
+__all__ = ["register"]
+
+INCONCLUSIVE = 5
+
+
+class _Form(StrEnum):
+    TEXT = "text"
+    JSON = "json"
+    DOT = "dot"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(backchain)
+
+
+def backchain(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Nominal logs (.mcap), or folders of bags.")],
+    *,
+    to: Annotated[
+        str, typer.Option("--to", metavar="FIELD|FINDING", help="Internal field, TOPIC:FIELD, or a finding's folder.")
+    ],
+    system: Annotated[
+        Path | None,
+        typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option("--external", metavar="TOPIC", help="Topic that the outside controls; repeatable."),
+    ] = None,
+    delay: Annotated[
+        float, typer.Option("--delay", min=0.001, help="Longest delay of one step that is looked for, in seconds.")
+    ] = 2.0,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Picture to draw: .svg, .png or .pdf.")
+    ] = None,
+    seed: Seed = 0,
+    form: Annotated[
+        _Form, typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout.")
+    ] = _Form.TEXT,
+) -> None:
+    """Find, by nominal logs alone, which external fields an internal one follows, and by which ways. Nothing is run.
+
+    Exit code 5: the field cannot be told of by these logs.
+    """
+    import json
+
+    from rich.console import Console
+
+    from riot_bus.chain.backchain import backchain as find_way
+    from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.cli.tables import json_safe
+    from riot_bus.events import StepProgress, StepStarted
+    from riot_bus.report.backtrack import dot, lines
+    from riot_bus.report.backtrack_picture import check_picture, draw_picture
+
+    if picture is not None:
+        check_picture(picture)
+    with ConsoleNarrator(Console(stderr=True)) as narrator:
+        narrator(StepStarted("backchain"))
+        record = find_way(
+            logs,
+            to,
+            system=system,
+            externals=external or (),
+            horizon=delay,
+            seed=seed,
+            progress=lambda done, total, note: narrator(StepProgress("backchain", done, total, note)),
+        )
+    if picture is not None:
+        draw_picture(record, picture)
+    if form is _Form.JSON:
+        typer.echo(json.dumps(json_safe(record.model_dump(mode="json")), indent=1))
+    elif form is _Form.DOT:
+        typer.echo(dot(record), nl=False)
+    else:
+        for line in lines(record):
+            typer.echo(line)
+    if all(record.targets.values()):
+        raise typer.Exit(INCONCLUSIVE)

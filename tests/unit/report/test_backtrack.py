@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+from riot_bus.report.backtrack import dot, lines
+from tests.unit.report.backtracks import RECORD
+
+
+def test_text_says_what_each_step_rests_on():
+    follows = "12 % (10 to 15 %), after 55 ms, p = 0.005, 1,200 messages of 4 logs"
+    silent = "1 pair of fields, 1,200 messages of 4 logs; 0.8 % or more would about have shown"
+    assert list(lines(RECORD)) == [
+        "/unit:v, /unit:w: 6,000 messages of 21,258 in 4 logs",
+        "who reads and writes what is told by riot.toml",
+        "/unit:w cannot be told of: it never changes within a log",
+        "",
+        "/unit",
+        "└─ /map by planner",
+        f"      v follows x: {follows}",
+        "   └─ /goal by mapper [external]",
+        "         not tested: it never changes within a log (1 pair)",
+        "   └─ /unit by mapper [loop]",
+        "         not tested: no numeric field that could tell",
+        "└─ /odom by planner [taken as external: nothing recorded leads to it]",
+        f"      no evidence in these logs ({silent})",
+        '└─ /odd"\\\\x1b by unknown writer of /unit [inferred]',
+        f"      how much v varies goes with x: {follows.replace('55 ms', '2.0 s')}",
+        "└─ /lost by planner [not recorded]",
+        "      not tested: not recorded",
+        "",
+        "external fields, the most promising first (3 pairs of fields):",
+        f"  1. /goal:y -> /unit:v: {follows}",
+        f"  no evidence: /odom:x ({silent})",
+        "  not tested: it never changes within a log (1 pair)",
+        "  no way leads from: /joy",
+        "",
+        "loop: /map, /unit",
+        "nobody is known to write /odom",
+        "not recorded: /lost",
+        "not looked at, as there were too many: /map:z",
+        "28% of the time was looked at",
+        "68 pairs of fields tested, for each field with a chance of at most 1.0 % that any other is named by accident;",
+        "shares are of what a field's own past leaves open, with intervals of 95 % over logs or stretches of them",
+        "nothing was perturbed: what drives two fields at once and is not in these logs may stand behind it; "
+        "`riot permeability` tries it",
+    ]
+
+
+def test_nothing_found_is_not_none():
+    text = "\n".join(lines(RECORD.model_copy(update={"ranking": RECORD.ranking[1:]})))
+    assert "none of them shows in these logs, which does not mean that none has an effect" in text
+    text = "\n".join(lines(RECORD.model_copy(update={"externals": {}, "ranking": ()})))
+    assert "no external topic is known: name some with --external, or in riot.toml" in text
+
+
+def test_without_a_bound_few_messages_are_told():
+    silent = RECORD.ranking[1].model_copy(update={"detectable": None})
+    text = "\n".join(lines(RECORD.model_copy(update={"ranking": (silent,)})))
+    assert "too few messages for any to show" in text
+
+
+def test_dot_escapes_names_and_shows_evidence():
+    text = dot(RECORD)
+    assert text.startswith("digraph riot {")
+    assert '[shape=ellipse, label="/unit", penwidth=3];' in text
+    assert 'label="/odd\\"\\\\\\\\x1b"' in text
+    assert '[style=solid, label="planner\\n12 %"];' in text
+    assert '[style=dotted, label="planner"];' in text
+    assert '[style=dashed, label="unknown writer of /unit\\n12 %"];' in text
