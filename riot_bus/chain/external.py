@@ -8,7 +8,6 @@ from fnmatch import fnmatchcase
 from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
-from riot_bus.backchain.graph import ComponentTopics, TopicGraph
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.logs import nominal_values
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import SystemFile
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ExternalField", "external_fields", "external_messages", "message_rate", "system_log", "topic_graph"]
+__all__ = ["ExternalField", "external_fields", "external_messages", "message_rate", "system_log"]
 
 _REACH = 2500.0
 
@@ -53,17 +52,6 @@ class ExternalField:
     def integer(self) -> bool:
         """Whether the field holds whole numbers."""
         return "int" in self.type
-
-
-def topic_graph(file: SystemFile) -> TopicGraph:
-    """Return which topics lead to which inside the system, as riot.toml declares it."""
-    return TopicGraph(
-        {
-            name: ComponentTopics(frozenset(component.inputs), frozenset(component.outputs))
-            for name, component in file.components.items()
-            if not component.external
-        }
-    )
 
 
 def message_rate(times: Iterable[int]) -> float:

@@ -6,8 +6,9 @@ import zlib
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
-from riot_bus.chain.external import ExternalField, external_fields, message_rate, topic_graph
+from riot_bus.chain.external import ExternalField, external_fields, message_rate
 from riot_bus.chain.logs import internal_name
+from riot_bus.chain.topic_graphs import declared_graph
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.counting import counted
@@ -46,7 +47,9 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     file = workspace.context.file
     learnt = Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
     internals = sorted({internal_name(name) for name in (*(record.name for record in relevant.fields), *learnt)})
-    graph = topic_graph(file)
+    registry = workspace.context.registry
+    keys = {registry.topic(message.key): message.key for message in workspace.nominal_messages()}
+    graph = declared_graph(file, keys, registry)
     topics = sorted({name.rpartition(":")[0] for name in internals})
     reaching = frozenset().union(*(graph.reaching(topic) for topic in topics))
     fields = external_fields(workspace)

@@ -497,7 +497,8 @@ class PermeabilityRecord(Artefact):
         """Which external fields reach a relevant one."""
         names = ", ".join(self.permeable) or "none"
         fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
-        return f"{fields} in {runs} of {self.system} -> {names}"
+        idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
+        return f"{fields} in {runs} of {self.system} -> {names}{idle}"
 
     @property
     def permeable(self) -> tuple[str, ...]:

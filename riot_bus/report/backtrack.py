@@ -137,7 +137,8 @@ def _ranking(record: BacktrackRecord) -> Iterator[str]:
         what = ", how much it varies" if one.follows == "spread" else ""
         yield f"  {place}. {clean(one.source)}{arrow}{what}: {_strength(one)}"
     if not found:
-        yield "  none of them shows in these logs, which does not mean that none has an effect"
+        shows = "shows in these logs, which does not mean that none has an effect" if silent else "could be tested"
+        yield f"  none of them {shows}"
     if silent:
         names = ", ".join(clean(one.source) for one in silent[:_NAMES])
         more = f" and {len(silent) - _NAMES} more" if len(silent) > _NAMES else ""

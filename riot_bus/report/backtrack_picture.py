@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +17,12 @@ if TYPE_CHECKING:
 __all__ = ["check_picture", "draw_picture"]
 
 _FORMATS = (".svg", ".png", ".pdf")
+_NO_DATES: dict[str, dict[str, Any]] = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 _INK, _SOFT, _OUTSIDE, _TARGET = "#1a1a1a", "#8a8a8a", "#dceaf7", "#f7dcdc"
 _COLUMN, _ROW = 3.4, 0.75
 """Inches from topic to topic: room for names of 30 letters, and for the label of each arrow."""
+
+_BEND, _LABEL = 0.5, 0.4
 
 
 def check_picture(path: Path) -> None:
@@ -48,7 +53,7 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
 
     places = _places(record)
     columns = 1 + max((x for x, _ in places.values()), default=0)
-    rows = 1 + max((y for _, y in places.values()), default=0)
+    rows = 1 + max((y for _, y in places.values()), default=0.0)
     with warnings.catch_warnings(), matplotlib.rc_context():
         warnings.simplefilter("ignore")  # names of topics may use letters that the font lacks
         matplotlib.rcdefaults()
@@ -58,55 +63,64 @@ def draw_picture(record: BacktrackRecord, path: Path) -> None:
         axes.set_axis_off()
         axes.set_xlim(-0.5, columns - 0.5)
         axes.set_ylim(-0.8, rows - 0.4)
-        for topic, place in places.items():
-            _box(axes, topic, place, record)
+        boxes = {topic: _box(axes, topic, place, record) for topic, place in places.items()}
         for step in record.steps:
             if step.source in places and step.target in places:
-                _arrow(axes, step, places)
+                _arrow(axes, step, places, boxes)
         legend = (
             "solid: the logs show it, with the share of what the field's own past leaves open; "
             "dotted: no evidence; dashed: inferred"
         )
         axes.text(-0.45, -0.75, legend, fontsize=7, color=_SOFT, va="bottom")
-        figure.savefig(path, metadata={"Date": None, "Creator": None} if path.suffix.lower() == ".svg" else None)
+        kind = path.suffix.lower().removeprefix(".")
+        draw = partial(figure.savefig, format=kind, metadata=_NO_DATES.get(kind))
+        draw(io.BytesIO())  # arrows end at boxes as they were drawn before, and how large these are shows when they are
+        draw(path)
 
 
-def _places(record: BacktrackRecord) -> dict[str, tuple[int, int]]:
-    """Return where each topic stands: its column from the left by the steps to what is asked for, then its row."""
-    depth = {tree["topic"]: 0 for tree in record.trees}
+def _places(record: BacktrackRecord) -> dict[str, tuple[float, float]]:
+    """Return where each topic stands: external ones on the left, others by their steps to what is asked for."""
+    depth: dict[str, int] = {}
     waiting: list[tuple[dict[str, Any], int]] = [(tree, 0) for tree in record.trees]
     for node, far in waiting:  # grows: near ones first
         depth.setdefault(node["topic"], far)
         waiting += [(hop, far + 1) for hop in node["hops"]]
-    deepest = max(depth.values(), default=0)
-    rows: dict[int, int] = {}
-    places = {}
+    outside = {topic for topic, far in depth.items() if topic in record.externals and far}
+    inner = 1 + max((far for topic, far in depth.items() if topic not in outside), default=0)
+    columns: dict[int, list[str]] = {}
     for topic, far in depth.items():
-        column = 0 if topic in record.externals and far else deepest - far
-        places[topic] = (column, rows.get(column, 0))
-        rows[column] = rows.get(column, 0) + 1
-    return places
+        columns.setdefault(0 if topic in outside else inner - far, []).append(topic)
+    first = min(columns, default=0)
+    most = max(map(len, columns.values()), default=1)
+    return {
+        topic: (float(column - first), (most - len(some)) / 2 + len(some) - 1 - row)
+        for column, some in columns.items()
+        for row, topic in enumerate(some)
+    }
 
 
-def _box(axes: Any, topic: str, place: tuple[int, int], record: BacktrackRecord) -> None:
+def _box(axes: Any, topic: str, place: tuple[float, float], record: BacktrackRecord) -> Any:
     asked = [name for name in record.targets if name.rpartition(":")[0] == topic]
     colour = _TARGET if asked else _OUTSIDE if topic in record.externals else "white"
     text = "\n".join([clean(topic, limit=34), *(clean(name.rpartition(":")[2], limit=34) for name in asked[:3])])
     frame = {"boxstyle": "round", "facecolor": colour, "edgecolor": _SOFT if topic in record.missing else _INK}
     frame["linestyle"] = "--" if topic in record.missing else "-"
-    axes.text(*place, text, ha="center", va="center", fontsize=8, color=_INK, bbox=frame, zorder=3)
+    return axes.text(*place, text, ha="center", va="center", fontsize=8, color=_INK, bbox=frame, zorder=3)
 
 
-def _arrow(axes: Any, step: StepRecord, places: dict[str, tuple[int, int]]) -> None:
-    start, end = places[step.source], places[step.target]
+def _arrow(axes: Any, step: StepRecord, places: dict[str, tuple[float, float]], boxes: dict[str, Any]) -> None:
+    (x, y), (to_x, to_y) = start, end = places[step.source], places[step.target]
     best = next((one for one in step.evidence if one.found), None)
     style = "--" if step.inferred else "-" if best is not None else ":"
-    bend = 0.3 if start[0] >= end[0] else 0.05
+    bend = _BEND if x >= to_x else 0.0  # else it would hide behind the topics of its column
     arrow: dict[str, Any] = {"arrowstyle": "-|>", "linestyle": style, "color": _INK if best is not None else _SOFT}
-    arrow |= {"shrinkA": 38, "shrinkB": 38, "connectionstyle": f"arc3,rad={bend}"}
+    ends = {"patchA": boxes[step.source].get_bbox_patch(), "patchB": boxes[step.target].get_bbox_patch()}
+    arrow |= {**ends, "shrinkA": 2, "shrinkB": 2, "connectionstyle": f"arc3,rad={bend}"}
     axes.annotate("", xy=end, xytext=start, arrowprops=arrow, zorder=1)
     label = clean(", ".join(step.components), limit=30)
     if best is not None and best.strength is not None:
-        label += f"\n{share(best.strength)}"
-    middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-    axes.text(*middle, label, ha="center", va="center", fontsize=6.5, color=_SOFT, zorder=2)
+        label += f" {share(best.strength)}"
+    # Nearer to the source, where arrows to one topic are apart; a bent one leans to its right by half of its bend.
+    middle = (x + _LABEL * (to_x - x) + bend / 2 * (to_y - y) * _ROW / _COLUMN, y + _LABEL * (to_y - y))
+    paper = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"}
+    axes.text(*middle, label, ha="center", va="center", fontsize=6.5, color=_SOFT, bbox=paper, zorder=2)

@@ -71,3 +71,16 @@ def test_the_step_before_is_needed(tmp_path: Path) -> None:
     write_minimal(one)
     with pytest.raises(ConfigError, match=r"fields\.json is not there yet"):
         permeability(one.run(), one.folder)
+
+
+def test_a_way_through_an_external_component_counts_and_what_is_left_out_is_said(tmp_path: Path) -> None:
+    mirror = '[components.mirror]\ncommand = ["mirror"]\nsegment = "shop"\nexternal = true\n'
+    mirror += 'inputs = ["panel"]\noutputs = ["reading"]\n\n[external]'
+    system = SYSTEM.replace('inputs = ["panel"]', 'inputs = ["reading"]').replace("[external]", mirror)
+    one = bench(tmp_path, system)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder, runs=4)
+    assert record.permeable == ("panel:knob",)
+    left_out = record.model_copy(update={"pruned": ("a:x", "a:y")}).summary
+    assert left_out.endswith("-> panel:knob (2 fields not driven: no way from there)")
