@@ -157,8 +157,12 @@ def backtrack(
     result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
     around = frozenset().union(*(graph.reaching(topic) for topic in roots))
     result.unreachable = sorted(set(result.externals) - around)
-    asked = [one for topic in sorted(set(result.externals) & around) for one in look.fields.get(topic, ())]
-    result.ranking = _ranked(one for name in targets for one in look.at(name, [one for one in asked if one != name]))
+    outside = sorted(set(result.externals) & around & set(look.fields))
+    result.ranking = _ranked(
+        one
+        for name in targets
+        for one in look.at(name, [each for topic in outside if topic != topic_of(name) for each in look.fields[topic]])
+    )
     result.edges = walk.edges()
     result.unwritten = sorted(walk.unwritten)
     result.missing = sorted((around & (walk.seen | set(result.externals))) - set(look.fields))
@@ -239,6 +243,7 @@ class _Walk:
         self.seen: set[str] = set()
         self._evidence: defaultdict[tuple[str, str], list[FieldEvidence]] = defaultdict(list)
         self._inferred: set[tuple[str, str]] = set()
+        self._roots: frozenset[str] = frozenset()
         self._done = 0
 
     def follow(self, targets: Sequence[str]) -> None:
@@ -247,10 +252,10 @@ class _Walk:
         for name in targets:
             asked[topic_of(name)].append(name)
         ahead = list(asked)
-        roots = frozenset(ahead)
+        self._roots = frozenset(ahead)
         self.seen = set(ahead)
         for topic in ahead:  # grows
-            if topic in self.externals and topic not in roots:
+            if topic in self.externals and topic not in self._roots:
                 continue
             matters = self._step_back(topic, asked.get(topic) or self.look.liveliest(topic))
             for source, fields in sorted(matters.items()):
@@ -287,7 +292,7 @@ class _Walk:
             source = topic_of(one.source)
             if source in before:
                 self._evidence[source, topic].append(one)
-        if not before:
+        if not before and topic not in self._roots:
             if topic in self.look.fields:
                 self.ends[topic] = "nothing recorded leads to it" if guess else f"{', '.join(writers)} reads nothing"
             else:

@@ -11,6 +11,7 @@ from riot_bus.backchain.graph import TopicGraph
 from riot_bus.chain.log_columns import read_pieces
 from riot_bus.chain.logs import internal_name, learn_types
 from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
+from riot_bus.chain.workspace import open_finding
 from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
@@ -59,7 +60,7 @@ def backchain(
         ConfigError: The target is no field of the logs, or a log or riot.toml cannot be read.
     """
     begin = time.monotonic()
-    folder = Path(target) if FindingRecord.exists(Path(target)) else None
+    folder = open_finding(Path(target))[0] if Path(target).is_dir() else None
     if folder is None:
         targets = [_field(target)]
     else:

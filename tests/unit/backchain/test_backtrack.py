@@ -108,3 +108,17 @@ def test_progress_is_told():
     said = []
     backtrack(pieces(chain, logs=2), KNOWN, ["out:v"], externals=OUTSIDE, progress=lambda *args: said.append(args))
     assert said[0] == (1, None, "what out:v follows")
+
+
+def test_a_target_that_follows_nothing_is_not_external_itself():
+    result = backtrack(
+        pieces(lambda rng, n: {"e": red(rng, n), "out": red(rng, n)}), TopicGraph(), ["out:v"], externals={}
+    )
+    assert result.externals == {}
+    assert result.ranking == []
+    assert result.trees[0].text() == "out"
+
+
+def test_fields_of_an_external_target_s_own_topic_do_not_compete():
+    result = backtrack(pieces(chain), KNOWN, ["odom:v"], externals=OUTSIDE)
+    assert {one.source for one in result.ranking} == {"goal:v", "joy:v"}
