@@ -63,7 +63,7 @@ RATES = {
     "/unit": 20,
     "/cmd": 20,
 }
-OTHERS = (100, 100, 50, 50, 50, 50, 10, 10, 10, 10, 5, 5)
+OTHERS = (100, 50, 20, 20, 20, 10, 10, 10, 10, 5, 5, 5)
 COMPONENTS = {
     "filter": (("/ext00", "/ext01"), ("/a",)),
     "mapper": (("/a", "/ext02", "/ext04"), ("/b",)),
@@ -93,27 +93,40 @@ def system(seed: int, *, logs: int, seconds: float) -> list[dict[str, tuple[Floa
     """Return for each log the times of each topic's messages and their six fields."""
     rng = np.random.default_rng(seed)
     shape = (logs, round(seconds / STEP))
+    others = [name for name in [*EXTERNALS, *DECOYS] if name not in RATES]
+    rates = dict(zip(others, OTHERS * 3, strict=False)) | RATES
+    every = {name: round(1 / STEP / rate) for name, rate in rates.items()}
+    start = {name: int(rng.integers(step)) for name, step in every.items()}
+
+    def held(name: str, series: Floats) -> Floats:
+        """Return what the latest message of a topic says: components know no more."""
+        at = np.arange(shape[1])
+        return series[:, np.maximum(at - (at - start[name]) % every[name], 0)]
+
     scale = rng.uniform(0.05, 1.0, len(EXTERNALS))
-    lead = {name: red(rng, shape, scale[at]) for at, name in enumerate(EXTERNALS)}
+    lead = {name: held(name, red(rng, shape, scale[at])) for at, name in enumerate(EXTERNALS)}
     noise = {name: red(rng, shape, 0.1) for name in ("/a", "/b", "/unit", "/cmd", *DECOYS)}
-    lead["/a"] = 0.8 * late(lead["/ext00"], 0.1) + 0.6 * late(lead["/ext01"], 0.2) + 0.5 * noise["/a"]
+    lead["/a"] = held("/a", 0.8 * late(lead["/ext00"], 0.1) + 0.6 * late(lead["/ext01"], 0.2) + 0.5 * noise["/a"])
     forced = 1.2 * np.abs(late(lead["/ext02"], 0.15)) + 0.4 * noise["/b"] + 0.7 * late(lead["/a"], 0.05)
     lone = 0.5 * late(lead["/ext03"], 0.3) + 0.4 * noise["/unit"]
-    b, unit, cmd, odom = (np.zeros(shape) for _ in range(4))
+    robot, b, unit, cmd, odom = (np.zeros(shape) for _ in range(5))
     kick = rng.normal(size=shape)
     for at in range(1, shape[1]):
-        odom[:, at] = 0.9 * odom[:, at - 1] + 0.1 * cmd[:, max(0, at - 20)] + 0.3 * kick[:, at]
-        b[:, at] = forced[:, at] + 0.6 * odom[:, max(0, at - 10)]
-        unit[:, at] = 0.8 * b[:, max(0, at - 5)] + lone[:, at]
-        cmd[:, at] = 0.3 * unit[:, max(0, at - 10)] + 0.3 * noise["/cmd"][:, at]
+        robot[:, at] = 0.9 * robot[:, at - 1] + 0.1 * cmd[:, max(0, at - 20)] + 0.3 * kick[:, at]
+        now = {
+            "/ext04": (odom, robot[:, at]),
+            "/b": (b, forced[:, at] + 0.6 * odom[:, max(0, at - 10)]),
+            "/unit": (unit, 0.8 * b[:, max(0, at - 5)] + lone[:, at]),
+            "/cmd": (cmd, 0.3 * unit[:, max(0, at - 10)] + 0.3 * noise["/cmd"][:, at]),
+        }
+        for name, (series, new) in now.items():
+            series[:, at] = new if (at - start[name]) % every[name] == 0 else series[:, at - 1]
     lead |= {"/b": b, "/unit": unit, "/cmd": cmd, "/ext04": odom}
     for at, name in enumerate(DECOYS):
         lead[name] = 0.9 * late(lead[EXTERNALS[at % 12]], 0.02 * (at % 5)) + 0.4 * noise[name]
-    rates = dict(zip([name for name in lead if name not in RATES], OTHERS * 3, strict=False)) | RATES
     found: list[dict[str, tuple[Floats, Floats]]] = [{} for _ in range(logs)]
     for name, series in lead.items():
-        every = round(1 / STEP / rates[name])
-        at = np.arange(int(rng.integers(every)), shape[1], every)
+        at = np.arange(start[name], shape[1], every[name])
         further = [red(rng, shape, 0.3) for _ in range(2)]
         for number in range(logs):
             columns = [one[number, at] for one in (series, *further)] + [np.zeros(len(at))] * 3

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from riot_bus.backchain.fir import Floats, Ints, standardise
 
-__all__ = ["FEWEST_CHANGES", "Piece", "Response", "Variants", "held_variants", "response_of", "topic_of"]
+__all__ = ["FEWEST_CHANGES", "HALF_A_STEP", "Piece", "Response", "Variants", "held_variants", "response_of", "topic_of"]
 
 FEWEST_CHANGES = 5
 """A field that changes less often over all logs is not judged: so few changes meet another field's by chance."""
@@ -22,6 +22,9 @@ _MOST_ROWS = 10_000
 """Rows of a response in all: more change no verdict, and cost memory and time."""
 
 _FASTER = 1.5
+
+HALF_A_STEP = (False, False, True, True)
+"""Which variants are of half a step before: of delays as long as some steps, jitter decides which row shows it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,9 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Variants:
-    """One candidate at the rows of a response: what it held then, that squared, and its mean since the row before.
+    """One candidate at the rows of a response: what it held then and half a step before, each followed by its square.
+
+    Where the candidate is faster, its mean since the row before comes last.
 
     Attributes:
         parts: Per part of the response one row per variant, standardised (variants x samples).
@@ -124,7 +129,7 @@ def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Var
     faster = _is_faster(pieces, topic, response)
     for number, rows in zip(response.pieces, response.times, strict=True):
         piece = pieces[number]
-        count = 3 if faster else 2
+        count = len(HALF_A_STEP) + faster
         if name not in piece.values:
             parts.append(np.zeros((count, len(rows))))
             continue
@@ -140,8 +145,10 @@ def held_variants(pieces: Sequence[Piece], name: str, response: Response) -> Var
         place = np.maximum(place, 0)
         held = values[place]
         changes += int(np.count_nonzero(np.diff(values[place[0] : place[-1] + 1])))
-        level = standardise(held)
-        variants = [level, standardise(level**2)]
+        variants = []
+        for one in (held, values[np.maximum(np.searchsorted(times, rows - response.step / 2, side="right") - 1, 0)]):
+            level = standardise(one)
+            variants += [level, standardise(level**2)]
         if faster:
             variants.append(standardise(_means(values, place)))
         parts.append(np.stack(variants))

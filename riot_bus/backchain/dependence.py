@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from riot_bus.backchain.alignment import Response, Variants
+from riot_bus.backchain.alignment import HALF_A_STEP, Response, Variants
 from riot_bus.backchain.fir import Floats, Ints, fit_terms
 from riot_bus.backchain.strength import Share, estimate
 
@@ -187,41 +187,50 @@ class _Test:
         self.stretches = _stretches(max(1, min(max(_EXACT, min(wanted, _MOST_LAGS)), usual // 4)))
         self.level = np.concatenate(response.values)
         own = [lag for lag in _OWN if lag <= max(1, usual // 10)]
-        self._known = {_OWN_PAST: self._lagged(response.values, [(lag, lag + 1) for lag in own]).astype(np.float64)}
+        # All parts stand in one row with so many zeros before each that no lag reaches the part before.
+        self._gap = max(self.stretches[-1][1], own[-1] + 1)
+        self._places = np.concatenate(
+            [np.arange(low, high) + (number + 1) * self._gap for number, (low, high) in enumerate(self._parts())]
+        )
+        self._known = {_OWN_PAST: self._lagged(self.level, [(lag, lag + 1) for lag in own]).T.astype(np.float64)}
         self.blocks = 0
         self._products: dict[tuple[str, str], Floats] = {}
 
     def scores(self, names: Sequence[str], *, given: Sequence[str]) -> dict[str, _Score]:
         """Return the evidence of candidates for what own past and some other candidates leave of the response."""
         left = self._left(given)
-        starts = self._blocks(left)
-        self.blocks = len(starts)
+        rows = self._blocks(left)
+        self.blocks = len(rows)
+        series = np.moveaxis(left[:, rows], 0, 2).astype(np.float32)
         rng = np.random.default_rng([self.seed, len(given)])
-        signs = rng.choice(np.array([-1.0, 1.0], np.float32), size=(self.draws, len(starts)))
-        return {name: self._score(name, left, starts, signs) for name in names}
+        signs = rng.choice(np.array([-1.0, 1.0], np.float32), size=(self.draws, len(rows)))
+        return {name: self._score(name, series, rows, signs) for name in names}
 
-    def _score(self, name: str, left: Floats, starts: Ints, signs: Floats) -> _Score:
+    def _score(self, name: str, series: Floats, rows: Ints, signs: Floats) -> _Score:
         columns = self.columns(name)
-        sums = [np.add.reduceat(columns * one[:, None], starts, axis=0) for one in left]
-        both = np.hstack(sums)
+        count = len(columns)
+        products = np.moveaxis(columns[:, rows], 0, 1) @ series  # blocks x columns x series
+        both = np.moveaxis(products, 1, 2).reshape(len(rows), -1).astype(np.float64)
         spread = np.sqrt((both**2).sum(axis=0))
         usable = spread > 1e-6 * (float(spread.max()) or 1.0)
         scale = np.where(usable, spread, np.inf)
         observed = np.abs(both.sum(axis=0)) / scale
         best = int(observed.argmax())
         null = (np.abs(signs @ both) / scale).max(axis=1)
-        follows: Follows = "spread" if best // columns.shape[1] == 1 else "level"
-        return _Score(float(observed[best]), null, follows, best % columns.shape[1])
+        follows: Follows = "spread" if best // count == 1 else "level"
+        return _Score(float(observed[best]), null, follows, best % count)
 
     def _blocks(self, left: Floats) -> Ints:
-        """Return where blocks begin: longer than what is left hangs together, and enough of them to tell."""
+        """Return the rows of each block: longer than what is left hangs together, and enough of them to tell."""
         length = _SHORTEST_BLOCK
-        longest = max(_SHORTEST_BLOCK, self.rows // _FEWEST_BLOCKS)
+        usual = int(np.median(np.diff(self.bounds)))
+        longest = max(_SHORTEST_BLOCK, min(self.rows // _FEWEST_BLOCKS, usual))
         while length < longest and max(self._correlation(one, length) for one in left) > _CORRELATED:
             length *= 2
         length = min(length, longest)
-        starts = [np.arange(low, max(low + 1, high - length // 2), length) for low, high in self._parts()]
-        return np.concatenate(starts)
+        starts = [np.arange(low, high - length + 1, length) for low, high in self._parts()]
+        rows: Ints = np.concatenate(starts)[:, None] + np.arange(length)[None, :]
+        return rows
 
     def _correlation(self, series: Floats, lag: int) -> float:
         pieces = [series[low:high] for low, high in self._parts() if high - low > lag]
@@ -232,37 +241,39 @@ class _Test:
     def _parts(self) -> list[tuple[int, int]]:
         return list(zip(self.bounds[:-1].tolist(), self.bounds[1:].tolist(), strict=True))
 
-    def _lagged(self, parts: Sequence[Floats], stretches: Sequence[tuple[int, int]]) -> Floats:
-        """Return a series' means over stretches of lags, zero before its beginning (samples x stretches)."""
-        result: NDArray[Any] = np.zeros((self.rows, len(stretches)), np.float32)
-        for (low, high), part in zip(self._parts(), parts, strict=True):
-            size = high - low
-            sums = np.concatenate([[0.0], np.cumsum(part, dtype=np.float64)])
-            for column, (first, last) in enumerate(stretches):
-                if first >= size:
-                    continue
-                if last == first + 1:
-                    result[low + first : high, column] = part[: size - first]
-                    continue
-                ends = np.arange(first, size) - first + 1
-                begins = np.maximum(ends - (last - first), 0)
-                result[low + first : high, column] = (sums[ends] - sums[begins]) / (last - first)
-        return result
+    def _lagged(self, series: Floats, stretches: Sequence[tuple[int, int]]) -> Floats:
+        """Return a series' means over stretches of lags, zero before its part (stretches x samples)."""
+        gap, size = self._gap, self.rows + len(self.response.values) * self._gap
+        padded = np.zeros(gap + size)
+        padded[gap + self._places] = series
+        sums = np.cumsum(padded)
+        found: NDArray[Any] = np.empty((len(stretches), size), np.float32)
+        for row, (first, last) in zip(found, stretches, strict=True):
+            if last == first + 1:
+                row[:] = padded[gap - first : gap - first + size]
+            else:
+                begin = gap - last
+                row[:] = (sums[gap - first : gap - first + size] - sums[begin : begin + size]) / (last - first)
+        lagged: Floats = found[:, self._places]
+        return lagged
 
     def columns(self, name: str, *, changes: bool = True) -> Floats:
-        """Return a candidate's variants, and its changes if it moves slowly, at all lags (samples x columns)."""
-        parts = self.candidates[name].parts
-        rows = [[part[row] for part in parts] for row in range(len(parts[0]))]
-        memory = _memory(rows[0])
+        """Return a candidate's variants, and its changes if it moves slowly, at all lags (columns x samples)."""
+        rows = list(np.concatenate(self.candidates[name].parts, axis=1))
+        memory = _memory([part[0] for part in self.candidates[name].parts])
         if changes and memory > _SMOOTH:
-            rows.append([np.concatenate([one[:1] * 0, one[1:] - memory * one[:-1]]) for one in rows[0]])
-        columns: Floats = np.hstack([self._lagged(some, self.stretches) for some in rows])
+            change = rows[0] - memory * np.concatenate([rows[0][:1], rows[0][:-1]])
+            change[self.bounds[:-1]] = 0.0
+            rows.append(change)
+        columns: Floats = np.concatenate([self._lagged(one, self.stretches) for one in rows])
         return columns
 
     def lag(self, name: str, column: int) -> float:
         """Return the lag of a column in seconds."""
-        first, last = self.stretches[column % len(self.stretches)]
-        return (first + last - 1) / 2 * self.response.step + self.candidates[name].age
+        variant, place = divmod(column, len(self.stretches))
+        first, last = self.stretches[place]
+        half = 0.5 if variant < len(HALF_A_STEP) and HALF_A_STEP[variant] else 0.0
+        return ((first + last - 1) / 2 + half) * self.response.step + self.candidates[name].age
 
     def _left(self, given: Sequence[str]) -> Floats:
         """Return what own past and given candidates leave (3 x samples): level, spread, level where it is explained."""
@@ -271,7 +282,7 @@ class _Test:
         size = np.abs(level)
         size -= size.mean()
         lags = [(lag, lag + 1) for lag in _OWN if lag <= self.rows // (_ROWS_PER_TERM * len(self.response.values))]
-        own = self._lagged([size[low:high] for low, high in self._parts()], lags).astype(np.float64)
+        own = self._lagged(size, lags).T.astype(np.float64)
         spread = self._without(size, names, own)
         return np.stack([self._centred(one) for one in (level, spread, self._robust(level, names))])
 
@@ -327,7 +338,7 @@ class _Test:
     def _take(self, name: str) -> Floats:
         """Return the columns by which a candidate is taken out: all, or where rows are few those that explain most."""
         if name not in self._known:
-            columns = self.columns(name, changes=False).astype(np.float64)
+            columns = np.ascontiguousarray(self.columns(name, changes=False).T, dtype=np.float64)
             most = max(2, self.rows // _ROWS_PER_TERM)
             if columns.shape[1] > most:
                 columns = columns[:, fit_terms(self._without(self.level, [_OWN_PAST]), columns, most=most) or [0]]

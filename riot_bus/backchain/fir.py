@@ -176,8 +176,10 @@ def standardise(values: Floats) -> Floats:
     # Scaled before anything else, since sums of large values overflow.
     known = values[finite]
     known = known / (float(np.abs(known).max()) or 1.0)
-    result = np.full(len(values), np.median(known))
-    result[finite] = known
+    result = known
+    if len(known) < len(values):
+        result = np.full(len(values), np.median(known))
+        result[finite] = known
     # Two passes: the second one measures without the outliers that the first one clipped.
     for _ in range(2):
         result = result - result.mean()

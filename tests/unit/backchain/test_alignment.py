@@ -33,9 +33,9 @@ def test_of_a_fast_candidate_the_mean_since_the_row_before_counts_too():
     when, what = np.arange(600) * 0.1, np.where(np.arange(600) % 10 == 5, 10.0 * np.arange(600), 0.0)
     one = piece(e=(when, what))
     found = held_variants([one], "e:v", response_of([one], "out:v"))
-    assert found.parts[0].shape == (3, 60)
+    assert found.parts[0].shape == (5, 60)
     assert not found.parts[0][0].any()
-    assert np.corrcoef(found.parts[0][2][2:], np.arange(58))[0, 1] > 0.99
+    assert np.corrcoef(found.parts[0][4][2:], np.arange(58))[0, 1] > 0.99
 
 
 @pytest.mark.parametrize(
