@@ -19,11 +19,14 @@ from riot_bus.generalize.numbers import between, step
 from riot_bus.generalize.rules import Variable
 from riot_bus.generalize.sampling import fit, integer_range
 from riot_bus.inject.dictionary import load_dictionary
+from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["FIRST", "SHAPES", "Shape", "canonical", "held_out", "near_limits", "variables_of"]
 
 Values = Mapping[str, Any]
+SIZE = 12
+"""Elements of each array."""
 FIRST = 14
 """So many of the shapes are those of the first release."""
 
@@ -303,6 +306,92 @@ SHAPES = (
         (("/cmd:id", "uint8", 255, 0, 3), ("/config:len(table)", "uint16", 8, (4, 8, 16), 0)),
         ("/cmd:id >= /config:len(table)",),
     ),
+    # -- elements of arrays ------------------------------------------------------------------------------------------
+    Shape(
+        "any element is NaN",
+        lambda v: any(math.isnan(one) for one in v["ranges[*]"]),
+        (("ranges[*]", "float32[]", (math.nan, 7), 0.1, 30.0),),
+        ("any(ranges[*]) is NaN",),
+    ),
+    Shape(
+        "any element > 100",
+        lambda v: any(one > 100 for one in v["poses[*].x"]),
+        (("poses[*].x", "float64[]", (1e6, 3), -20.0, 20.0), ("mode", "int32", 2, 0, 4)),
+        ("any(poses[*].x) > 100",),
+    ),
+    Shape(
+        "all elements below 0, and a mode",
+        lambda v: max(v["steps[*]"]) < 0 and v["mode"] == 2,
+        (("steps[*]", "int16[]", (-300, range(12)), -5, 40), ("mode", "uint8", 2, 0, 4)),
+        ("mode == 2 and all(steps[*]) < 0",),
+    ),
+    Shape(
+        "elements further apart than 50",
+        lambda v: max(v["cells[*]"]) - min(v["cells[*]"]) > 50,
+        (("cells[*]", "int32[]", (1000, 2), 3300, 3310),),
+        ("max(cells[*]) - min(cells[*]) > 50", "min(cells[*]) < max(cells[*]) - 50"),
+    ),
+    Shape(
+        "any element beside a limit of its own",
+        lambda v: any(one > v["limit"] for one in v["speeds[*]"]),
+        (("speeds[*]", "float64[]", (1e6, 5), 0.0, 3.0), ("limit", "float64", 4.0, 4.0, 8.0)),
+        ("max(speeds[*]) > limit",),
+    ),
+    Shape(
+        "the first element, not the others",
+        lambda v: v["ranges[*]"][0] < 0,
+        (("ranges[*]", "float32[]", (-1.0, 0), 0.1, 30.0),),
+        ("ranges[0] < 0",),
+    ),
+    # -- two messages -------------------------------------------------------------------------------------------------
+    Shape(
+        "jump from the previous message",
+        lambda v: v["x"] - v["previous x"] > 5,
+        (("x", "float64", 1e6, -2.0, 2.0), ("previous x", "float64", 0.5, -2.0, 2.0)),
+        ("x - previous x > 5",),
+    ),
+    Shape(
+        "jump either way from the previous message",
+        lambda v: abs(v["x"] - v["previous x"]) > 100,
+        (("x", "int16", 32767, -40, 40), ("previous x", "int16", 7, -40, 40)),
+        ("x - previous x < -100 or x - previous x > 100",),
+    ),
+    Shape(
+        "sequence number not above the previous one",
+        lambda v: v["seq"] <= v["previous seq"],
+        (("previous seq", "uint32", 41, 0, 300), ("seq", "uint32", 0, 0, 300)),
+        ("seq <= previous seq", "previous seq >= seq"),
+    ),
+    Shape(
+        "sequence number repeated",
+        lambda v: v["seq"] == v["previous seq"],
+        (("previous seq", "uint32", 41, 0, 300), ("seq", "uint32", 41, 0, 300)),
+        ("seq == previous seq", "previous seq == seq"),
+        lambda chance: (lambda n: {"seq": n, "previous seq": n})(
+            chance.choice((0, 1, 2**31, chance.randint(0, 2**32 - 1)))
+        ),
+    ),
+    Shape(
+        "time stamp falls",
+        lambda v: v["t"] < v["previous t"],
+        (
+            ("previous t", "float64", 1700000000.25, 1700000000.0, 1700000300.0),
+            ("t", "float64", 0.0, 1700000000.0, 1700000300.0),
+        ),
+        ("t < previous t", "previous t > t"),
+    ),
+    Shape(
+        "one message before the other",
+        lambda v: v["/arm before /config"],
+        (("/arm before /config", "bool", True, (False, True), 0),),
+        ("/arm before /config",),
+    ),
+    Shape(
+        "one message before the other, and a value",
+        lambda v: v["/arm before /config"] and v["/config:rate"] > 1000,
+        (("/arm before /config", "bool", True, (False, True), 0), ("/config:rate", "float64", 1e6, 1.0, 50.0)),
+        ("/arm before /config and /config:rate > 1000", "/config:rate > 1000 and /arm before /config"),
+    ),
     Shape(
         "order of two messages",
         lambda v: v["/goal:time"] < v["/map:time"],
@@ -323,7 +412,10 @@ def variables_of(shape: Shape, seed: int) -> list[Variable]:
     chance = random.Random(seed + 1)
     found = []
     for name, type_, failing, low, high in shape.variables:
-        nominal: tuple[Scalar, ...]
+        nominal: tuple[Setting, ...]
+        if type_.endswith("[]"):
+            found.append(_array(name, type_, failing, low, high, chance))
+            continue
         if isinstance(low, tuple):
             nominal = tuple(chance.choice(low) for _ in range(20)) + low
         elif type_.startswith("float"):
@@ -343,7 +435,18 @@ def variables_of(shape: Shape, seed: int) -> list[Variable]:
     return found
 
 
-def held_out(shape: Shape, variables: Sequence[Variable], chance: random.Random) -> dict[str, Scalar]:
+def _array(name: str, type_: str, failing: Any, low: float, high: float, chance: random.Random) -> Variable:
+    """Return an array whose failing value is (element, where) or (element, all places)."""
+    draw = chance.uniform if type_.startswith("float") else chance.randint
+    nominal = [[draw(low, high) for _ in range(SIZE)] for _ in range(20)]  # type: ignore[arg-type]
+    value, place = failing
+    where = tuple(place) if isinstance(place, range) else (place,)
+    bad = [value if number in where else one for number, one in enumerate(nominal[0])]
+    arrays = tuple(map(Elements, nominal))
+    return Variable(name, type_, Elements(bad), arrays[:1], arrays, _shipped(type_[:-2]), places=where[:1])
+
+
+def held_out(shape: Shape, variables: Sequence[Variable], chance: random.Random) -> dict[str, Setting]:
     """Draw a case; on purpose not with the sampler that the learner uses.
 
     A fourth by `also` of the shape, if it has one. Else each field, independently: a third in the nominal range, a
@@ -353,31 +456,47 @@ def held_out(shape: Shape, variables: Sequence[Variable], chance: random.Random)
     """
     if shape.also is not None and chance.random() < 0.25:
         return shape.also(chance)
-    found: dict[str, Scalar] = {}
-    for variable in variables:
-        kind, sign = chance.randrange(3), chance.choice((-1, 1))
-        limits = integer_range(variable.type)
-        if variable.type == "string" and kind and variable.dictionary:
-            found[variable.name] = chance.choice(variable.dictionary) if kind == 1 else _text(variable, chance)
-        elif kind == 0 or variable.type in ("string", "bool", "bytes"):
-            low, high = chance.choice(variable.nominal), chance.choice(variable.nominal)
-            numbers = isinstance(low, int | float) and isinstance(high, int | float)
-            numbers = numbers and variable.type != "bool"
-            value = low + (high - low) * chance.random() if numbers else low  # type: ignore[operator]
-            found[variable.name] = round(value) if limits and isinstance(value, float) else value
-        elif kind == 1:
-            found[variable.name] = chance.choice(variable.dictionary)
-        elif limits:
-            size = int(2 ** (chance.random() * limits[1].bit_length()))
-            found[variable.name] = max(limits[0], min(limits[1], sign * size if limits[0] else size))
-        else:
-            top = 38 if variable.type == "float32" else 300
-            number = (
-                sign * 10 ** chance.uniform(-top, top) if chance.random() < 0.5 else sign * 10 ** chance.uniform(-2, 6)
-            )
-            held = fit(number, variable.type)
-            found[variable.name] = number if held is None else held
-    return found
+    return {variable.name: _field(variable, chance) for variable in variables}
+
+
+def _field(variable: Variable, chance: random.Random) -> Any:
+    if variable.columns:
+        return _elements(variable, chance)
+    kind, sign = chance.randrange(3), chance.choice((-1, 1))
+    limits = integer_range(variable.type)
+    if variable.type == "string" and kind and variable.dictionary:
+        return chance.choice(variable.dictionary) if kind == 1 else _text(variable, chance)
+    if kind == 0 or variable.type in ("string", "bool", "bytes"):
+        low, high = chance.choice(variable.nominal), chance.choice(variable.nominal)
+        numbers = isinstance(low, int | float) and isinstance(high, int | float)
+        numbers = numbers and variable.type != "bool"
+        value: Any = low + (high - low) * chance.random() if numbers else low  # type: ignore[operator]
+        return round(value) if limits and isinstance(value, float) else value
+    if kind == 1:
+        return chance.choice(variable.dictionary)
+    if limits:
+        size = int(2 ** (chance.random() * limits[1].bit_length()))
+        return max(limits[0], min(limits[1], sign * size if limits[0] else size))
+    top = 38 if variable.type == "float32" else 300
+    number = sign * 10 ** chance.uniform(-top, top) if chance.random() < 0.5 else sign * 10 ** chance.uniform(-2, 6)
+    held = fit(number, variable.type)
+    return number if held is None else held
+
+
+def _elements(variable: Variable, chance: random.Random) -> Elements:
+    """Draw an array: nominal, with one element, some or all of them as `held_out` draws a field."""
+    base = chance.choice(variable.nominal)
+    assert isinstance(base, Elements)
+    values = tuple(one for array in variable.nominal if isinstance(array, Elements) for one in array)
+    element = Variable(variable.name, variable.type[:-2], values[0], nominal=values, dictionary=variable.dictionary)
+    count = chance.choice((0, 1, 1, 2, 5, len(base), len(base)))
+    places = set(chance.sample(range(len(base)), count))
+    alike = chance.random() < 0.5
+    drawn = [_field(element, chance) for _ in base]
+    return Elements(
+        drawn[0 if alike else at] if at in places else one  # type: ignore[misc]
+        for at, one in enumerate(base)
+    )
 
 
 _ALPHABETS = ("abcxyz", "ABC/_-.09 ", "0123456789", "abcé日ü")
@@ -396,8 +515,8 @@ def near_limits(shape: Shape, variables: Sequence[Variable], chance: random.Rand
     Between a failing and a passing case of `held_out`, the field at which the outcome flips is bisected until two
     neighbouring numbers fail and pass: both, and a number at a log-uniform relative distance of 1e-6 to 0.5 from them.
     """
-    types = {variable.name: variable.type for variable in variables}
-    cases: dict[bool, list[dict[str, Scalar]]] = {True: [], False: []}
+    types = {variable.name: variable.type.removesuffix("[]") for variable in variables}
+    cases: dict[bool, list[dict[str, Any]]] = {True: [], False: []}
     for _ in range(20 * count):
         drawn = held_out(shape, variables, chance)
         cases[bool(shape.fails(drawn))].append(drawn)
@@ -406,19 +525,37 @@ def near_limits(shape: Shape, variables: Sequence[Variable], chance: random.Rand
         if len(found) >= count:
             break
         failing, passing = dict(chance.choice(cases[True])), chance.choice(cases[False])
-        for name in chance.sample(sorted(failing), len(failing)):
-            before = failing[name]
-            failing[name] = passing[name]
+        slots = [slot for name in sorted(failing) for slot in _slots(name, failing[name])]
+        for slot in chance.sample(slots, len(slots)):
+            before = failing
+            failing = _put(failing, slot, _get(passing, slot))
             if not shape.fails(failing):
-                found += _beside(shape, {**failing, name: before}, name, types[name], failing[name], chance)
+                found += _beside(shape, before, slot, types[slot[0]], _get(passing, slot), chance)
                 break
     return found
 
 
-def _beside(
-    shape: Shape, case: dict[str, Scalar], name: str, type_: str, passing: Scalar, chance: random.Random
-) -> list[Values]:
-    bad, good = case[name], passing
+Slot = tuple[str, int | None]
+"""A field, or one element of an array."""
+
+
+def _slots(name: str, value: Any) -> list[Slot]:
+    return [(name, place) for place in range(len(value))] if isinstance(value, Elements) else [(name, None)]
+
+
+def _get(case: Values, slot: Slot) -> Any:
+    name, place = slot
+    return case[name] if place is None else case[name][place]
+
+
+def _put(case: Values, slot: Slot, value: Any) -> dict[str, Any]:
+    name, place = slot
+    whole = value if place is None else Elements((*case[name][:place], value, *case[name][place + 1 :]))
+    return {**case, name: whole}
+
+
+def _beside(shape: Shape, case: Values, slot: Slot, type_: str, passing: Scalar, chance: random.Random) -> list[Values]:
+    bad, good = _get(case, slot), passing
     if not isinstance(bad, int | float) or not isinstance(good, int | float) or type_ == "bool":
         return []
     if not (math.isfinite(bad) and math.isfinite(good)):
@@ -428,14 +565,14 @@ def _beside(
         middle = None if middle is None else fit(middle, type_)  # type: ignore[assignment]
         if middle is None or middle in (bad, good):
             break
-        if shape.fails({**case, name: middle}):
+        if shape.fails(_put(case, slot, middle)):
             bad = middle
         else:
             good = middle
     assert isinstance(bad, int | float)
     away = bad * (1 + chance.choice((-1, 1)) * 10 ** chance.uniform(-6, -0.3))
     further = [fit(round(away) if isinstance(bad, int) else away, type_), fit(step(bad, 1), type_)]
-    return [{**case, name: value} for value in (bad, good, *further) if value is not None]
+    return [_put(case, slot, value) for value in (bad, good, *further) if value is not None]
 
 
 def canonical(text: str) -> frozenset[frozenset[str]]:

@@ -19,15 +19,16 @@ from riot_bus.generalize.sampling import columns_of
 from riot_bus.vocabulary.trial import TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.chain.questions import UnitQuestions
     from riot_bus.generalize.rules import LearnedRule, Variable
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Progress, Scalar
+    from riot_bus.vocabulary.trial import Progress
 
-__all__ = ["ContextAnswers", "ask_in_contexts", "bring_in", "contexts", "near_the_limit", "with_context"]
+__all__ = ["ContextAnswers", "ask_in_contexts", "behind", "bring_in", "contexts", "near_the_limit", "with_context"]
 
 _DOUBT, _SURE = 0.02, 0.002
 """Few trials carry the claim that a rule holds for the unit, so those that are against it have to be sure."""
@@ -47,7 +48,7 @@ class ContextAnswers:
     """
 
     context: tuple[Message, ...]
-    asked: tuple[Mapping[str, Scalar], ...]
+    asked: tuple[Mapping[str, Setting], ...]
     predicted: tuple[bool, ...]
     failed: tuple[bool, ...]
 
@@ -80,7 +81,7 @@ def _joined(context: Sequence[Message], messages: Sequence[Message]) -> tuple[Me
 
 def near_the_limit(
     learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float], *, count: int
-) -> tuple[list[Mapping[str, Scalar]], list[bool]]:
+) -> tuple[list[Mapping[str, Setting]], list[bool]]:
     """Return trials of the rule that it explains, the ones nearest to its limit and the furthest, and what it says.
 
     Args:
@@ -102,17 +103,27 @@ def near_the_limit(
 def ask_in_contexts(
     questions: UnitQuestions,
     found: Sequence[tuple[Message, ...]],
-    asked: Sequence[Mapping[str, Scalar]],
+    asked: Sequence[Mapping[str, Setting]],
     predicted: Sequence[bool],
+    said: Callable[[Sequence[Message]], bool] | None = None,
 ) -> list[ContextAnswers]:
-    """Ask trials behind each context."""
-    cases = [_case(questions, context, values) for context in found for values in asked]
+    """Ask trials behind each context.
+
+    Args:
+        questions: Asks the unit.
+        found: The contexts.
+        asked: Values of the rule's fields.
+        predicted: What the rule says of them.
+        said: What it says of the whole of a log, where that is not told by the values.
+    """
+    cases = [behind(questions, context, values) for context in found for values in asked]
+    told = [said(case.messages) for case in cases] if said else [*predicted] * len(found)
     failed = questions.decide(cases, doubt=_DOUBT)
-    against = [place for place, answer in enumerate(failed) if answer != predicted[place % len(asked)]]
+    against = [place for place, answer in enumerate(failed) if answer != told[place]]
     for place, answer in zip(against, questions.decide([cases[n] for n in against], doubt=_SURE), strict=True):
         failed[place] = answer
     return [
-        ContextAnswers(context, tuple(asked), tuple(predicted), tuple(failed[at : at + len(asked)]))
+        ContextAnswers(context, tuple(asked), tuple(told[at : at + len(asked)]), tuple(failed[at : at + len(asked)]))
         for at, context in zip(range(0, len(cases), max(1, len(asked))), found, strict=True)
     ]
 
@@ -133,7 +144,7 @@ def bring_in(
     topics = [questions.fields.registry.topic(message.key) for message in context]
 
     def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
-        cases = [_case(questions, [context[place] for place in kept], values) for kept in parts]
+        cases = [behind(questions, [context[place] for place in kept], values) for kept in parts]
         return [answer == failed for answer in questions.decide(cases, doubt=_DOUBT)]
 
     latest = {topic: place for place, topic in enumerate(topics)}
@@ -149,20 +160,21 @@ def bring_in(
     return tuple(context[place] for place in kept)
 
 
-def with_context(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Scalar]) -> NamedFields:
+def with_context(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Setting]) -> NamedFields:
     """Return the fields of a log that has a context in front of the minimal one with these values."""
     fields = questions.fields
-    messages = _joined(context, fields.with_values(values))
-    behind = messages[len(context) :]
+    changed = fields.with_values(values)
+    messages = _joined(context, changed)
     originals = {
         after.sequence: fields.log.originals[before.sequence].with_(time=after.time, sequence=after.sequence)
-        for before, after in zip(fields.log.messages, behind, strict=True)
+        for before, after in zip(changed, messages[len(context) :], strict=True)
         if before.sequence in fields.log.originals
     }
     return NamedFields(FailingLog(messages, originals), registry=fields.registry)
 
 
-def _case(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Scalar]) -> TestCase:
+def behind(questions: UnitQuestions, context: Sequence[Message], values: Mapping[str, Setting]) -> TestCase:
+    """Return the minimal log with values set by name, behind other messages."""
     case = questions.case(values)
     messages = _joined(context, case.messages)
     several = len({message.key for message in messages}) > 1

@@ -8,14 +8,18 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from riot_bus.generalize.oracle import same_scalar
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
+from riot_bus.types.elements import read_elements
 from riot_bus.types.model import Leaf
+from riot_bus.vocabulary.elements import Elements
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
+from riot_bus.vocabulary.order import Order, order_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import SystemFile
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
@@ -180,19 +185,28 @@ class NamedFields:
     def __init__(self, log: FailingLog, *, registry: TypeRegistry) -> None:
         self.log = log
         self.registry = registry
-        topics = [registry.topic(message.key) for message in log.messages]
+        self.topics = topics = [registry.topic(message.key) for message in log.messages]
         several = {topic for topic, count in Counter(topics).items() if count > 1}
         seen: Counter[str] = Counter()
         self.fields: dict[str, NamedField] = {}
+        self._positions: dict[str, int] = {}
         for position, (topic, message) in enumerate(zip(topics, log.messages, strict=True)):
             prefix = f"{topic}[{seen[topic]}]" if topic in several else topic
             seen[topic] += 1
+            self._positions[prefix] = position
             kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             if kind is None or message.kind == "delete":
                 continue
             for leaf, original in self._leaves(kind, message):
                 name = f"{prefix}:{leaf.path}"
                 self.fields[name] = NamedField(name, topic, position, leaf, original, kind, message.payload)
+        orders = [Order(*pair) for pair in pairwise(topics)]
+        self.orders: dict[str, int] = {
+            str(order): position
+            for position, order in enumerate(orders)
+            if not several & {order.first, order.second} and order_of(str(order)) == order
+        }
+        """Neighbouring messages of two topics that come once each, by their order: the place of the first of them."""
 
     def _leaves(self, kind: MessageType, message: Message) -> Iterable[tuple[Leaf, Scalar | None]]:
         before = self.log.originals.get(message.sequence)
@@ -214,14 +228,28 @@ class NamedFields:
             elif original is not None or not any(int(index) >= _ELEMENTS for index in _INDEX.findall(leaf.path)):
                 yield leaf, original
 
-    def with_values(self, values: Mapping[str, Scalar]) -> tuple[Message, ...]:
+    def with_values(self, values: Mapping[str, Setting]) -> tuple[Message, ...]:
         """Return the log's messages with fields set by name; fields that keep their value keep their bytes.
+
+        Args:
+            values: By the names of fields; of an array, by a name with `[*]`, all elements; of an order, whether it
+                is that of the log.
 
         Raises:
             ConfigError: No such field.
         """
         changes: dict[int, dict[str, Scalar]] = {}
+        turned: set[int] = set()
         for name, value in values.items():
+            order = order_of(name)
+            if order is not None and str(order._replace(once=False)) in self.orders:
+                turned.update([] if value else [self.orders[str(order._replace(once=False))]])
+                continue
+            if isinstance(value, Elements):
+                position, patch = self._elements(name, value)
+                if patch:
+                    changes.setdefault(position, {}).update(patch)
+                continue
             field = self.fields.get(name)
             if field is None:
                 raise ConfigError(f"the minimal log has no field {name!r}")
@@ -233,7 +261,37 @@ class NamedFields:
             kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             assert kind is not None
             messages[position] = message.with_(payload=_changed(kind, message.payload, patch))
-        return tuple(messages)
+        return _turned(messages, turned) if turned else tuple(messages)
+
+    def _elements(self, name: str, elements: Elements) -> tuple[int, dict[str, Scalar]]:
+        """Return the message of an array, and the elements that change."""
+        prefix, _, path = name.rpartition(":")
+        position = self._positions.get(prefix)
+        if position is None:
+            raise ConfigError(f"the minimal log has no array {name!r}")
+        message = self.log.messages[position]
+        kind = self.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        assert kind is not None
+        before = read_elements(kind, message.payload, path)
+        pairs = enumerate(zip(elements, before, strict=True))
+        return position, {path.replace("[*]", f"[{at}]"): new for at, (new, old) in pairs if not same_scalar(new, old)}
+
+
+def _turned(messages: Sequence[Message], turned: set[int]) -> tuple[Message, ...]:
+    """Return messages with the order of some pairs of neighbours turned round: whole runs of them are.
+
+    Args:
+        messages: The log.
+        turned: Place of the first message of each pair.
+    """
+    found: list[Message] = []
+    run: list[Message] = []
+    for place, message in enumerate(messages):
+        run.append(message)
+        if place not in turned:
+            found += reversed(run)
+            run = []
+    return tuple(one.with_(time=slot.time) for one, slot in zip(found, messages, strict=True))
 
 
 def internal_name(name: str) -> str:

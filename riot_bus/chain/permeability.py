@@ -14,6 +14,7 @@ from riot_bus.generalize.rule import Rule
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
 
 if TYPE_CHECKING:
@@ -46,7 +47,14 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     workspace = step.workspace
     file = workspace.context.file
     learnt = Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
-    internals = sorted({internal_name(name) for name in (*(record.name for record in relevant.fields), *learnt)})
+    names = [*(record.name for record in relevant.fields), *learnt]
+    if orders := [name for name in names if order_of(name)]:
+        raise InconclusiveError(
+            f"the failure depends on an order of messages ({orders[0]}), which runs of the whole system do not drive",
+            where=str(folder),
+            hint="this finding stays at unit level; riot guard keeps such an order from the unit",
+        )
+    internals = sorted(set(map(internal_name, names)))
     registry = workspace.context.registry
     keys = {registry.topic(message.key): message.key for message in workspace.nominal_messages()}
     graph = declared_graph(file, keys, registry)

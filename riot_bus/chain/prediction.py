@@ -17,7 +17,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import open_system
-from riot_bus.types.latest import LatestFields
+from riot_bus.types.latest import LatestFields, in_words
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Verdict
@@ -61,9 +61,11 @@ class Prediction:
         moments: The first of those.
         begin: When the first message of the log was sent (ns).
         rule: The rule as text.
+        topics: Of the log in which its fields are named.
     """
 
     rule: str = ""
+    topics: Sequence[str] = ()
     begin: int = 0
     judged: int = 0
     unknown: int = 0
@@ -78,7 +80,7 @@ class Prediction:
         )
         found = [first + (f"; {self.unknown} lack a field of it" if self.unknown else "")]
         for one in self.moments[:_TOLD]:
-            values = ", ".join(f"{name} = {value!r}" for name, value in one.values.items())
+            values = ", ".join(f"{in_words(name, self.topics)} = {value!r}" for name, value in one.values.items())
             found.append(f"  {(one.time - self.begin) / 1e9:.3f} s, message {one.place}: {values}")
         return found + ([f"  ... and {self.fails - _TOLD} more"] if self.fails > _TOLD else [])
 
@@ -176,7 +178,7 @@ def predict(
         ConfigError: A variable of the rule is no field.
     """
     latest = LatestFields(rule.variables, topics, registry=registry)
-    found = Prediction(rule.text())
+    found = Prediction(rule.renamed(lambda name: in_words(name, topics)).text(), topics)
     rows: list[Moment] = []
     for place, message in enumerate(messages):
         found.begin = found.begin if place else message.time

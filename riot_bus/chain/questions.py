@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
+    from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["FreshCases", "UnitQuestions", "dictionary_of", "draws_for", "json_value", "noise_of"]
@@ -152,15 +153,16 @@ class UnitQuestions:
         values = nominal_values(log, paths, registry=self._workspace.context.registry, at_most=at_most)
         return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
 
-    def case(self, values: Mapping[str, Scalar]) -> TestCase:
-        """Return the minimal log with values set by name."""
-        return TestCase(self.fields.with_values(values), seed=self._workspace.seed, ordered=self.finding.ordered)
+    def case(self, values: Mapping[str, Setting]) -> TestCase:
+        """Return the minimal log with values set by name; where it has an order, the unit takes it in in that order."""
+        ordered = self.finding.ordered or bool(self.fields.orders)
+        return TestCase(self.fields.with_values(values), seed=self._workspace.seed, ordered=ordered)
 
     def failed(self, outcome: Outcome) -> bool:
         """Return whether an outcome is the failure that is asked for."""
         return outcome.failed_as(self.finding.signature)
 
-    def fresh(self, *, after: int = 0) -> Ask[Mapping[str, Scalar]]:
+    def fresh(self, *, after: int = 0) -> Ask[Mapping[str, Setting]]:
         """Return what asks by a fresh trial each time; see `FreshCases` for `after`."""
         cases = FreshCases(self.runner, after=after)
         return lambda asked: [self.failed(one) for one in cases.run([self.case(values) for values in asked])]
@@ -189,6 +191,6 @@ class UnitQuestions:
         found = {digest: chance > 0.5 for digest, chance in zip(by_digest, chances, strict=True)}
         return [found[case.digest()] for case in cases]
 
-    def ask(self, questions: Sequence[Mapping[str, Scalar]]) -> list[bool]:
+    def ask(self, questions: Sequence[Mapping[str, Setting]]) -> list[bool]:
         """Return for each assignment of values whether it triggers the failure; see `decide`."""
         return self.decide([self.case(values) for values in questions])

@@ -8,11 +8,13 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
+from riot_bus.chain.orders import order_spaces
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import why_brittle
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask, Scalar
 
 if TYPE_CHECKING:
@@ -36,15 +38,19 @@ _INJECTED_PRIOR = 10.0
 
 
 def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
-    """Return the fields that may be varied: all but the brittle ones and those that riot.toml leaves alone."""
+    """Return the fields that may be varied: all but the brittle ones and those that riot.toml leaves alone.
+
+    A brittle one is varied where the same field of another message of its topic was injected: the failure may relate
+    both, such as sequence numbers that fall.
+    """
+    injected = {(field.topic, field.leaf.path) for field in fields.fields.values() if field.original is not None}
 
     def wanted(field: NamedField) -> bool:
         name = f"{field.topic}:{field.leaf.path}"
         if field.original is not None or any(fnmatchcase(name, pattern) for pattern in unit.include):
             return True
-        return not why_brittle(field.leaf.path, field.kind) and not any(
-            fnmatchcase(name, pattern) for pattern in unit.leave
-        )
+        brittle = why_brittle(field.leaf.path, field.kind) and (field.topic, field.leaf.path) not in injected
+        return not brittle and not any(fnmatchcase(name, pattern) for pattern in unit.leave)
 
     return [field for field in fields.fields.values() if wanted(field)]
 
@@ -68,8 +74,9 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
     questions = UnitQuestions(step, folder)
     considered = considered_fields(questions.fields, context.file.unit[questions.finding.unit])
     ask = questions.fresh(after=_AFTER)
+    spaces = [*field_spaces(questions, considered), *order_spaces(questions.fields)]
     found = relevant_fields(
-        field_spaces(questions, considered),
+        spaces,
         ask,
         seed=step.workspace.seed,
         noise=questions.noise,
@@ -86,9 +93,11 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
             records.append(_record(context, folder, one, questions, sides))
         else:
             unconfirmed.append(one.name)
+    if any(order_of(one.name) for one in records) and not questions.finding.ordered:
+        questions.finding.model_copy(update={"ordered": True}).save(folder)
     return FieldsRecord(
         fields=tuple(records),
-        considered=tuple(field.name for field in considered),
+        considered=tuple(space.name for space in spaces),
         bound=found.bound,
         straight=found.straight,
         unconfirmed=tuple(unconfirmed),
@@ -157,7 +166,6 @@ def _record(
         confirmed_passing=passing.right,
         passing_repeats=passing.total,
     )
-    leaf = questions.fields.fields[found.name].leaf
-    return FieldRecord(
-        name=found.name, kind=found.kind, type=leaf.type, failing=json_value(leaf.value), certificate=certificate
-    )
+    field = questions.fields.fields.get(found.name)
+    type_, value = (field.leaf.type, json_value(field.leaf.value)) if field else ("bool", True)  # an order
+    return FieldRecord(name=found.name, kind=found.kind, type=type_, failing=value, certificate=certificate)

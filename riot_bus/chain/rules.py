@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from riot_bus.chain.arrays import with_arrays
 from riot_bus.chain.contexts import ask_in_contexts, bring_in, contexts, near_the_limit, with_context
 from riot_bus.chain.forms import with_forms
+from riot_bus.chain.orders import judge_of_logs, order_variables, with_first
 from riot_bus.chain.prediction import explained
 from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
 from riot_bus.chain.relevance import considered_fields, field_spaces
@@ -17,9 +19,11 @@ from riot_bus.findings.records import AlternativeRecord, FieldsRecord, Proportio
 from riot_bus.generalize.relevance import relevant_fields
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import Estimate, LearnedRule, Sample, Variable, learn_rule
-from riot_bus.generalize.sampling import TYPES, columns_of
+from riot_bus.generalize.sampling import TYPES, columns_of, row_of, scalars_of
 from riot_bus.statistics.rates import Proportion, proportion
+from riot_bus.types.latest import in_words
 from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Scalar
 
 if TYPE_CHECKING:
@@ -28,6 +32,7 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.contexts import ContextAnswers
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["rules"]
@@ -93,7 +98,8 @@ class _Found:
 
     Attributes:
         questions: Ask the unit with the log in which the rule's fields are named.
-        variables: The fields.
+        passing: A value without failure of each field.
+        variables: The fields, or the arrays that they are elements of.
         scale: Their nominal spread.
         learned: The rule.
         answers: Some of its trials, asked again behind nominal messages.
@@ -101,6 +107,7 @@ class _Found:
     """
 
     questions: UnitQuestions
+    passing: Mapping[str, Value]
     variables: Sequence[Variable]
     scale: dict[str, float]
     learned: LearnedRule
@@ -125,6 +132,7 @@ class _Teacher:
     def learn(self, questions: UnitQuestions, passing: Mapping[str, Value], *, context: int = 0) -> _Found:
         """Learn the rule over some fields; samples that it gets wrong are asked again."""
         named = [field for field in questions.fields.fields.values() if field.name in passing]
+        named.sort(key=lambda field: -field.position)  # people say how a message differs from what came before it
         observed = questions.nominal(named, at_most=_NOMINAL)
         variables = [
             Variable(
@@ -137,6 +145,7 @@ class _Teacher:
             )
             for field in named
         ]
+        variables = [*with_arrays(questions, named, variables), *order_variables(passing)]
 
         rest = (field for name, field in questions.fields.fields.items() if name not in observed)
         others = [field for field in rest if field.leaf.type in TYPES][:_OTHERS]
@@ -144,7 +153,7 @@ class _Teacher:
             Variable(field.name, field.leaf.type, field.leaf.value, nominal=tuple(values))
             for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
         ]
-        scale = {name: _spread(values) for name, values in observed.items()}
+        scale = _scale(variables, observed)
         for _ in range(_ROUNDS):
             learned = learn_rule(
                 variables,
@@ -160,9 +169,12 @@ class _Teacher:
             again = questions.decide([questions.case(one.assignment) for one in doubtful], doubt=_SURE)
             if again == [one.failed for one in doubtful]:
                 break
+        learned, variables = with_first(questions, learned, variables)
+        scale = _scale(variables, observed)
         asked, predicted = near_the_limit(learned, variables, scale, count=_NEAR)
-        answers = ask_in_contexts(questions, contexts(questions.nominal_log(), self._registry), asked, predicted)
-        return _Found(questions, variables, scale, learned, answers, context)
+        behind, said = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
+        answers = ask_in_contexts(questions, behind, asked, predicted, said)
+        return _Found(questions, passing, variables, scale, learned, answers, context)
 
     def learn_behind(self, found: _Found) -> _Found | None:
         """Learn the rule again with the nominal messages in front that make it wrong; None if they cannot be told."""
@@ -175,20 +187,25 @@ class _Teacher:
         except InconclusiveError:  # what the rule was learnt on is not called in doubt by that
             return None
 
-    def _behind(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Scalar]) -> _Found | None:
+    def _behind(self, found: _Found, context: Sequence[Message], failing: Mapping[str, Setting]) -> _Found | None:
         if not context:
             return None
         fields = with_context(found.questions, context, failing)
         questions = found.questions.within(fields)
         passing: dict[str, Value] = {}
-        for variable in found.variables:
-            old = found.questions.fields.fields[variable.name]
+        for name, value in found.passing.items():
+            if order_of(name):
+                if name not in fields.orders:
+                    return None
+                passing[name] = value
+                continue
+            old = found.questions.fields.fields[name]
             new = next(
                 one
                 for one in fields.fields.values()
                 if (one.position, one.leaf.path) == (old.position + len(context), old.leaf.path)
             )
-            passing[new.name] = json_value(variable.passing[0])
+            passing[new.name] = value
         unit = self.step.workspace.context.file.unit[questions.finding.unit]
         considered = [
             field for field in considered_fields(fields, unit) if field.name in passing or field.position < len(context)
@@ -232,7 +249,12 @@ def _typed(value: Value, like: Scalar) -> Scalar:
     return bytes.fromhex(str(value)) if isinstance(like, bytes) else value
 
 
-def _spread(values: Sequence[Scalar]) -> float:
+def _scale(variables: Sequence[Variable], observed: Mapping[str, Sequence[Scalar]]) -> dict[str, float]:
+    """Return the nominal spread of each variable as rules see them."""
+    return {one.name: _spread(observed.get(one.name, one.nominal)) for one in scalars_of(variables)}
+
+
+def _spread(values: Sequence[Setting]) -> float:
     """Return the nominal spread of a field: the unit of the rule's distance."""
     numbers = [float(value) for value in values if isinstance(value, (bool, int, float))]
     return (pstdev(numbers) if len(numbers) > 1 else 0.0) or 1.0
@@ -244,16 +266,20 @@ def _proportion(one: Estimate | Proportion) -> ProportionRecord:
     )
 
 
-def _values(assignment: Mapping[str, Scalar]) -> dict[str, Value]:
-    return {name: json_value(value) for name, value in assignment.items()}
+def _values(row: Mapping[str, Scalar]) -> dict[str, Value]:
+    return {name: json_value(value) for name, value in row.items()}
 
 
 def _record(found: _Found) -> RuleRecord:
     learned = found.learned
-    topics = [found.questions.fields.registry.topic(message.key) for message in found.questions.fields.log.messages]
+    topics = found.questions.fields.topics
+
+    def text(rule: Rule) -> str:
+        return rule.renamed(lambda name: in_words(name, topics)).text()
+
     asked = sum(len(one.asked) for one in found.answers)
     return RuleRecord(
-        text=learned.rule.text(),
+        text=text(learned.rule),
         rule=learned.rule.to_dict(),
         precision=_proportion(learned.precision),
         recall=_proportion(learned.recall),
@@ -262,17 +288,17 @@ def _record(found: _Found) -> RuleRecord:
         varied_mistakes=learned.varied_mistakes,
         varied_checks=learned.varied_checks,
         alternatives=tuple(
-            AlternativeRecord(text=one.rule.text(), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
+            AlternativeRecord(text=text(one.rule), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
             for one in learned.alternatives
         ),
         in_context=_proportion(proportion(asked - found.wrong, asked)),
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
         scale=found.scale,
-        types={one.name: one.type for one in found.variables},
+        types={one.name: one.type for one in scalars_of(found.variables)},
         samples=tuple(
             RuleSample(
-                values=_values(sample.assignment),
+                values=_values(row_of(found.variables, sample.assignment)),
                 failed=sample.failed,
                 phase=sample.phase,
             )

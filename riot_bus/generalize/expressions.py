@@ -9,6 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from riot_bus.vocabulary.elements import quantity_of
+
 __all__ = ["OPERATORS", "TEXTS", "Applied", "Array", "Name", "Node", "evaluate", "numeric", "of_text", "text"]
 
 Array = npt.NDArray[Any]
@@ -194,7 +196,8 @@ def text(node: Node) -> str:
 def _write(node: Node) -> tuple[str, int]:
     """Return the text of a node and how tightly its parts belong together."""
     if isinstance(node, Name):
-        return node.name, _ATOM
+        quantity = quantity_of(node.name)
+        return (f"{quantity.kind}({quantity.topic}{quantity.path})" if quantity else node.name), _ATOM
     if not isinstance(node, Applied):
         power = isinstance(node, int) and node >= 2**16 and node & (node - 1) == 0
         return (f"2**{node.bit_length() - 1}" if power else repr(node)), _ATOM  # type: ignore[union-attr]

@@ -13,6 +13,7 @@ import numpy as np
 
 from riot_bus.generalize.expressions import Applied, Array, Name, Node, evaluate, numeric, text
 from riot_bus.generalize.numbers import number_bits
+from riot_bus.vocabulary.elements import quantity_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 __all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "features_of", "numeric"]
@@ -213,6 +214,8 @@ def features_of(types: Mapping[str, str]) -> list[Feature]:
     numbers = [name for name, type_ in types.items() if type_.startswith(("int", "uint", "float"))]
     found = [Feature("raw", (name,)) for name in types]
     for name in numbers:
+        if quantity_of(name):
+            continue  # the size of the largest element is no size of an element, and NaN is a quantity of its own
         if not types[name].startswith("uint"):
             found.append(Feature("abs", (name,)))
         if types[name].startswith("float"):
@@ -221,11 +224,15 @@ def features_of(types: Mapping[str, str]) -> list[Feature]:
         kinds = {"string": ("len", "bytes", "ascii", "printable", "digits"), "bytes": ("len", "ascii", "utf8")}
         found += [Feature(kind, (name,)) for kind in kinds.get(type_, ())]
     for left, right in combinations(numbers, 2):
+        if quantity_of(left) or quantity_of(right):
+            found.append(Feature("sub", (left, right)))
+            continue
         kinds_of_two = ["mul", "sub", "add", "div", "hypot", "maxabs", "minabs", *_wraps(types[left], types[right])]
         found += [Feature(kind, (left, right)) for kind in kinds_of_two]
         found.append(Feature("div", (right, left)))
         found += [Feature(kind, (right, left)) for kind in kinds_of_two if kind.startswith("wrapsub")]
-    for one, two, three in combinations(numbers, 3) if len(numbers) <= _MOST_WITH_TRIPLES else ():
+    plain = [name for name in numbers if not quantity_of(name)]
+    for one, two, three in combinations(plain, 3) if len(plain) <= _MOST_WITH_TRIPLES else ():
         found.append(Feature("mul3", (one, two, three)))
         found += [Feature("mulsub", args) for args in ((one, two, three), (one, three, two), (two, three, one))]
         found += [Feature("linear", (one, two, three), (1, *signs)) for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))]

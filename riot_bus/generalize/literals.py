@@ -13,7 +13,9 @@ from riot_bus.generalize.expressions import Applied, text
 from riot_bus.generalize.features import FLAGS, Array, Feature, numeric
 from riot_bus.generalize.margins import boundary_distance
 from riot_bus.generalize.numbers import number_text
+from riot_bus.vocabulary.elements import Quantity, quantity_of
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["FAR", "OPERATORS", "Literal"]
@@ -31,6 +33,11 @@ LARGEST_SET = 16
 
 _SHOWN = 48
 """Texts longer than this are not shown whole."""
+
+_BEYOND = {"max": ">", "min": "<"}
+"""So a comparison is met by the largest, or smallest, element if it is by any; the other way round if it is by all."""
+
+_ODD = {"isnan": "NaN", "nonfinite": "not finite"}
 
 Value = Scalar | tuple[Scalar, ...] | None
 
@@ -78,10 +85,26 @@ class Literal:
         """Return it as people write it: `i >= w` rather than `i - w >= 0`."""
         if self.operator in ("is", "not"):
             return self.feature.text() if self.operator == "is" else _opposite(self.feature)
+        order = order_of(self.feature.args[0]) if isinstance(self.value, bool) else None
+        if order is not None:
+            held = self.value == (self.operator == "==")
+            return str(order) if held else f"not {order}" if order.once else f"{order.second} before {order.first}"
+        quantity = quantity_of(self.feature.args[0]) if self.feature.kind == "raw" else None
+        if quantity is not None and (self.operator[0] in "<>" or isinstance(self.value, bool)):
+            return self._of_elements(quantity)
         node = self.feature.expression
         if self.value == 0 and isinstance(node, Applied) and node.operator == "sub":
             return f"{text(node.args[0])} {self.operator} {text(node.args[1])}"
         return f"{self.feature.text()} {self.operator} {_shown(self.value)}"
+
+    def _of_elements(self, quantity: Quantity) -> str:
+        """Return what is said of the largest, smallest or odd ones as what is said of any or all of the elements."""
+        elements = f"({quantity.topic}{quantity.path})"
+        if isinstance(self.value, bool):
+            word = "any" if self.value == (self.operator == "==") else "none"
+            return f"{word}{elements} is {_ODD[quantity.kind]}"
+        word = "any" if self.operator[0] == _BEYOND.get(quantity.kind) else "all"
+        return f"{word}{elements} {self.operator} {_shown(self.value)}"
 
     def holds(self, columns: Mapping[str, Array]) -> Array:
         """Return one boolean per row; False where the value has another type or is NaN.

@@ -7,27 +7,30 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Generic, TypeVar
 
 from riot_bus.statistics.noise import FlipSearch, Noise
+from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Ask, Progress, Scalar
+from riot_bus.vocabulary.trial import Ask, Progress
 
 __all__ = ["BudgetSpentError", "Oracle", "Trials", "assignment_key", "same_scalar", "scalar_key"]
 
 QuestionT = TypeVar("QuestionT")
 
 
-def scalar_key(value: Scalar) -> Hashable:
+def scalar_key(value: Setting) -> Hashable:
     """Return a key equal exactly for bit-identical values (NaN equals itself, -0.0 is not 0.0, True is not 1)."""
+    if isinstance(value, Elements):
+        return ("elements", value.key)
     if isinstance(value, float):
         return ("float", struct.pack("<d", value))
     return (type(value).__name__, value)
 
 
-def same_scalar(left: Scalar, right: Scalar) -> bool:
+def same_scalar(left: Setting, right: Setting) -> bool:
     """Return whether two values are bit-identical."""
     return scalar_key(left) == scalar_key(right)
 
 
-def assignment_key(assignment: Mapping[str, Scalar]) -> Hashable:
+def assignment_key(assignment: Mapping[str, Setting]) -> Hashable:
     """Return a key of one value per field, independent of the order of the fields."""
     return tuple((name, scalar_key(assignment[name])) for name in sorted(assignment))
 

@@ -14,7 +14,7 @@ from riot_bus.generalize.features import Array, Feature
 from riot_bus.generalize.margins import WRAPS
 from riot_bus.generalize.numbers import between, number_bits, step
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import Assignment, columns_of, fit
+from riot_bus.generalize.sampling import Assignment, changed, columns_of, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
 from riot_bus.vocabulary.trial import Scalar
@@ -151,15 +151,14 @@ def _solutions(
 ) -> list[Assignment]:
     """Return assignments whose feature is near a target and that no other term of the rule covers."""
     feature = learnt.terms[place[0]][place[1]].feature
-    types = {variable.name: variable for variable in table.variables}
     bases = _bases(table, learnt, place, chance)
     options: list[Assignment] = []
     for target in targets:
         for base in bases:
-            for change in inversions(feature, base, target):
-                fitted = {name: fit(value, types[name].type) for name, value in change.items()}
-                if all(value is not None for value in fitted.values()):
-                    options.append({**base, **{name: value for name, value in fitted.items() if value is not None}})
+            for change in inversions(feature, row_of(table.variables, base), target):
+                option = changed(table.variables, base, change)
+                if option is not None:
+                    options.append(option)
     others = Rule(tuple(tuple(map(concrete, term)) for index, term in enumerate(learnt.terms) if index != place[0]))
     if not options or not others.terms:
         return options
@@ -179,8 +178,8 @@ def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.
     return [table.assignments[row] for row in edge[:4] + others[:8]]
 
 
-def inversions(feature: Feature, base: Assignment, target: Number) -> list[dict[str, Scalar]]:
-    """Return changes of one or more variables of the base that bring a feature to about the target."""
+def inversions(feature: Feature, base: Mapping[str, Scalar], target: Number) -> list[dict[str, Scalar]]:
+    """Return changes of one or more values of a row that bring a feature to about the target."""
     first = feature.args[0]
     if feature.kind in ("len", "bytes"):
         text = base[first]

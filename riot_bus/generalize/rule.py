@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,15 @@ class Rule:
     def variables(self) -> tuple[str, ...]:
         """Names of the variables it reads, sorted."""
         return tuple(sorted({name for term in self.terms for literal in term for name in literal.feature.args}))
+
+    def renamed(self, words: Callable[[str], str]) -> Rule:
+        """Return the rule with other names of its variables."""
+
+        def other(literal: Literal) -> Literal:
+            feature = literal.feature
+            return replace(literal, feature=replace(feature, args=tuple(map(words, feature.args))))
+
+        return Rule(tuple(tuple(map(other, term)) for term in self.terms))
 
     def predict(self, columns: Mapping[str, Array]) -> Array:
         """Return for each row whether the failure is predicted.

@@ -17,12 +17,13 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt, learn
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array
-from riot_bus.generalize.oracle import Oracle, assignment_key
+from riot_bus.generalize.oracle import Oracle, assignment_key, same_scalar
 from riot_bus.generalize.refine import inversions, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
-from riot_bus.generalize.sampling import Assignment, Sampler, Variable, columns_of, fit, fitted
+from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.validation import Estimate, near_limits, scores
+from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
@@ -48,7 +49,7 @@ class Sample:
     In the last one, variables outside of the rule have other values too.
     """
 
-    assignment: Mapping[str, Scalar]
+    assignment: Mapping[str, Setting]
     failed: bool
     phase: str
 
@@ -94,7 +95,7 @@ class LearnedRule:
 
 def learn_rule(
     variables: Sequence[Variable],
-    ask: Ask[Mapping[str, Scalar]],
+    ask: Ask[Mapping[str, Setting]],
     *,
     seed: int,
     budget: int = 160,
@@ -125,7 +126,7 @@ def learn_rule(
         raise ValueError("learn_rule needs at least one variable, with distinct names")
     variables = [fitted(variable) for variable in variables]
     context = [variable for variable in map(fitted, context) if variable.nominal]
-    oracle: Oracle[Mapping[str, Scalar]] = Oracle(ask, key=assignment_key, progress=progress)
+    oracle: Oracle[Mapping[str, Setting]] = Oracle(ask, key=assignment_key, progress=progress)
     oracle.expected = budget + validation
     search = _Search(variables, oracle, seed=seed, budget=budget, parallelism=max(1, parallelism))
     with _one_thread():
@@ -155,7 +156,7 @@ class _Search:
     def __init__(
         self,
         variables: Sequence[Variable],
-        oracle: Oracle[Mapping[str, Scalar]],
+        oracle: Oracle[Mapping[str, Setting]],
         *,
         seed: int,
         budget: int,
@@ -175,8 +176,8 @@ class _Search:
         self.share = 0.0
         self.sought = False
         self.turns: dict[object, int] = {}
-        self.anchors: list[dict[str, Scalar]] = []
-        self.decks: dict[object, list[dict[str, Scalar]]] = {}
+        self.anchors: list[dict[str, Setting]] = []
+        self.decks: dict[object, list[dict[str, Setting]]] = {}
 
     # -- asking ---------------------------------------------------------------------------------------------------
 
@@ -234,7 +235,7 @@ class _Search:
                 return card
         return self._explore()
 
-    def _nominal(self) -> dict[str, Scalar]:
+    def _nominal(self) -> dict[str, Setting]:
         return {
             variable.name: self.random.choice(variable.nominal or variable.passing or (variable.failing,))
             for variable in self.variables
@@ -356,15 +357,14 @@ class _Search:
         bad = [sample.assignment for sample in self.samples if sample.failed]
         for _ in range(POOL // 2):
             source = bad if self.random.random() < 0.5 else self.table.assignments
-            changed = dict(self.random.choice(source))
+            redrawn = dict(self.random.choice(source))
             for variable in self.random.sample(self.variables, 1 if len(self.variables) < 3 else 2):
-                changed[variable.name] = self.sampler.value(variable, self.random)
-            pool.append(changed)
+                redrawn[variable.name] = self.sampler.value(variable, self.random)
+            pool.append(redrawn)
         return [assignment for assignment in pool if self.oracle.known(assignment) is None]
 
     def _surfaces(self, candidates: Sequence[Candidate]) -> list[Assignment]:
         """Return new assignments at the thresholds of features of several variables, seldom met by chance."""
-        types = {variable.name: variable.type for variable in self.variables}
         several = [one for one in candidates if len(one.feature.args) > 1 and isinstance(one.inside, int | float)]
         found: list[Assignment] = []
         for candidate in self.random.sample(several, min(SURFACES, len(several))):
@@ -372,10 +372,11 @@ class _Search:
             assert isinstance(candidate.inside, int | float)
             if not math.isfinite(candidate.inside):
                 continue
-            change = self.random.choice(inversions(candidate.feature, base, candidate.inside) or [{}])
-            held = {name: fit(value, types[name]) for name, value in change.items()}
-            if held and all(value is not None for value in held.values()):
-                found.append({**base, **{name: value for name, value in held.items() if value is not None}})
+            row = row_of(self.variables, base)
+            change = self.random.choice(inversions(candidate.feature, row, candidate.inside) or [{}])
+            moved = changed(self.variables, base, dict(change))
+            if moved is not None:
+                found.append(moved)
         return [assignment for assignment in found if self.oracle.known(assignment) is None]
 
     def _explore(self) -> Assignment:
@@ -390,7 +391,7 @@ class _Search:
         drawn = [self.sampler.assignment(self.random) for _ in range(len(near) or 10 * count)]
         pool = [one for one in (*near, *drawn) if self.oracle.known(one) is None]
         if not pool or count < 1:
-            return []
+            return self._validate_known(count, context)
         inside = self.rule.predict(columns_of(self.variables, pool))
         self.share = float(inside.mean())
         sides: tuple[dict[object, Assignment], dict[object, Assignment]] = ({}, {})
@@ -404,6 +405,18 @@ class _Search:
         plain = [one for index, one in enumerate(chosen) if index % 3 or not context]
         others = [{**one, **{each.name: self.random.choice(each.nominal) for each in context}} for one in varied]
         return [*self.ask(plain, "validate"), *self.ask(others, "context")]
+
+    def _validate_known(self, count: int, context: Sequence[Variable]) -> list[Sample]:
+        """Ask known cases with other values of what is not to matter, where few values can be had, as of an order."""
+        cases: dict[object, Assignment] = {}
+        for turn in range(count):
+            one = self.table.assignments[turn % len(self.table.assignments)]
+            others = {each.name: self.random.choice(each.nominal) for each in context}
+            if any(not same_scalar(others[each.name], each.failing) for each in context):
+                cases[assignment_key({**one, **others})] = {**one, **others}
+        if cases:
+            self.share = float(self.rule.predict(columns_of(self.variables, list(cases.values()))).mean())
+        return self.ask(list(cases.values()), "context")
 
     def mistakes(self, checked: Sequence[Sample]) -> int:
         """Return how many samples the present rule gets wrong."""
@@ -449,5 +462,6 @@ class _Search:
                 continue
             differ = np.flatnonzero(rival.rule.predict(columns) != said)
             if len(differ):
-                found.setdefault(rival.rule.text(), (rival.bits, Alternative(rival.rule, pool[int(differ[0])])))
+                decided_by = row_of(self.variables, pool[int(differ[0])])
+                found.setdefault(rival.rule.text(), (rival.bits, Alternative(rival.rule, decided_by)))
         return tuple(one for _, one in sorted(found.values(), key=lambda pair: pair[0])[:2])

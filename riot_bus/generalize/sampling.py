@@ -7,17 +7,32 @@ import random
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from riot_bus.generalize.arrays import Column, columns_of_array, drawn_elements, known_elements, with_column
 from riot_bus.generalize.features import Array
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.texts import varied
+from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["TYPES", "Sampler", "Variable", "columns_of", "fit", "fitted", "integer_range", "interesting"]
+__all__ = [
+    "TYPES",
+    "Sampler",
+    "Variable",
+    "changed",
+    "columns_of",
+    "fit",
+    "fitted",
+    "integer_range",
+    "interesting",
+    "row_of",
+    "scalars_of",
+]
 
-Assignment = Mapping[str, Scalar]
+Assignment = Mapping[str, Setting]
 
 TYPES = (
     "bool",
@@ -29,25 +44,35 @@ TYPES = (
 )
 """The types a variable may have."""
 
+_OBSERVED = 200
+"""So many elements of nominal arrays are kept, evenly thinned out."""
+
 _FLOAT32_MAX = 3.4028234663852886e38
 _DTYPES = {"float32": np.float64, "float64": np.float64, "bool": np.bool_, "string": np.object_, "bytes": np.object_}
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One relevant field as a variable of the rule.
+    """One relevant field as a variable of the rule, or the elements of an array.
 
     `type` is one of bool, int8 .. int64, uint8 .. uint64, float32, float64, string, bytes. `failing` is its value in
     the failing log, `passing` values that heal (from certificates), `nominal` observed ones, `dictionary` exceptional
-    ones.
+    ones. An array has a name with `[*]`, the type of its elements and `[]`, `Elements` as values but in its dictionary,
+    of one length, and `places`: numbers of the elements that rules may tell apart from the others.
     """
 
     name: str
     type: str
-    failing: Scalar
-    passing: tuple[Scalar, ...] = ()
-    nominal: tuple[Scalar, ...] = ()
+    failing: Setting
+    passing: tuple[Setting, ...] = ()
+    nominal: tuple[Setting, ...] = ()
     dictionary: tuple[Scalar, ...] = ()
+    places: tuple[int, ...] = ()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What rules see of an array; nothing for other variables, which they see themselves."""
+        return columns_of_array(self.name, self.type[:-2], self.places) if self.type.endswith("[]") else ()
 
 
 def fitted(variable: Variable) -> Variable:
@@ -56,7 +81,8 @@ def fitted(variable: Variable) -> Variable:
     Raises:
         ValueError: If the type is unknown or cannot hold the failing value.
     """
-    if variable.type not in TYPES:
+    type_ = variable.type.removesuffix("[]")
+    if type_ not in TYPES or (variable.columns and type_ in ("bool", "string", "bytes")):
         raise ValueError(
             f"variable {variable.name!r} has the unknown type {variable.type!r}; known: {', '.join(TYPES)}"
         )
@@ -64,16 +90,75 @@ def fitted(variable: Variable) -> Variable:
     if failing is None:
         raise ValueError(f"variable {variable.name!r}: {variable.type} cannot hold the value {variable.failing!r}")
 
-    def fit_all(values: Sequence[Scalar]) -> tuple[Scalar, ...]:
+    def fit_all(values: Sequence[Setting]) -> tuple[Setting, ...]:
         return tuple(value for value in (fit(value, variable.type) for value in values) if value is not None)
 
+    entries = (fit(value, type_) for value in variable.dictionary)
     return replace(
         variable,
         failing=failing,
         passing=fit_all(variable.passing),
         nominal=fit_all(variable.nominal),
-        dictionary=fit_all(variable.dictionary),
+        dictionary=tuple(value for value in entries if value is not None),
     )
+
+
+def scalars_of(variables: Sequence[Variable]) -> list[Variable]:
+    """Return the variables as rules see them: the columns of an array in its place."""
+    found: list[Variable] = []
+    for variable in variables:
+        if not variable.columns:
+            found.append(variable)
+        for name, type_, read in variable.columns:
+            passing, nominal = (
+                tuple(read(value) for value in values if isinstance(value, Elements))
+                for values in (variable.passing, variable.nominal)
+            )
+            assert isinstance(variable.failing, Elements)
+            found.append(Variable(name, type_, read(variable.failing), passing, nominal))
+    return found
+
+
+def row_of(variables: Sequence[Variable], assignment: Assignment) -> dict[str, Scalar]:
+    """Return the values of an assignment as rules see them."""
+    row: dict[str, Scalar] = {}
+    for variable in variables:
+        value = assignment[variable.name]
+        if isinstance(value, Elements):
+            row.update((name, read(value)) for name, _, read in variable.columns)
+        else:
+            row[variable.name] = value
+    return row
+
+
+def changed(
+    variables: Sequence[Variable], base: Assignment, change: Mapping[str, Setting]
+) -> dict[str, Setting] | None:
+    """Return the base with other values, as the types hold them; None if there is nothing to change or one cannot.
+
+    Args:
+        variables: The variables.
+        base: A value for each.
+        change: By name of a variable, or of what rules see of an array.
+    """
+    found = dict(base)
+    for variable in variables:
+        if variable.name in change:
+            value = fit(change[variable.name], variable.type)
+            if value is None:
+                return None
+            found[variable.name] = value
+        elements = found[variable.name]
+        for number, (name, type_, _) in enumerate(variable.columns):
+            if name not in change:
+                continue
+            scalar = fit(change[name], type_)
+            if not isinstance(scalar, int | float) or isinstance(scalar, bool) or not isinstance(elements, Elements):
+                return None
+            single = number - len(variable.columns) + len(variable.places)
+            elements = with_column(elements, name, variable.places[single] if single >= 0 else None, scalar)
+            found[variable.name] = elements
+    return found if change else None
 
 
 def integer_range(type_: str) -> tuple[int, int] | None:
@@ -85,8 +170,12 @@ def integer_range(type_: str) -> tuple[int, int] | None:
     return None
 
 
-def fit(value: Scalar, type_: str) -> Scalar | None:
+def fit(value: Setting, type_: str) -> Any:
     """Return the value as this type can hold it, or None when it cannot."""
+    if isinstance(value, Elements) or type_.endswith("[]"):
+        arrays = isinstance(value, Elements) and type_.endswith("[]")
+        held: list[Any] = [fit(each, type_[:-2]) for each in value] if arrays else [None]  # type: ignore[union-attr]
+        return None if None in held else Elements(held)
     limits = integer_range(type_)
     if limits is not None:
         if isinstance(value, str | bytes) or (isinstance(value, float) and not math.isfinite(value)):
@@ -126,12 +215,12 @@ def interesting(variable: Variable) -> list[Scalar]:
         edges = [""]
     else:
         edges = [b""]
-    known = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
+    known: list[Any] = [variable.failing, *variable.passing, *edges, *variable.dictionary, *_spread(variable.nominal)]
     held = [value for value in (fit(value, variable.type) for value in known) if value is not None]
     return list({scalar_key(value): value for value in held}.values())
 
 
-def _spread(values: Sequence[Scalar]) -> list[Scalar]:
+def _spread(values: Sequence[Any]) -> list[Scalar]:
     """Return up to seven of the values, the smallest and largest among them."""
     ordered = sorted({scalar_key(value): value for value in values}.values())
     count = min(7, len(ordered))
@@ -147,18 +236,45 @@ class Sampler:
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
-        self.known = {variable.name: interesting(variable) for variable in variables}
+        self._elements = {variable.name: _element(variable) for variable in variables if variable.columns}
+        self.known: dict[str, list[Any]] = {
+            variable.name: self._arrays(variable) if variable.columns else interesting(variable)
+            for variable in variables
+        }
+        self.known.update((element.name, interesting(element)) for element in self._elements.values())
 
-    def assignment(self, chance: random.Random) -> dict[str, Scalar]:
+    def _arrays(self, variable: Variable) -> list[Setting]:
+        """Return known arrays: failing, passing, nominal ones, and these with each known value of an element."""
+        own = [variable.failing, *variable.passing, *variable.nominal[:7]]
+        base, other = variable.failing, (*variable.nominal, *variable.passing, variable.failing)[0]
+        assert isinstance(base, Elements)
+        assert isinstance(other, Elements)
+        numbers: list[Any] = interesting(self._elements[variable.name])
+        found = [*own, *known_elements(base, other, numbers)]
+        return list({scalar_key(value): value for value in found}.values())
+
+    def behind(self, name: str) -> Variable:
+        """Return the variable of this name, or the array of which it is what rules see."""
+        for variable in self.variables:
+            if name == variable.name or any(name == column for column, _, _ in variable.columns):
+                return variable
+        raise KeyError(name)
+
+    def assignment(self, chance: random.Random) -> dict[str, Setting]:
         """Draw a value for every variable."""
         return {variable.name: self.value(variable, chance) for variable in self.variables}
 
-    def value(self, variable: Variable, chance: random.Random) -> Scalar:
+    def value(self, variable: Variable, chance: random.Random) -> Any:
         """Draw one value of one variable."""
+        if variable.columns:
+            element = self._elements[variable.name]
+            base = chance.choice([variable.failing, *(chance.choice(variable.nominal) for _ in variable.nominal[:2])])
+            assert isinstance(base, Elements)
+            return drawn_elements(base, lambda: self.value(element, chance), chance)
         kind = chance.random()
         known = self.known[variable.name]
         if variable.type in ("string", "bytes") and kind > 0.6:
-            return varied(known, chance)  # type: ignore[type-var]
+            return varied(known, chance)
         if variable.type in ("bool", "string", "bytes"):
             return chance.choice(list(variable.nominal) if variable.nominal and kind < 0.3 else known)
         if kind < 0.3 and variable.nominal:
@@ -172,9 +288,21 @@ class Sampler:
         return _log_uniform(variable.type, chance)
 
 
-def _nominal(variable: Variable, chance: random.Random) -> Scalar:
+def _element(variable: Variable) -> Variable:
+    """Return one element of an array as a variable of its own."""
+    arrays = [value for value in (variable.failing, *variable.passing) if isinstance(value, Elements)]
+    at = [value for array in arrays for value in (array[place] for place in variable.places)]
+    nominal = [value for array in variable.nominal if isinstance(array, Elements) for value in array]
+    some = tuple(nominal[:: max(1, len(nominal) // _OBSERVED)])
+    failing = at[0] if at else arrays[0][0]
+    name, type_ = variable.name.replace("[*]", "[?]"), variable.type[:-2]
+    return Variable(name, type_, failing, tuple(at[1:]), some, variable.dictionary)
+
+
+def _nominal(variable: Variable, chance: random.Random) -> Any:
     """Draw from the nominal range: an observed value, or any between two observed ones."""
-    left, right = chance.choice(variable.nominal), chance.choice(variable.nominal)
+    values: tuple[Any, ...] = variable.nominal
+    left, right = chance.choice(values), chance.choice(values)
     if isinstance(left, str | bytes) or isinstance(right, str | bytes) or chance.random() < 0.5:
         return left
     if not (math.isfinite(left) and math.isfinite(right)):
@@ -208,14 +336,19 @@ def _log_uniform(type_: str, chance: random.Random) -> Scalar:
 
 
 def columns_of(variables: Sequence[Variable], assignments: Sequence[Assignment]) -> dict[str, Array]:
-    """Return assignments as one array per variable."""
+    """Return assignments as one array per variable, and of arrays one for each of their columns."""
     columns: dict[str, Array] = {}
     for variable in variables:
-        dtype = _DTYPES.get(variable.type)
-        if dtype is None:
-            dtype = np.uint64 if variable.type == "uint64" else np.int64
-        column: Array = np.empty(len(assignments), dtype=dtype)
-        for row, assignment in enumerate(assignments):
-            column[row] = assignment[variable.name]
-        columns[variable.name] = column
+        values = [assignment[variable.name] for assignment in assignments]
+        if not variable.columns:
+            columns[variable.name] = _column(values, variable.type)
+        for name, type_, read in variable.columns:
+            columns[name] = _column([read(value) for value in values if isinstance(value, Elements)], type_)
     return columns
+
+
+def _column(values: Sequence[Setting], type_: str) -> Array:
+    column: Array = np.empty(len(values), dtype=_DTYPES.get(type_, np.uint64 if type_ == "uint64" else np.int64))
+    for row, value in enumerate(values):
+        column[row] = value
+    return column

@@ -11,7 +11,7 @@ import numpy as np
 from riot_bus.generalize.features import FLAGS, Array, Feature, features_of
 from riot_bus.generalize.literals import LARGEST_SET, Literal, Value
 from riot_bus.generalize.numbers import number_bits, simplest, step
-from riot_bus.generalize.sampling import Assignment, Variable, columns_of, integer_range
+from riot_bus.generalize.sampling import Assignment, Variable, columns_of, integer_range, row_of, scalars_of
 from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Candidate", "Table", "concrete"]
@@ -54,14 +54,20 @@ class Table:
 
     Args:
         variables: The variables of the rule.
+
+    Attributes:
+        assignments: The samples.
+        rows: Likewise, as rules see them.
     """
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables = tuple(variables)
-        types = {variable.name: variable.type for variable in variables}
-        self.features = [*features_of(types), *(feature for each in variables for feature in _beginnings(each))]
+        self._scalars = scalars_of(variables)
+        types = {variable.name: variable.type for variable in self._scalars}
+        self.features = [*features_of(types), *(feature for each in self._scalars for feature in _beginnings(each))]
         self._types = types
         self.assignments: list[Assignment] = []
+        self.rows: list[dict[str, Scalar]] = []
         self.failed: list[bool] = []
         self._values: list[list[Scalar] | None] = [[] for _ in self.features]
 
@@ -71,6 +77,7 @@ class Table:
             return
         columns = columns_of(self.variables, assignments)
         self.assignments.extend(assignments)
+        self.rows.extend(row_of(self.variables, assignment) for assignment in assignments)
         self.failed.extend(failed)
         for index, feature in enumerate(self.features):
             known = self._values[index]
@@ -112,13 +119,12 @@ class Table:
                 _equal(feature, np.array([row == 0 for row in values or ()]), 0, found, masks)
             if values is not None and (feature.kind != "raw" or self._ordered(feature)):
                 _thresholds(feature, values, failed, found, masks, self._least(feature))
-        for variable in self.variables:
+        for variable in self._scalars:
+            rows = [row[variable.name] for row in self.rows]
             if not variable.type.startswith("float"):
-                self._categories(variable, failed, found, masks)
+                self._categories(variable, rows, failed, found, masks)
             if variable.type.startswith(("int", "uint")):
-                _residues(
-                    variable, [assignment[variable.name] for assignment in self.assignments], failed, found, masks
-                )
+                _residues(variable, rows, failed, found, masks)
         return found, np.vstack(masks)
 
     def conditional(self, within: Array) -> tuple[list[Candidate], Array]:
@@ -142,13 +148,14 @@ class Table:
     def _ordered(self, feature: Feature) -> bool:
         return self._types[feature.args[0]] not in ("bool", "string", "bytes")
 
-    def _categories(self, variable: Variable, failed: Array, found: list[Candidate], masks: list[Array]) -> None:
+    def _categories(
+        self, variable: Variable, rows: list[Scalar], failed: Array, found: list[Candidate], masks: list[Array]
+    ) -> None:
         """Offer each small or known value that was seen failing, and the sets of those that only fail or only pass.
 
         That a variable is *not* a value is worth telling if it was seen passing with it: a receiver ignores such.
         """
         feature = Feature("raw", (variable.name,))
-        rows = [assignment[variable.name] for assignment in self.assignments]
         known = {variable.failing, *variable.passing, *variable.dictionary, *variable.nominal[:64]}
         told = {row for row in rows if row in known or (abs(row) <= _SMALL if isinstance(row, int) else len(row) <= 8)}  # type: ignore[arg-type]
         bad, good = (

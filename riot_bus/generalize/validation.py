@@ -17,10 +17,10 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.numbers import between, step
 from riot_bus.generalize.refine import inversions
-from riot_bus.generalize.sampling import Assignment, Sampler, Variable, fit
+from riot_bus.generalize.sampling import Assignment, Sampler, changed, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.statistics.rates import exact_interval
-from riot_bus.vocabulary.trial import Scalar
+from riot_bus.vocabulary.elements import Setting
 
 __all__ = ["Estimate", "Scores", "near_limits", "scores"]
 
@@ -96,27 +96,17 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
         count: How many cases to try to make.
     """
     literals = [candidate for term in learnt.terms for candidate in term]
-    variables = {variable.name: variable for variable in table.variables}
     found: list[Assignment] = []
     for _ in range(count if literals else 0):
         base = chance.choice(table.assignments) if chance.random() < 0.7 else sampler.assignment(chance)
         candidate = chance.choice(literals)
-        held = {
-            name: fit(value, variables[name].type)
-            for name, value in _move(candidate, base, variables, sampler, chance).items()
-        }
-        if held and all(value is not None for value in held.values()):
-            found.append({**base, **{name: value for name, value in held.items() if value is not None}})
+        moved = changed(table.variables, base, _move(candidate, base, sampler, chance))
+        if moved is not None:
+            found.append(moved)
     return found
 
 
-def _move(
-    candidate: Candidate,
-    base: Assignment,
-    variables: dict[str, Variable],
-    sampler: Sampler,
-    chance: random.Random,
-) -> dict[str, Scalar]:
+def _move(candidate: Candidate, base: Assignment, sampler: Sampler, chance: random.Random) -> dict[str, Setting]:
     """Return a change of the base that brings a literal near its limit, or gives its variable another value."""
     feature = candidate.feature
     limit = concrete(candidate).value
@@ -125,10 +115,10 @@ def _move(
         or isinstance(limit, bool)
         or (feature.constant is not None and not isinstance(feature.constant, tuple))
     ):
-        name = chance.choice(feature.args)
-        return {name: sampler.value(variables[name], chance)}
+        variable = sampler.behind(chance.choice(feature.args))
+        return {variable.name: sampler.value(variable, chance)}
     target = _beside(limit, candidate, chance)
-    return chance.choice(inversions(feature, base, target) or [{}])
+    return dict(chance.choice(inversions(feature, row_of(sampler.variables, base), target) or [{}]))
 
 
 def _beside(limit: Number, candidate: Candidate, chance: random.Random) -> Number:

@@ -6,8 +6,9 @@ import json
 import logging
 import math
 import re
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -15,13 +16,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 from riot_bus.generalize.forms.function import judge_of
 from riot_bus.generalize.forms.repair import Repair, why_not_repairable
 from riot_bus.generalize.rule import Rule
+from riot_bus.types.latest import place_of
+from riot_bus.vocabulary.elements import is_counted
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.pipeline.event import Event
+    from riot_bus.vocabulary.order import Order
 
 __all__ = ["RuleGuard"]
 
@@ -29,21 +34,24 @@ _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 24
 """No rule.json is larger: it has a few hundred samples."""
 _WILD = re.compile(r"[*$?#]")
-_NUMBERED = re.compile(r"(.*)\[(\d+)\]")
+_NUMBERED = re.compile(r"(.+)\[(\d{1,6})\]:[^:]*", re.DOTALL)
+_MOST_BACK = 64
+"""So many earlier messages of a topic are remembered at most: logs that a rule is learnt on are short."""
 
 
 class _Field(NamedTuple):
     place: int
     path: str
+    back: int = 0
 
 
 @dataclass
 class RuleGuard:
     """Keep from a unit what a rule says it fails on; all other messages pass as they are.
 
-    Where the rule relates fields of several topics, a message is judged with the latest delivered values of the other
-    topics; until each has come once, what needs it does not hold. A message that lacks a field of the rule passes, and
-    is an error of this interceptor.
+    Where the rule relates fields of several topics, or of messages before, a message is judged with what was delivered
+    of these; until each has come, what needs it does not hold. An order of messages is judged at the second one. A
+    message that lacks a field of the rule passes, and is an error of this interceptor.
 
     Args:
         rule: A finding's rule.json.
@@ -61,8 +69,15 @@ class RuleGuard:
         embedded = record.get("rule", record)
         self._rule = Rule.from_json(embedded if isinstance(embedded, Mapping) else {})
         self._names = self._rule.variables
-        self._fields = self._by_topic()
+        self._orders: dict[str, list[tuple[int, Order]]] = {}
+        self._fields = self._by_topic(_topics(record.get("topics"), self._names))
         self.topics = list(self._fields)
+        earlier = {topic: [one for one in fields if one.back] for topic, fields in self._fields.items()}
+        self._kept = {topic: {one.path for one in fields} for topic, fields in earlier.items() if fields}
+        self._past: dict[str, deque[dict[str, Any]]] = {
+            topic: deque(maxlen=max(one.back for one in earlier[topic])) for topic in self._kept
+        }
+        self._came: set[str] = set()
         self.met: Counter[str] = Counter()
         """Messages for which the rule held, by topic."""
         self.done: Counter[str] = Counter()
@@ -72,22 +87,26 @@ class RuleGuard:
         self._good: set[str] = set()
         self._repairs = self._clamps(record) if self.action == "clamp" else {}
 
-    def _by_topic(self) -> dict[str, list[_Field]]:
+    def _by_topic(self, topics: Sequence[str]) -> dict[str, list[_Field]]:
         found: dict[str, list[_Field]] = {}
-        numbers: dict[str, set[str]] = {}
         for place, variable in enumerate(self._names):
-            topic, colon, path = variable.rpartition(":")
-            numbered = _NUMBERED.fullmatch(topic)
-            topic, number = numbered.groups() if numbered else (topic, "")
-            numbers.setdefault(topic, set()).add(number)
-            if not colon or not topic or not path or _WILD.search(topic) or not _selects(topic):
-                raise ConfigError(f"{variable!r} is no field of a topic", where=str(self.rule))
-            if len(numbers[topic]) > 1:
-                hint = "a guard judges one message at a time; mend the unit, or check where several come together"
+            order = order_of(variable)
+            if order is not None:
+                self._orders.setdefault(order.second, []).append((place, order))
+            try:
+                parts = None if order else place_of(variable, topics)
+            except ConfigError as error:
+                raise ConfigError(error.message, where=str(self.rule), hint=error.hint) from error
+            for topic in (parts.topic,) if parts else order[:2] if order else ():
+                if _WILD.search(topic) or not _selects(topic) or (parts and not parts.path):
+                    raise ConfigError(f"{variable!r} is no field of a topic", where=str(self.rule))
+                found.setdefault(topic, [])
+            if parts and parts.back > _MOST_BACK:
                 raise ConfigError(
-                    f"the rule relates several messages of {topic!r} to each other", where=str(self.rule), hint=hint
+                    f"{variable!r} is of a message too long ago", where=str(self.rule), hint=f"at most {_MOST_BACK}"
                 )
-            found.setdefault(topic, []).append(_Field(place, path))
+            if parts:
+                found[parts.topic].append(_Field(place, parts.path, parts.back))
         if not found:
             hint = "it is never or always met, so there is nothing to tell messages apart by"
             raise ConfigError("the rule has no fields", where=str(self.rule), hint=hint)
@@ -101,7 +120,7 @@ class RuleGuard:
         repairs = {}
         for topic, fields in self._fields.items():
             # the length of an array is none of a message's values: changing it would invent elements
-            movable = [self._names[each.place] for each in fields if not each.path.startswith("len(")]
+            movable = [self._names[each.place] for each in fields if not each.back and not is_counted(each.path)]
             if why := self._why_not(movable, types):
                 hint = "use drop or hold"
                 raise ConfigError(f"clamp is not defined for {topic}: {why}", where=str(self.rule), hint=hint)
@@ -123,7 +142,11 @@ class RuleGuard:
         fields = self._fields.get(event.topic)
         if fields is None:
             return
-        values = self._read(event, fields)
+        try:
+            values = self._read(event, fields)
+        except PayloadError:
+            self._remember(event)  # it passes
+            raise
         if values is None:
             return
         if self._judge(values):
@@ -131,17 +154,38 @@ class RuleGuard:
         if values is not None:
             self._delivered = values
             self._good.add(event.topic)
+        if not event.dropped:
+            self._remember(event)
 
     def _read(self, event: Event, fields: Sequence[_Field]) -> list[Any] | None:
         values = self._delivered.copy()
         try:
-            for place, path in fields:
-                values[place] = event.read(path)
+            for place, path, back in fields:
+                values[place] = self._before(event.topic, path, back) if back else event.read(path)
         except PayloadError:
             if event.original.kind == "delete":
                 return None
             raise
+        for second, orders in self._orders.items():
+            for place, order in orders:
+                held = order.first in self._came and not (order.once and second in self._came)
+                values[place] = held if event.topic == second else None
         return values
+
+    def _before(self, topic: str, path: str, back: int) -> Any:
+        past = self._past[topic]
+        return past[-back].get(path) if len(past) >= back else None
+
+    def _remember(self, event: Event) -> None:
+        """Keep of a delivered message what later ones are judged with."""
+        if self._orders:
+            self._came.add(event.topic)
+        if event.topic in self._past:
+            kept: dict[str, Any] = {}
+            for path in self._kept[event.topic]:
+                with suppress(PayloadError):
+                    kept[path] = event.read(path)
+            self._past[event.topic].append(kept)
 
     def _act(self, event: Event, fields: Sequence[_Field], values: list[Any]) -> list[Any] | None:
         """Return the values that are delivered and good; None if there are none."""
@@ -153,8 +197,8 @@ class RuleGuard:
         wanted = self._wanted(event.topic, values)
         if wanted is not None:
             try:
-                for place, path in fields:
-                    if wanted[place] is not values[place]:
+                for place, path, back in fields:
+                    if not back and wanted[place] is not values[place]:
                         event.set(path, wanted[place])
                 now = self._read(event, fields)
             except PayloadError:
@@ -183,6 +227,15 @@ class RuleGuard:
         if self.met:
             done = ", ".join(f"{count} {what}" for what, count in self.done.items())
             _LOG.warning("guard: %s: the rule held for %d messages: %s", self.rule, self.met.total(), done)
+
+
+def _topics(given: Any, names: Sequence[str]) -> list[str]:
+    """Return the topics of the log in which names are given, as a record tells or else as many as the names need."""
+    if isinstance(given, list) and given and all(isinstance(topic, str) for topic in given):
+        return given
+    numbered = [found.groups() for name in names if (found := _NUMBERED.fullmatch(name))]
+    most = {topic: max(int(number) for each, number in numbered if each == topic) for topic, _ in numbered}
+    return [topic for topic, number in most.items() for _ in range(min(number, _MOST_BACK) + 1)]
 
 
 def _selects(topic: str) -> bool:

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from riot_bus.monitors.model import why_no_message
 from riot_bus.monitors.selection import field_selector, selected, why_unseen
+from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError, PayloadError, did_you_mean
 from riot_bus.vocabulary.trial import Violation
 
@@ -137,7 +138,7 @@ class Stl:
             selector = field_selector(text)
             for message, kind in selected(view, selector, None if _is_output(view, text) else view.inputs):
                 now, path = changed.get(id(message), message), selector.field or ""
-                old: Scalar = kind.read(message.payload, path)
+                old: Scalar = read_field(kind, message.payload, path)
                 whole = int(value) if isinstance(old, int) and value.is_integer() else value
                 new = bool(value) if isinstance(old, bool) else whole
                 changed[id(message)] = now.with_payload(kind.rebuild(now.payload, {path: new}))
@@ -156,7 +157,7 @@ class Stl:
             found[name] = each
             for message, kind in sorted(messages, key=lambda it: it[0].time):
                 try:
-                    value = kind.read(message.payload, selector.field or "")
+                    value = read_field(kind, message.payload, selector.field or "")
                 except PayloadError:
                     if is_output:
                         raise

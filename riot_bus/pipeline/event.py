@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message, Qos
 
@@ -189,8 +190,8 @@ class Event:
         return self._type
 
     def read(self, path: str) -> Scalar:
-        """Return a field's value; raises PayloadError when there is none."""
-        return self._known_type().read(self.payload, path)
+        """Return a field's value, or `max(ranges[*])` and the like; raises PayloadError when there is none."""
+        return read_field(self._known_type(), self.payload, path)
 
     def set(self, path: str, value: Scalar) -> None:
         """Set a field: in place if it fits, else the message is built anew around it; `len(path)` sets a length."""

@@ -9,6 +9,7 @@ from riot_bus.findings.records import ProportionRecord, Value
 from riot_bus.report.finding_view import FindingView
 from riot_bus.report.format import clean, number, plural, share, share_interval
 from riot_bus.statistics.rates import exact_interval
+from riot_bus.vocabulary.order import order_of
 
 __all__ = ["Statement", "not_tried", "statements"]
 
@@ -205,7 +206,9 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
     gaps += [f"The step `{step.name}` has not been run." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
     if view.fields:
-        gaps.append("The relevant fields and the rule are about values, not about the order or timing of messages.")
+        orders = any(order_of(name) for name in view.fields.considered)
+        about = "values and the order of two messages, not about" if orders else "values, not about the order or"
+        gaps.append(f"The relevant fields and the rule are about {about} timing of messages.")
     if view.permeability and view.permeability.pruned:
         gaps.append(
             f"{plural(len(view.permeability.pruned), 'external field')} not driven, for want of a path to the unit "

@@ -22,6 +22,7 @@ from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
+from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Message, Qos
@@ -272,7 +273,7 @@ class SystemTrial:
                     continue
                 kind = kind or registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
                 try:
-                    value = kind.read(message.payload, path) if kind else None
+                    value = read_field(kind, message.payload, path) if kind else None
                 except PayloadError:
                     continue
                 if isinstance(value, (bool, int, float)):

@@ -1,12 +1,14 @@
-"""Fields of the latest messages of several topics, by the names that rules have for them."""
+"""What rules are about at any message of a log: fields of the latest messages and those before, and their order."""
 
 from __future__ import annotations
 
 import re
-from collections import deque
-from typing import TYPE_CHECKING
+from collections import Counter, deque
+from typing import TYPE_CHECKING, NamedTuple
 
+from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
+from riot_bus.vocabulary.order import Order, order_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -15,21 +17,58 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["LatestFields"]
+__all__ = ["FieldPlace", "LatestFields", "in_words", "place_of"]
 
 _NAME = re.compile(r"(?P<topic>.+?)(?:\[(?P<place>\d{1,6})\])?:(?P<path>[^:]*)\Z", re.DOTALL)
 
 
-class LatestFields:
-    """Takes messages in turn and tells what named fields are at that moment, each by the latest messages of its topic.
+class FieldPlace(NamedTuple):
+    """Which message of a topic a field is of: the latest one, or the one so many before it."""
+
+    topic: str
+    back: int
+    path: str
+
+
+def place_of(name: str, topics: Sequence[str]) -> FieldPlace:
+    """Return which field a name means.
 
     A name is `topic:path`, or `topic[i]:path` where a short log holds several messages of the topic. Of such a log's n
     messages of a topic, number n - 1 is the latest one, number n - 2 the one before, and so on.
 
     Args:
-        names: The fields.
-        topics: Topic of each message of the short log in which the fields are named; for those without a number in
-            their name it may lack.
+        name: Of a field, or of a quantity of elements.
+        topics: Topic of each message of the short log; for those without a number in their name it may lack.
+
+    Raises:
+        ConfigError: The name is none, or has a number that the log has no message for.
+    """
+    found = _NAME.fullmatch(name)
+    if found is None:
+        raise ConfigError(f"{name!r} is no field: fields are called topic:path")
+    topic, count = found["topic"], max(topics.count(found["topic"]), 1)
+    back = count - 1 - int(found["place"]) if found["place"] is not None else 0
+    if back < 0:
+        raise ConfigError(f"{name!r} names a message that is not there", hint=f"there are {count} of {topic}")
+    return FieldPlace(topic, back, found["path"])
+
+
+def in_words(name: str, topics: Sequence[str]) -> str:
+    """Return a name as people say it: `previous /odom:x` for the message before the latest one."""
+    if order_of(name) or _NAME.fullmatch(name) is None:
+        return name
+    topic, back, path = place_of(name, topics)
+    return f"{'' if not back else 'previous ' if back == 1 else f'{back} before the latest '}{topic}:{path}"
+
+
+class LatestFields:
+    """Takes messages in turn and tells what named fields are at that moment, each by the latest messages of its topic.
+
+    An order is told at each message of its second topic.
+
+    Args:
+        names: The fields and orders; see `place_of`.
+        topics: Topic of each message of the short log in which they are named.
         registry: Names topics and knows types.
 
     Raises:
@@ -38,19 +77,20 @@ class LatestFields:
 
     def __init__(self, names: Iterable[str], topics: Sequence[str], *, registry: TypeRegistry) -> None:
         self._registry = registry
-        self._wanted: dict[str, list[tuple[str, int, str]]] = {}
-        self._seen: dict[str, deque[Message]] = {}
+        self._wanted: dict[str, list[tuple[str, FieldPlace]]] = {}
+        self._orders: dict[str, Order] = {}
+        self._count: Counter[str] = Counter()
         for name in names:
-            found = _NAME.fullmatch(name)
-            if found is None:
-                raise ConfigError(f"{name!r} is no field: fields are called topic:path")
-            topic, count = found["topic"], max(topics.count(found["topic"]), 1)
-            back = count - 1 - int(found["place"]) if found["place"] is not None else 0
-            if back < 0:
-                raise ConfigError(f"{name!r} names a message that is not there", hint=f"there are {count} of {topic}")
-            self._wanted.setdefault(topic, []).append((name, back, found["path"]))
+            order = order_of(name)
+            if order is not None:
+                self._orders[name] = order
+                continue
+            place = place_of(name, topics)
+            self._wanted.setdefault(place.topic, []).append((name, place))
+        ordered = (topic for order in self._orders.values() for topic in (order.first, order.second))
+        self._seen: dict[str, deque[Message]] = {topic: deque(maxlen=1) for topic in ordered}
         for topic, wanted in self._wanted.items():
-            self._seen[topic] = deque(maxlen=1 + max(back for _, back, _ in wanted))
+            self._seen[topic] = deque(maxlen=1 + max(place.back for _, place in wanted))
 
     def take(self, message: Message) -> Mapping[str, Scalar] | None:
         """Return the value of each field that can be read after this message; None if it is of none of the topics.
@@ -63,15 +103,19 @@ class LatestFields:
         self._seen[topic].append(message)
         values: dict[str, Scalar] = {}
         for each, wanted in self._wanted.items():
-            for name, back, path in wanted:
-                if back < len(self._seen[each]):
-                    self._read(self._seen[each][-1 - back], name, path, values)
+            for name, place in wanted:
+                if place.back < len(self._seen[each]):
+                    self._read(self._seen[each][-1 - place.back], name, place.path, values)
+        for name, order in self._orders.items():
+            if order.second == topic:
+                values[name] = self._count[order.first] > 0 and not (order.once and self._count[topic])
+        self._count[topic] += 1
         return values
 
     def _read(self, message: Message, name: str, path: str, values: dict[str, Scalar]) -> None:
         kind = self._registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
         try:
             if kind is not None:
-                values[name] = kind.read(message.payload, path)
+                values[name] = read_field(kind, message.payload, path)
         except PayloadError:
             return

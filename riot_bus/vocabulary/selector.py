@@ -14,7 +14,8 @@ from riot_bus.vocabulary.errors import ConfigError
 
 __all__ = ["Selector", "key_matches", "parse_selector"]
 
-_FIELD = re.compile(r"(len\()?[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*(\.[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*)*\)?")
+_STEP = r"[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*"
+_FIELD = re.compile(rf"((?:len|max|min|isnan|nonfinite)\()?{_STEP}(\.{_STEP})*\)?")
 
 _ANY_CHUNKS = r"(?:/(?!@)[^/]*)"
 

@@ -11,6 +11,7 @@ from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_
 from riot_bus.generalize.forms.standalone import FLOATS, INTEGERS
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
+from riot_bus.vocabulary.elements import is_counted
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def cpp_file(
         ConfigError: The rule needs integers of more than 127 bits, or asks for more of a text than what it is.
     """
     names = list(types)
-    movable = [each for each in names if not each.rpartition(":")[2].startswith("len(")]
+    movable = [each for each in names if not is_counted(each)]
     why = why_not_repairable(terms, movable, types)
     changes = [] if why else where_it_changes(terms, movable, types)
     trees = [feature_tree(literal.feature) for term in terms for literal in term] + [root for _, root, _ in changes]

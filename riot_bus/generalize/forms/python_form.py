@@ -11,6 +11,7 @@ from riot_bus.generalize.forms import standalone
 from riot_bus.generalize.forms.repair import unit_of, where_it_changes, why_not_repairable
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit, line
+from riot_bus.vocabulary.elements import is_counted
 
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
@@ -142,7 +143,7 @@ _HELPERS = (standalone.div, standalone.larger, standalone.smaller)
 def _sanitize(
     terms: Terms, names: Sequence[str], words: Mapping[str, str], types: Mapping[str, str], scale: Mapping[str, float]
 ) -> str:
-    movable = [name for name in names if not name.rpartition(":")[2].startswith("len(")]
+    movable = [name for name in names if not is_counted(name)]
     if why := why_not_repairable(terms, movable, types):
         return f"# No sanitize: {line(why)}\n\n"
     call = f"lambda {', '.join(words.values())}: "

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from riot_bus.generalize.forms.tree import Terms, Tree, feature_tree, one_by_one
 from riot_bus.generalize.forms.words import comparison, identifiers, is_float, is_misfit
+from riot_bus.vocabulary.order import order_of
 
 if TYPE_CHECKING:
     from riot_bus.generalize.literals import Literal
@@ -40,6 +42,9 @@ _HALVES: Mapping[str, str] = {
 """How integers compare with n, between n - 1/2 and n + 1/2: at a limit itself a formula is neither true nor false."""
 
 
+_NUMBERED = re.compile(r".+\[\d+\]:[^:]*", re.DOTALL)
+
+
 class NoFormulaError(ValueError):
     """The rule cannot be said in this language; the message says why."""
 
@@ -55,6 +60,10 @@ def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[st
         NoFormulaError: The language has no words for it.
     """
     words = identifiers(list(types))
+    used = {name for term in terms for literal in term for name in literal.feature.args}
+    for name in sorted(used):
+        if order_of(name) or _NUMBERED.fullmatch(name):
+            raise NoFormulaError(f"{name!r}: a signal is a field of the latest message")
     parts = []
     for term in terms:
         literals = [_literal(each, words, types) for each in term]

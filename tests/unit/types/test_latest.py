@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from riot_bus.types.latest import LatestFields
+from riot_bus.types.latest import LatestFields, in_words
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
@@ -26,6 +26,33 @@ def test_each_field_is_that_of_its_message() -> None:
     assert latest.take(message("a", x=3)) == {"a[0]:x": 1, "a[2]:x": 3, "b:y[1]": 6}
     assert latest.take(message("a", x="four")) == {"a[0]:x": 2, "a[2]:x": "four", "b:y[1]": 6}
     assert latest.take(message("a")) == {"a[0]:x": 3, "b:y[1]": 6}
+
+
+def test_an_order_is_told_at_its_second_message() -> None:
+    latest = LatestFields(["a before b", "a before the first b", "a:x"], ["a", "b"], registry=TypeRegistry())
+    assert latest.take(message("b")) == {"a before b": False, "a before the first b": False}
+    assert latest.take(message("a", x=1)) == {"a:x": 1}
+    assert latest.take(message("b")) == {"a before b": True, "a before the first b": False, "a:x": 1}
+    assert latest.take(message("b", "delete")) is None
+    first = LatestFields(["a before the first b"], [], registry=TypeRegistry())
+    assert [first.take(message(topic)) for topic in "abb"] == [
+        {},
+        {"a before the first b": True},
+        {"a before the first b": False},
+    ]
+
+
+def test_quantities_of_elements_are_read() -> None:
+    latest = LatestFields(["a[0]:max(r[*])", "a[1]:isnan(r[*])"], ["a", "a"], registry=TypeRegistry())
+    latest.take(message("a", r=[1, 7]))
+    assert latest.take(message("a", r=[float("nan"), 0.0])) == {"a[0]:max(r[*])": 7, "a[1]:isnan(r[*])": True}
+
+
+def test_names_in_words() -> None:
+    topics = ["a", "a", "b", "a"]
+    told = {name: in_words(name, topics) for name in ("a[2]:x", "a[1]:x", "a[0]:x", "b:len(y)", "a before b")}
+    assert list(told.values()) == ["a:x", "previous a:x", "2 before the latest a:x", "b:len(y)", "a before b"]
+    assert in_words("plain", topics) == "plain"
 
 
 @pytest.mark.parametrize("name", ["x", "", ":x", "a[1]:x"])

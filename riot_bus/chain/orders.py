@@ -1,0 +1,82 @@
+"""The order of two messages as what a failure depends on: turned round in trials, and told of whole logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.chain.contexts import behind
+from riot_bus.chain.prediction import predict
+from riot_bus.generalize.relevance import FieldSpace
+from riot_bus.generalize.sampling import Variable
+from riot_bus.vocabulary.order import order_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from riot_bus.chain.logs import NamedFields
+    from riot_bus.chain.questions import UnitQuestions
+    from riot_bus.generalize.rule import Rule
+    from riot_bus.generalize.rules import LearnedRule
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["judge_of_logs", "order_spaces", "order_variables", "with_first"]
+
+_DOUBT = 0.02
+
+
+def order_spaces(fields: NamedFields) -> list[FieldSpace]:
+    """Return the orders of neighbouring messages as what may matter: as in the log, or turned round."""
+    return [FieldSpace(name, failing=True, nominal=None, draws=(False,)) for name in fields.orders]
+
+
+def order_variables(names: Iterable[str]) -> list[Variable]:
+    """Return the orders among some names as variables of a rule."""
+    return [Variable(name, "bool", failing=True, passing=(False,)) for name in names if order_of(name)]
+
+
+def with_first(
+    questions: UnitQuestions, learned: LearnedRule, variables: Sequence[Variable]
+) -> tuple[LearnedRule, list[Variable]]:
+    """Return a rule that says `a before the first b` where an earlier b keeps the failure off, as a trial has shown.
+
+    The trial has the second message of the order once more, in front of the minimal log.
+
+    Args:
+        questions: Asks the unit.
+        learned: The rule.
+        variables: Its variables.
+    """
+    words: dict[str, str] = {}
+    failing = {variable.name: variable.failing for variable in variables}
+    for name in learned.rule.variables:
+        order = order_of(name)
+        if order is not None:
+            second = questions.fields.log.messages[questions.fields.orders[name] + 1]
+            (fails,) = questions.decide([behind(questions, (second,), failing)], doubt=_DOUBT)
+            if not fails:
+                words[name] = str(order._replace(once=True))
+
+    def other(row: Mapping[str, Any]) -> dict[str, Any]:
+        return {words.get(name, name): value for name, value in row.items()}
+
+    def renamed(rule: Rule) -> Rule:
+        return rule.renamed(lambda name: words.get(name, name))
+
+    told = replace(
+        learned,
+        rule=renamed(learned.rule),
+        samples=tuple(replace(one, assignment=other(one.assignment)) for one in learned.samples),
+        alternatives=tuple(
+            replace(one, rule=renamed(one.rule), decided_by=other(one.decided_by)) for one in learned.alternatives
+        ),
+    )
+    return told, [replace(one, name=words.get(one.name, one.name)) for one in variables]
+
+
+def judge_of_logs(questions: UnitQuestions, rule: Rule) -> Callable[[Sequence[Message]], bool] | None:
+    """Return what says of a whole log whether a rule holds somewhere; None if that is said by values alone."""
+    if not any(order_of(name) for name in rule.variables):
+        return None
+    registry, topics = questions.fields.registry, questions.fields.topics
+    return lambda messages: bool(predict(rule, topics, messages, registry=registry, at_most=1).fails)
