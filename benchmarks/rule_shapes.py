@@ -252,6 +252,30 @@ SHAPES = (
         (("w", "int32", INT_MAX, 1, 2000), ("h", "int32", 480, 1, 2000)),
         ("int32(w * h) < 0",),
     ),
+    Shape(
+        "int8 of an int32",
+        lambda v: signed(v["n"], 8) < 0,
+        (("n", "int32", 200, 0, 100), ("x", "float64", 2.0, 0.0, 10.0)),
+        ("int8(n) < 0",),
+    ),
+    Shape(
+        "uint16 of a sum of int32",
+        lambda v: (v["a"] + v["b"]) % 2**16 > 40000,
+        (("a", "int32", 45000, 0, 1000), ("b", "int32", 100, 0, 1000)),
+        ("(a + b) % 2**16 > 40000",),
+    ),
+    Shape(
+        "int16 of a difference of int64",
+        lambda v: signed(v["a"] - v["b"], 16) < -1000,
+        (("a", "int64", 0, 0, 500), ("b", "int64", 20000, 0, 500)),
+        ("int16(a - b) < -1000",),
+    ),
+    Shape(
+        "divided by what is truncated to 0",
+        lambda v: math.isfinite(v["x"]) and int(v["x"]) == 0,
+        (("x", "float64", 0.25, 2.0, 90.0),),
+        ("abs(x) < 1", "x < 1 and x > -1"),
+    ),
     # -- strings ------------------------------------------------------------------------------------------------------
     Shape(
         "non-ASCII",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +17,7 @@ from riot_bus.generalize.numbers import number_bits
 from riot_bus.vocabulary.elements import quantity_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
-__all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "features_of", "numeric"]
+__all__ = ["FEATURE_KINDS", "FLAGS", "Array", "Constant", "Feature", "Kind", "casts_of", "features_of", "numeric"]
 
 Constant = int | str | bytes | tuple[int | float, ...] | None
 
@@ -76,6 +77,7 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     **{f"signed{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=True)) for bits in (8, 16, 32, 64)},
     **{f"signedsub{bits}": Kind(2, 7.0, _wrapped("sub", bits, signed=True)) for bits in (8, 16, 32, 64)},
     **{f"signedmul{bits}": Kind(2, 7.0, _wrapped("mul", bits, signed=True)) for bits in (8, 16, 32, 64)},
+    **{f"cast{bits}": Kind(1, 4.0, _call("signed", bits)) for bits in (8, 16, 32)},
     "mul3": Kind(3, 6.0, lambda args, _: Applied("mul", (Applied("mul", (args[0], args[1])), args[2]))),
     "mulsub": Kind(3, 7.0, lambda args, _: Applied("sub", (Applied("mul", (args[0], args[1])), args[2]))),
     "linear": Kind(0, 5.0, _weighted, tuple),
@@ -201,6 +203,7 @@ def _column(columns: Mapping[str, Array], name: str) -> Array:
     return np.asarray(columns[name])
 
 
+_INTEGER = re.compile(r"u?int(8|16|32|64)")
 _MOST_WITH_TRIPLES = 6
 """With more numbers than this, triples of them are left out: there are too many."""
 
@@ -237,6 +240,30 @@ def features_of(types: Mapping[str, str]) -> list[Feature]:
         found += [Feature("mulsub", args) for args in ((one, two, three), (one, three, two), (two, three, one))]
         found += [Feature("linear", (one, two, three), (1, *signs)) for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
     return sorted(found, key=lambda feature: feature.cost)
+
+
+_MOST_WITH_CASTS = 4
+"""With more integers than this, pairs of them are not cast: there are too many."""
+
+
+def casts_of(types: Mapping[str, str]) -> list[Feature]:
+    """Return integers, and sums, differences and products of two, as smaller integers hold them.
+
+    Args:
+        types: Name and type of each variable.
+    """
+    sizes = {name: int(type_.removeprefix("u")[3:]) for name, type_ in types.items() if _INTEGER.fullmatch(type_)}
+    found: list[Feature] = []
+    for name, size in sizes.items():
+        smaller = [bits for bits in (8, 16, 32) if bits < size]
+        found += [Feature(f"cast{bits}", (name,)) for bits in smaller]
+        found += [Feature("mod", (name,), 2**bits) for bits in smaller]
+    for left, right in combinations(sizes, 2) if len(sizes) <= _MOST_WITH_CASTS else ():
+        for bits in (8, 16, 32):
+            if bits <= max(sizes[left], sizes[right]):
+                kinds = [f"{sign}{operator}{bits}" for sign in ("wrap", "signed") for operator in ("", "sub", "mul")]
+                found += [Feature(kind, (left, right)) for kind in kinds]
+    return found
 
 
 def _wraps(left: str, right: str) -> list[str]:

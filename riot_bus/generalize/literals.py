@@ -24,7 +24,7 @@ FAR = 1e18
 """The distance where there is none (NaN, other types) and the bound of all distances."""
 
 NEAR = 1e-300
-"""Distance inside of a point on the boundary itself: keeps "negative inside" exact."""
+"""Distance of a point on the boundary itself: keeps "negative inside, positive outside" exact."""
 
 OPERATORS = ("<", "<=", ">", ">=", "==", "!=", "is", "not", "in", "not in")
 
@@ -126,7 +126,7 @@ class Literal:
         return compare(values, self.operator, self.value)
 
     def distance(self, columns: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
-        """Return the distance to the boundary per row, negative exactly where the literal holds.
+        """Return the distance to the boundary per row, negative exactly where the literal holds, else positive.
 
         It is the smallest move of one variable (or, for products, also of both) that reaches the boundary, in units of
         `scale`; categories and flags, which have no margin, are at 1 or -1.
@@ -153,7 +153,8 @@ class Literal:
             assert isinstance(self.value, int | float)
             far = boundary_distance(self.feature, points, values, units, float(self.value))
         far = np.clip(np.nan_to_num(far, nan=FAR, posinf=FAR, neginf=FAR), 0.0, FAR)
-        return np.asarray(np.where(inside, -np.maximum(far, NEAR), far))
+        far = np.maximum(far, NEAR)
+        return np.asarray(np.where(inside, -far, far))
 
 
 def _opposite(feature: Feature) -> str:

@@ -12,7 +12,7 @@ from riot_bus.generalize.features import Array, Feature
 
 __all__ = ["WRAPS", "boundary_distance"]
 
-WRAPS = re.compile("(wrap|signed)(sub|mul)?(?=[0-9])")
+WRAPS = re.compile("(wrap|signed|cast)(sub|mul)?(?=[0-9])")
 """The begin of the kinds of what wraps around; the number of bits follows."""
 
 
@@ -53,7 +53,7 @@ def boundary_distance(
         if WRAPS.match(kind):
             # The numbers lie on a circle: the jump is a boundary, too.
             size = 2.0 ** int(WRAPS.sub("", kind))
-            above = np.mod(values.astype(np.float64) + (size / 2 if kind.startswith("signed") else 0.0), size)
+            above = np.mod(values.astype(np.float64) + (0.0 if kind.startswith("wrap") else size / 2), size)
             return np.asarray(np.minimum(gap, np.minimum(above + 1, size - above)) / max(units))
         return np.asarray(gap / max(units))
 

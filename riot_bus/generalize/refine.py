@@ -193,6 +193,9 @@ def inversions(feature: Feature, base: Mapping[str, Scalar], target: Number) -> 
 def _changes(feature: Feature, known: list[Number], target: Number) -> Sequence[Sequence[Number]]:
     """Return values of the arguments that bring a feature to about the target."""
     kind, x, y = feature.kind, known[0], known[-1]
+    if kind.startswith("cast"):
+        size = 2 ** int(kind[4:])
+        return [[target + turn * size] for turn in ((x - target) // size, 0, 1, -1)]  # type: ignore[operator]
     if len(known) == 1:
         return [[target], [-target]] if kind == "abs" else [[target]]
     if kind == "mul":

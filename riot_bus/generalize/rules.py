@@ -16,7 +16,7 @@ import numpy as np
 
 from riot_bus.generalize.beam import Learnt, learn
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
-from riot_bus.generalize.features import Array
+from riot_bus.generalize.features import Array, casts_of
 from riot_bus.generalize.oracle import Oracle, assignment_key, same_scalar
 from riot_bus.generalize.refine import inversions, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
@@ -27,7 +27,7 @@ from riot_bus.vocabulary.elements import Setting
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress, Scalar
 
-__all__ = ["Alternative", "Estimate", "LearnedRule", "Sample", "Variable", "learn_rule"]
+__all__ = ["Alternative", "Estimate", "LearnedRule", "Sample", "Variable", "learn_from", "learn_rule"]
 
 COMMITTEE = 4
 POOL = 240
@@ -38,6 +38,10 @@ DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
 ALTERNATIVE_BITS = 6.0
 """A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
+MOST_PLAIN_TERMS = 2
+"""A rule of more terms may stand for a cast, which is a comparison that comes back again and again."""
+CASTS_AFTER = 0.3
+"""Casts are sought after this part of the budget: there are enough failing trials by then to tell that many terms."""
 LINES_AFTER = 0.4
 """Edges are sought after this part of the budget: rules without coefficients are found by then."""
 
@@ -150,6 +154,27 @@ def _one_thread() -> AbstractContextManager[object]:
     return limits
 
 
+def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
+    """Return the simplest rule for the trials so far, and the literals that it was chosen from with where they hold."""
+    failed = np.array(table.failed, dtype=bool)
+    candidates, masks = table.candidates()
+    best = learn(candidates, masks, failed)
+    if _doubtful(best):
+        columns = columns_of(table.variables, table.assignments)
+        literals = {candidate: None for term in best.terms for candidate in term}
+        # A second limit may be no flip among all samples, but is among those for which one literal of the rule holds.
+        for literal in list(literals)[:CONDITIONS]:
+            more, held = table.conditional(concrete(literal).holds(columns))
+            candidates, masks = [*candidates, *more], np.vstack([masks, held])
+        best = learn(candidates, masks, failed)
+    return widen(table, best), candidates, masks
+
+
+def _doubtful(best: Learnt) -> bool:
+    """Return whether a rule is longer than rules of one or two plain literals, or wrong."""
+    return best.mistakes > 0 or best.bits > DOUBTFUL_BITS
+
+
 class _Search:
     """The state of one run of `learn_rule`."""
 
@@ -174,7 +199,7 @@ class _Search:
         self.best = Learnt((), 0.0, 0)
         self.rule = Rule(())
         self.share = 0.0
-        self.sought = False
+        self.sought = self.cast = False
         self.turns: dict[object, int] = {}
         self.anchors: list[dict[str, Setting]] = []
         self.decks: dict[object, list[dict[str, Setting]]] = {}
@@ -249,12 +274,7 @@ class _Search:
         before: object = None
         while True:
             failed = np.array(self.table.failed, dtype=bool)
-            candidates, masks = self.table.candidates()
-            best = learn(candidates, masks, failed)
-            if self.doubtful(best):
-                candidates, masks = self._with_conditional(best, candidates, masks)
-                best = learn(candidates, masks, failed)
-            best = widen(self.table, best)
+            best, candidates, masks = learn_from(self.table)
             self.best = best
             self.rule = best.rule
             if self.spent >= self.budget:
@@ -263,7 +283,7 @@ class _Search:
             before = best.shape
             count = max(self.parallelism, 1 if settled else 3)
             questions = self._committee(best, candidates, masks, failed, count)
-            if self.lines(best):
+            if self.lines(best) or self.casts(best):
                 continue
             narrow = self._thresholds(best)
             calm = 0 if narrow or questions else calm + 1
@@ -276,27 +296,12 @@ class _Search:
             if not settled or not questions or not narrow:
                 self.ask([self._alone(self.random.choice(self.anchors)), self._explore()], "explore")
 
-    def doubtful(self, best: Learnt) -> bool:
-        """Return whether a rule is longer than rules of one or two plain literals, or wrong."""
-        return best.mistakes > 0 or best.bits > DOUBTFUL_BITS
-
-    def _with_conditional(
-        self, best: Learnt, candidates: list[Candidate], masks: Array
-    ) -> tuple[list[Candidate], Array]:
-        """Return the candidates, and thresholds among the samples for which one literal of the rule holds."""
-        columns = columns_of(self.variables, self.table.assignments)
-        literals = {candidate: None for term in best.terms for candidate in term}
-        more = [self.table.conditional(concrete(literal).holds(columns)) for literal in list(literals)[:CONDITIONS]]
-        return [*candidates, *(one for some, _ in more for one in some)], np.vstack(
-            [masks, *(mask for _, mask in more)]
-        )
-
     def lines(self, best: Learnt) -> bool:
         """Look once for linear features, when no short rule explains what was seen; say whether there are new ones.
 
         Edges are narrowed in the nominal case whose variables fail alone most often.
         """
-        if self.sought or not self.doubtful(best) or self.spent < LINES_AFTER * self.budget:
+        if self.sought or not _doubtful(best) or self.spent < LINES_AFTER * self.budget:
             return False
         self.sought = True
         types = {variable.name: variable.type for variable in self.variables}
@@ -309,6 +314,17 @@ class _Search:
             if not self.ask([{**base, name: value} for name, value in wide if value is not None], "threshold"):
                 break
         found = [feature for feature in linear_features(edges) if feature not in self.table.features]
+        for feature in found:
+            self.table.include(feature)
+        return bool(found)
+
+    def casts(self, best: Learnt) -> bool:
+        """Look once for casts to smaller integers, when no rule of few terms explains what was seen; say if any."""
+        plain = not best.mistakes and len(best.terms) <= MOST_PLAIN_TERMS
+        if self.cast or plain or self.spent < CASTS_AFTER * self.budget:
+            return False
+        self.cast = True
+        found = casts_of({variable.name: variable.type for variable in self.variables})
         for feature in found:
             self.table.include(feature)
         return bool(found)

@@ -91,14 +91,14 @@ OF_TEXTS = sorted({*FLAGS, "len", "bytes"} - {"nan", "nonfinite"})
 
 @st.composite
 def features(draw: st.DrawFn, kind: str) -> Feature:
-    """A feature of x, y and n (numbers), s (texts) or b (bytes)."""
+    """A feature of x, y, n, u and m (numbers), s (texts) or b (bytes)."""
     if kind in OF_TEXTS:
         name = draw(st.sampled_from(["s", "b"]))
         letter = draw(st.sampled_from(["a", "/", "é"]))
         constant = None if kind not in ("prefix", "contains") else letter if name == "s" else letter.encode()
         return Feature(kind, (name,), constant)
     arity = FEATURE_KINDS[kind].arity or draw(st.integers(2, 4))
-    names = tuple(draw(st.sampled_from(["x", "y", "n"])) for _ in range(arity))
+    names = tuple(draw(st.sampled_from(["x", "y", "n", "u", "m"])) for _ in range(arity))
     if kind == "linear":
         weights = (draw(st.sampled_from([1, 400, 0.5])), *(draw(st.sampled_from([1, -2, 0.25])) for _ in names[1:]))
         return Feature(kind, names, weights)
@@ -139,6 +139,8 @@ ROWS = st.lists(
         TEXTS,
         TEXTS.map(str.encode) | st.just(b"\xff"),
         st.booleans(),
+        st.integers(0, 2**64 - 1),
+        st.integers(-5, 5) | st.just(math.nan),
     ),
     min_size=1,
     max_size=8,
@@ -147,6 +149,7 @@ ROWS = st.lists(
 
 def columns_of_rows(rows: list[tuple[Any, ...]]) -> dict[str, Any]:
     dtypes = {"x": np.float64, "y": np.float64, "n": np.int64, "s": np.object_, "b": np.object_, "ok": np.bool_}
+    dtypes |= {"u": np.uint64, "m": np.object_}  # m: the largest element of arrays of integers, NaN where one is empty
     values = zip(*rows, strict=True)
     return {name: np.array(list(some), dtype=dtypes[name]) for name, some in zip(dtypes, values, strict=True)}
 
@@ -159,7 +162,8 @@ def test_distance_is_negative_exactly_where_the_failure_is_predicted(
     columns = columns_of_rows(rows)
     distance = rule.distance(columns, {"x": scale, "n": 0.0})
     assert np.isfinite(distance).all()
-    assert ((distance < 0) == rule.predict(columns)).all()
+    assert ((distance <= 0) == rule.predict(columns)).all()
+    assert (distance != 0).all()
 
 
 @settings(max_examples=scaled(150), deadline=None)

@@ -135,6 +135,7 @@ NO_ROOTS: Mapping[str, str] = {
         for kind in ("wrap", "wrapsub", "wrapmul", "signed", "signedsub", "signedmul")
         for bits in (8, 16, 32, 64)
     },
+    **{f"cast{bits}": _AGAIN for bits in (8, 16, 32)},
     **dict.fromkeys(("mod", "bits"), "remainders and bits come back again and again"),
     **dict.fromkeys(("len", "bytes", "ascii", "printable", "digits", "utf8", "prefix", "contains"), _TEXT),
     **dict.fromkeys(("nan", "nonfinite"), "what is not a number has no nearest number"),

@@ -6,6 +6,7 @@ import pytest
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import FAR, Literal
 from riot_bus.vocabulary.errors import ConfigError
+from tests.rule_rows import columns, every_literal, rows
 
 X = Feature("raw", ("x",))
 NAN = Feature("nan", ("x",))
@@ -82,3 +83,13 @@ def test_the_distance_to_what_wraps_is_the_shorter_way_round() -> None:
     literal = Literal(Feature("wrap8", ("x", "y")), "<", 4)
     columns = {"x": np.array([250, 3, 100], dtype=np.uint8), "y": np.array([0, 0, 0], dtype=np.uint8)}
     assert literal.distance(columns, {}).tolist() == [6.0, -1.0, 96.0]
+
+
+def test_the_distance_of_every_kind_is_negative_exactly_where_it_holds() -> None:
+    kinds = {(literal.feature.kind, literal.operator, type(literal.value)): literal for literal in every_literal()}
+    table = columns(rows(60, seed=4))
+    for literal in kinds.values():
+        far = literal.distance(table, {"a:i8": 4.0, "a:f64": 0.5})
+        assert ((far <= 0) == literal.holds(table)).all(), literal.text()
+        assert (far != 0).all(), literal.text()
+        assert np.isfinite(far).all(), literal.text()
