@@ -254,9 +254,9 @@ SHAPES = (
     ),
     Shape(
         "int8 of an int32",
-        lambda v: signed(v["n"], 8) < 0,
+        lambda v: signed(v["n"], 8) < -20,
         (("n", "int32", 200, 0, 100), ("x", "float64", 2.0, 0.0, 10.0)),
-        ("int8(n) < 0",),
+        ("int8(n) < -20",),
     ),
     Shape(
         "uint16 of a sum of int32",

@@ -27,7 +27,7 @@ from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Scalar
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Container, Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.contexts import ContextAnswers
@@ -266,8 +266,8 @@ def _proportion(one: Estimate | Proportion) -> ProportionRecord:
     )
 
 
-def _values(row: Mapping[str, Scalar]) -> dict[str, Value]:
-    return {name: json_value(value) for name, value in row.items()}
+def _values(row: Mapping[str, Scalar], told: Container[str]) -> dict[str, Value]:
+    return {name: json_value(value) for name, value in row.items() if name in told}
 
 
 def _record(found: _Found) -> RuleRecord:
@@ -278,6 +278,10 @@ def _record(found: _Found) -> RuleRecord:
         return rule.renamed(lambda name: in_words(name, topics)).text()
 
     asked = sum(len(one.asked) for one in found.answers)
+    rules = [learned.rule, *(one.rule for one in learned.alternatives)]
+    # of an array, what rules could have said and do not say is left out
+    told = {one.name for one in found.variables}.union(*(rule.variables for rule in rules))
+    types = {one.name: one.type for one in scalars_of(found.variables) if one.name in told}
     return RuleRecord(
         text=text(learned.rule),
         rule=learned.rule.to_dict(),
@@ -288,17 +292,17 @@ def _record(found: _Found) -> RuleRecord:
         varied_mistakes=learned.varied_mistakes,
         varied_checks=learned.varied_checks,
         alternatives=tuple(
-            AlternativeRecord(text=text(one.rule), rule=one.rule.to_dict(), decided_by=_values(one.decided_by))
+            AlternativeRecord(text=text(one.rule), rule=one.rule.to_dict(), decided_by=_values(one.decided_by, types))
             for one in learned.alternatives
         ),
         in_context=_proportion(proportion(asked - found.wrong, asked)),
         topics=tuple(topics),
         context=tuple(topics[: found.context]),
-        scale=found.scale,
-        types={one.name: one.type for one in scalars_of(found.variables)},
+        scale={name: spread for name, spread in found.scale.items() if name in types},
+        types=types,
         samples=tuple(
             RuleSample(
-                values=_values(row_of(found.variables, sample.assignment)),
+                values=_values(row_of(found.variables, sample.assignment), types),
                 failed=sample.failed,
                 phase=sample.phase,
             )

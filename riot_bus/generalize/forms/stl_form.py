@@ -72,7 +72,7 @@ def stl_formula(terms: Terms, *, types: Mapping[str, str]) -> tuple[str, dict[st
         parts.append(" and ".join(literals) if len(literals) == 1 else f"({' and '.join(literals)})")
     if not parts:
         raise NoFormulaError("the rule never holds")
-    return f"always (not ({' or '.join(parts)}))", {word: name for name, word in words.items()}
+    return f"always (not ({' or '.join(parts)}))", {words[name]: name for name in types if name in used}
 
 
 def _literal(literal: Literal, words: Mapping[str, str], types: Mapping[str, str]) -> str:

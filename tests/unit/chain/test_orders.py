@@ -109,4 +109,4 @@ def test_the_message_before_is_varied_though_numbers_are_left_alone_else(tmp_pat
     log = [message("command", place, seq=number) for place, number in enumerate([3, 4, 4, 7, 6])]
     found = predict(Rule.from_json(record.rule), record.topics, log, registry=TypeRegistry())
     assert [each.place for each in found.moments] == [2, 4]
-    assert "command:seq = 4, previous command:seq = 4" in found.lines()[1]
+    assert "previous command:seq = 4, command:seq = 4" in found.lines()[1]
