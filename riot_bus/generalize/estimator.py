@@ -82,11 +82,13 @@ class RuleClassifier:
 
     def predict(self, X: Any) -> Array:  # noqa: N803
         """Return (samples,): the second class where the rule holds, else the first."""
-        return np.asarray(self.classes_[self.rule_.predict(self._columns(X)).astype(int)])
+        columns = self._columns(X)
+        return np.asarray(self.classes_[self.rule_.predict(columns).astype(int)])
 
     def decision_function(self, X: Any) -> Array:  # noqa: N803
         """Return (samples,): minus the distance to the rule in units of `scale_`, positive where it holds."""
-        return -self.rule_.distance(self._columns(X), self.scale_)
+        columns = self._columns(X)
+        return -self.rule_.distance(columns, self.scale_)
 
     def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:  # noqa: N803
         """Return the share of the samples of which the rule tells the class."""

@@ -195,7 +195,7 @@ def _changes(feature: Feature, known: list[Number], target: Number) -> Sequence[
     kind, x, y = feature.kind, known[0], known[-1]
     if kind.startswith("cast"):
         size = 2 ** int(kind[4:])
-        return [[target + turn * size] for turn in ((x - target) // size, 0, 1, -1)]  # type: ignore[operator]
+        return [[target + turn * size] for turn in ((x - target) // size, 0, 1, -1)]
     if len(known) == 1:
         return [[target], [-target]] if kind == "abs" else [[target]]
     if kind == "mul":
