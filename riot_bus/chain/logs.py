@@ -123,8 +123,9 @@ class FailingLog:
         return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
 
     def restored(self) -> FailingLog:
-        """Return the log with the originals in place of what was modified."""
-        return FailingLog(tuple(self.originals.get(one.sequence, one) for one in self.messages), {})
+        """Return the log with the originals in place of what was modified, each once and in their order."""
+        known = {one.sequence: self.originals.get(one.sequence, one) for one in self.messages}
+        return FailingLog(tuple(known[number] for number in sorted(known)), {})
 
     def save(
         self,

@@ -1,21 +1,27 @@
-"""Step `minimize`: from the failing log to the few messages that are needed (RIOT II-B a)."""
+"""Step `minimize`: from the failing log to the few messages that are needed, as simple as they can be (RIOT II-B a)."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from riot_bus.chain.absence import absent_messages, write_other_cause
 from riot_bus.chain.logs import FailingLog
-from riot_bus.chain.questions import FreshCases, noise_of
-from riot_bus.findings.records import FindingRecord, MinimalRecord
+from riot_bus.chain.questions import FreshCases, noise_of, observed_in, unit_case
+from riot_bus.chain.simplify import Simplification, spaced
+from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord, SimplifiedRecord
 from riot_bus.generalize.minimize import BUDGET, Minimal
 from riot_bus.generalize.minimize import minimize as search
-from riot_bus.vocabulary.trial import Ask, TestCase
+from riot_bus.vocabulary.errors import InconclusiveError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from riot_bus.chain.logs import NamedFields
     from riot_bus.chain.workspace import StepRun
+    from riot_bus.statistics.noise import Noise
+    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["minimize"]
 
@@ -23,12 +29,16 @@ _INJECTED = 20.0
 _RECENT = 1.0
 _UNMODIFIED, _DOUBT = 0.1, 0.02
 """Prior that what was kept fails without its modifications, and what decides about it."""
+_APART = 1_000_000
+"""Nanoseconds between messages of a log that is fed as fast as the unit takes it: its times play no part."""
 
 
 def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRecord:
-    """Shrink `failure.mcap` to `minimal.mcap`: fails with the same signature, and no message can be taken away.
+    """Shrink `failure.mcap` to `minimal.mcap`: it fails with the same signature, and no message can be taken away.
 
-    When it is interrupted, the best so far is kept, and said not to be proven.
+    What was modified in it goes back to nominal or to simple values as far as the failure stays. Where nothing modified
+    is needed, it is told which messages of the nominal log are missing. When it is interrupted, the best so far is
+    kept, and said not to be proven.
 
     Args:
         step: The running step.
@@ -39,6 +49,17 @@ def minimize(step: StepRun, folder: Path, *, budget: int = BUDGET) -> MinimalRec
         InconclusiveError: The failing log does not fail again.
     """
     return _Minimization(step, folder, budget).run()
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What is kept: positions in the failing log, the messages as they are by now, and what is known of them."""
+
+    kept: tuple[int, ...]
+    log: FailingLog
+    minimal: Minimal
+    simplified: tuple[SimplifiedRecord, ...] = ()
+    simplified_trials: int = 0
 
 
 class _Minimization:
@@ -52,92 +73,179 @@ class _Minimization:
         self.context = step.workspace.context
         self.log = FailingLog.load(folder / "failure.mcap", registry=self.context.registry)
         self.cases = FreshCases(step.unit_runner(self.finding.unit))
+        self.paced = self.context.file.unit[self.finding.unit].rate > 0
         nominal = self.finding.nominal
-        modified = [i for i, message in enumerate(self.log.messages) if message.sequence in self.log.originals]
-        self.causes = modified if modified and nominal is not None and nominal.count == 0 else None
+        self.nominal_passes = nominal is not None and nominal.count == 0
+        self.needs_cause = self.nominal_passes and bool(self.log.originals)
+        self.ask = self._failing
+        self.best: _Found | None = None
+        self.spent = 0
         self.missing: tuple[str, ...] = ()
         self.missing_failed = (0, 0)
 
     def run(self) -> MinimalRecord:
-        best: list[Minimal] = []
         try:
-            minimal = self._shrunk(self._failing, best, self.budget)
-            if self.causes is not None and minimal.kept and self._fails_unmodified(minimal):
-                left = self.budget - minimal.trials - self.missing_failed[1]
-                best.clear()  # what was found so far has another cause
-                minimal = self._shrunk(self._failing_if_modified, best, left)
+            found = self._simplified(self._messages())
+            absent = self._absent(found)
         except KeyboardInterrupt:
-            if best and not MinimalRecord.exists(self.folder):
+            if self.best and not MinimalRecord.exists(self.folder):
                 figures = {"seed": self.step.workspace.seed, "trials": self.step.trials, "seconds": self.step.seconds}
-                self._saved(best[-1]).model_copy(update={"interrupted": True, **figures}).save(self.folder)
+                half = self._saved(self.best).model_copy(update={"interrupted": True, "one_minimal": False, **figures})
+                half.save(self.folder)
             raise
-        return self._saved(minimal)
+        return self._saved(found, absent)
 
-    def _shrunk(self, ask: Ask[tuple[int, ...]], best: list[Minimal], budget: int) -> Minimal:
-        n = len(self.log.messages)
-        return search(
+    def _messages(self) -> _Found:
+        """Return the messages that are needed; where modified ones are the cause, with one at least."""
+        minimal = self._shrunk(self.log)
+        if not self.needs_cause or not minimal.kept:
+            return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
+        unmodified = self.log.keep(minimal.kept).restored()
+        failed, total, fails = self._decided(unmodified, minimal.noise)
+        if not fails:
+            return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
+        self.best = None  # what was found so far has another cause
+        if self._decided(self.log.restored(), minimal.noise)[-1]:
+            # Nothing that was modified matters, but what is missing.
+            self.needs_cause, self.log = False, self.log.restored()
+        else:
+            topics = (self.context.registry.topic(message.key) for message in unmodified.messages)
+            self.missing, self.missing_failed = tuple(dict.fromkeys(topics)), (failed, total)
+            write_other_cause(self.step, self.folder, self.finding, unmodified, (failed, total))
+            self.ask = self._failing_if_modified
+        minimal = self._shrunk(self.log)
+        return _Found(minimal.kept, self.log.keep(minimal.kept), minimal)
+
+    def _shrunk(self, log: FailingLog, within: _Found | None = None) -> Minimal:
+        """Return the messages of a log that are needed.
+
+        Args:
+            log: It fails.
+            within: What the log is of; what becomes of it is a smaller one.
+        """
+        n = len(log.messages)
+        modified = [place for place, message in enumerate(log.messages) if message.sequence in log.originals]
+
+        def better(part: Minimal) -> None:
+            kept = part.kept if within is None else tuple(within.kept[place] for place in part.kept)
+            base = within or _Found((), log, part)
+            self.best = replace(base, kept=kept, log=log.keep(part.kept), minimal=part)
+
+        minimal = search(
             n,
-            ask,
+            lambda questions: self.ask([log.keep(kept) for kept in questions]),
             weights=[
-                (_INJECTED if message.sequence in self.log.originals else 0.1) + _RECENT * (index + 1) / n
-                for index, message in enumerate(self.log.messages)
+                (_INJECTED if message.sequence in log.originals else 0.1) + _RECENT * (index + 1) / n
+                for index, message in enumerate(log.messages)
             ],
-            groups=[self.context.registry.topic(message.key) for message in self.log.messages],
-            causes=self.causes,
-            noise=noise_of(self.finding),
-            budget=budget,
+            groups=[self.context.registry.topic(message.key) for message in log.messages],
+            causes=modified if self.needs_cause and modified else None,
+            noise=noise_of(self.finding) if within is None else within.minimal.noise,
+            budget=self.budget - self.spent,
             parallelism=self.cases.parallelism,
             progress=self.step.progress,
-            better=best.append,
+            better=better,
         )
+        self.spent += minimal.trials
+        return minimal
 
-    def _failed(self, logs: Sequence[FailingLog]) -> list[bool]:
-        seed, ordered = self.step.workspace.seed, self.finding.ordered
-        outcomes = self.cases.run([TestCase(one.messages, seed=seed, ordered=ordered) for one in logs])
-        return [outcome.failed_as(self.finding.signature) for outcome in outcomes]
+    def _simplified(self, found: _Found) -> _Found:
+        """Return what was found as simple as it can be, and again without messages that are needed no more."""
+        if not self.paced:
+            found = replace(found, log=spaced(found.log, [_APART] * (len(found.log.messages) - 1)))
+        if not found.minimal.one_minimal:
+            return found
+        spent = self.spent
 
-    def _failing(self, questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        return self._failed([self.log.keep(kept) for kept in questions])
+        def better(log: FailingLog) -> None:
+            done = tuple(work.records)
+            self.best = replace(found, log=log, simplified=done, simplified_trials=self.spent - spent)
 
-    def _failing_if_modified(self, questions: Sequence[tuple[int, ...]]) -> list[bool]:
-        """Whether parts of the log fail that do not fail with the originals of what was modified."""
-        answers = self._failing(questions)
-        failed = [kept for kept, answer in zip(questions, answers, strict=True) if answer]
-        unmodified = self._failed([self.log.keep(kept).restored() for kept in failed])
-        same = dict(zip(failed, unmodified, strict=True))
-        return [answer and not same[kept] for kept, answer in zip(questions, answers, strict=True)]
+        work = Simplification(
+            found.log,
+            self.ask,
+            registry=self.context.registry,
+            paced=self.paced,
+            observed=self._observed,
+            better=better,
+        )
+        noise = work.run(
+            noise=found.minimal.noise,
+            budget=self.budget - self.spent,
+            parallelism=self.cases.parallelism,
+            progress=self.step.progress,
+        )
+        self.spent += work.trials
+        if not work.records:
+            return replace(found, simplified_trials=work.trials)
+        simpler = replace(
+            found,
+            log=work.log,
+            minimal=replace(found.minimal, noise=noise),
+            simplified=tuple(work.records),
+            simplified_trials=work.trials,
+        )
+        try:
+            minimal = self._shrunk(work.log, within=simpler)
+        except InconclusiveError:  # chance has led the search to what does not fail
+            return replace(found, simplified_trials=work.trials)
+        if not minimal.one_minimal:  # what was shown before is worth more than simpler values
+            return found
+        kept = tuple(simpler.kept[place] for place in minimal.kept)
+        return replace(simpler, kept=kept, log=work.log.keep(minimal.kept), minimal=minimal)
 
-    def _fails_unmodified(self, minimal: Minimal) -> bool:
-        """Whether what was kept fails with the originals, too: then it fails since other messages are missing."""
-        kept = self.log.keep(minimal.kept)
+    def _observed(self, fields: NamedFields) -> dict[str, list[Scalar]]:
+        log = self.step.workspace.known_unit_log(self.finding.unit)
+        return observed_in(log, fields.fields.values(), registry=self.context.registry)
+
+    def _absent(self, found: _Found) -> AbsentRecord | None:
+        """Return which messages are missing, if that is why it fails."""
+        if not self.nominal_passes or self.needs_cause or found.log.originals:
+            return None
+        return absent_messages(self.step, self.finding, found.log, self.cases, found.minimal.noise)
+
+    def _failing(self, logs: Sequence[FailingLog]) -> list[bool]:
+        workspace, finding = self.step.workspace, self.finding
+        outcomes = self.cases.run([unit_case(workspace, finding, one.messages) for one in logs])
+        return [outcome.failed_as(finding.signature) for outcome in outcomes]
+
+    def _failing_if_modified(self, logs: Sequence[FailingLog]) -> list[bool]:
+        """Whether logs fail that do not fail with the originals of what was modified."""
+        answers = self._failing(logs)
+        failed = [log.restored() for log, answer in zip(logs, answers, strict=True) if answer]
+        unmodified = iter(self._failing(failed))
+        return [answer and not next(unmodified) for answer in answers]
+
+    def _decided(self, log: FailingLog, noise: Noise) -> tuple[int, int, bool]:
+        """Return how many of how many trials of a log failed that should not, and whether it triggers the failure."""
         failed = total = 0
         chance = _UNMODIFIED
         while total < 1 or _DOUBT < chance < 1 - _DOUBT:
-            failed, total = failed + sum(self._failed([kept.restored()])), total + 1
-            chance = minimal.noise.triggers(failed, total - failed, prior=_UNMODIFIED)
-        if chance < 0.5:
-            return False
-        self.missing = tuple(dict.fromkeys(self.context.registry.topic(message.key) for message in kept.messages))
-        self.missing_failed = (failed, total)
-        return True
+            failed, total = failed + sum(self._failing([log])), total + 1
+            chance = noise.triggers(failed, total - failed, prior=_UNMODIFIED)
+        self.spent += total
+        return failed, total, chance > 0.5
 
-    def _saved(self, minimal: Minimal) -> MinimalRecord:
+    def _saved(self, found: _Found, absent: AbsentRecord | None = None) -> MinimalRecord:
         """Write `minimal.mcap` and return what it is."""
-        kept = self.log.keep(minimal.kept)
         metadata = {
             "finding": self.finding.id,
             "signature": self.finding.signature,
             "seed": str(self.step.workspace.seed),
         }
-        kept.save(self.folder / "minimal.mcap", context=self.context, metadata=metadata)
+        found.log.save(self.folder / "minimal.mcap", context=self.context, metadata=metadata)
+        minimal = found.minimal
         return MinimalRecord(
             before=len(self.log.messages),
-            kept=minimal.kept,
-            topics=tuple(self.context.registry.topic(message.key) for message in kept.messages),
+            kept=found.kept,
+            topics=tuple(self.context.registry.topic(message.key) for message in found.log.messages),
             one_minimal=minimal.one_minimal,
             confidence=minimal.confidence,
             failed=minimal.failed,
             without=minimal.without,
             missing=self.missing,
             missing_failed=self.missing_failed,
+            simplified=found.simplified,
+            simplified_trials=found.simplified_trials,
+            absent=absent,
         )

@@ -22,10 +22,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
+    from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.elements import Setting
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["FreshCases", "UnitQuestions", "dictionary_of", "draws_for", "json_value", "noise_of"]
+__all__ = [
+    "FreshCases",
+    "UnitQuestions",
+    "dictionary_of",
+    "draws_for",
+    "json_value",
+    "noise_of",
+    "observed_in",
+    "unit_case",
+]
 
 _OBSERVED = 8
 _DOUBT = 0.05
@@ -57,6 +67,18 @@ def draws_for(field: NamedField, dictionary: Dictionary, observed: Sequence[Scal
     return tuple(values)
 
 
+def observed_in(
+    log: Sequence[Message], fields: Iterable[NamedField], *, registry: TypeRegistry, at_most: int = 2000
+) -> dict[str, list[Scalar]]:
+    """Return the values that fields of a short log took in another one, evenly thinned out, by name."""
+    named = list(fields)
+    paths: dict[str, set[str]] = {}
+    for field in named:
+        paths.setdefault(field.topic, set()).add(field.leaf.path)
+    values = nominal_values(log, paths, registry=registry, at_most=at_most)
+    return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
+
+
 def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> Noise:
     """Return what is known of the rates of a failure, and of the same failure without its cause.
 
@@ -68,6 +90,12 @@ def noise_of(finding: FindingRecord, minimal: MinimalRecord | None = None) -> No
     shown = minimal.failed if minimal and minimal.failed[1] else (rate.count, rate.total) if rate else ()
     false = nominal.total if nominal is not None and nominal.count == 0 else 0
     return Noise.after(*shown, nominal_total=false)
+
+
+def unit_case(workspace: Workspace, finding: FindingRecord, messages: Sequence[Message]) -> TestCase:
+    """Return what plays messages to the unit of a finding."""
+    paced = workspace.context.file.unit[finding.unit].rate > 0
+    return TestCase(tuple(messages), seed=workspace.seed, ordered=finding.ordered, paced=paced)
 
 
 class FreshCases:
@@ -145,18 +173,12 @@ class UnitQuestions:
 
     def nominal(self, fields: Iterable[NamedField], *, at_most: int = 2000) -> dict[str, list[Scalar]]:
         """Return the values that fields of the minimal log took in the nominal log, evenly thinned out, by name."""
-        named = list(fields)
-        paths: dict[str, set[str]] = {}
-        for field in named:
-            paths.setdefault(field.topic, set()).add(field.leaf.path)
-        log = self.nominal_log()
-        values = nominal_values(log, paths, registry=self._workspace.context.registry, at_most=at_most)
-        return {field.name: values[f"{field.topic}:{field.leaf.path}"] for field in named}
+        return observed_in(self.nominal_log(), fields, registry=self._workspace.context.registry, at_most=at_most)
 
     def case(self, values: Mapping[str, Setting]) -> TestCase:
         """Return the minimal log with values set by name; where it has an order, the unit takes it in in that order."""
-        ordered = self.finding.ordered or bool(self.fields.orders)
-        return TestCase(self.fields.with_values(values), seed=self._workspace.seed, ordered=ordered)
+        case = unit_case(self._workspace, self.finding, self.fields.with_values(values))
+        return replace(case, ordered=case.ordered or bool(self.fields.orders))
 
     def failed(self, outcome: Outcome) -> bool:
         """Return whether an outcome is the failure that is asked for."""
@@ -179,17 +201,13 @@ class UnitQuestions:
         Raises:
             InconclusiveError: All trials that this may take are spent.
         """
-        by_digest = {case.digest(): case for case in cases}
         try:
-            chances = self._trials.triggers(list(by_digest.values()), prior=0.5, doubt=doubt, doing="deciding")
+            return self._trials.decide(cases, doubt=doubt, doing="deciding")
         except BudgetSpentError:
             raise InconclusiveError(
                 f"{_MOST_TRIALS} trials have not told when it fails: it comes too seldom",
                 hint=f"its rate is about {self.noise.rate:.2f}; what makes it come more often?",
             ) from None
-        self._trials.noise = self.noise  # how many of the cases trigger it is not known, so they do not tell its rate
-        found = {digest: chance > 0.5 for digest, chance in zip(by_digest, chances, strict=True)}
-        return [found[case.digest()] for case in cases]
 
     def ask(self, questions: Sequence[Mapping[str, Setting]]) -> list[bool]:
         """Return for each assignment of values whether it triggers the failure; see `decide`."""

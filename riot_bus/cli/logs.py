@@ -194,22 +194,24 @@ def show(
     import json
 
     from riot_bus.chain.workspace import open_finding
+    from riot_bus.findings.records import MinimalRecord
     from riot_bus.log.reader import LogReader
     from riot_bus.log.showing import show_log
 
-    log = what
+    log, notes = what, list[str]()
     if what.is_dir() and ((what / "finding.json").is_file() or (what / "findings").is_dir()):
         folder, _ = open_finding(what)
         minimal = folder / "minimal.mcap"
         log = minimal if minimal.is_file() else folder / "failure.mcap"
+        notes = MinimalRecord.load(folder).lines() if minimal.is_file() and MinimalRecord.exists(folder) else []
     log = _file_of(log)
     with LogReader(log) as reader:
         shown = show_log(reader, registry=_registry(reader, type_, msg), most=most)
         loss = reader.loss
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps({"log": str(log), **shown.to_json()}, indent=1))
+        typer.echo(json.dumps({"log": str(log), **shown.to_json(), "notes": notes}, indent=1))
     else:
-        for line in (str(log), *shown.lines()):
+        for line in (str(log), *shown.lines(), *notes):
             typer.echo(escape_control_chars(line))
     _end(loss, None, log)
 

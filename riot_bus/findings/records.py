@@ -24,6 +24,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import SEVERITIES
 
 __all__ = [
+    "AbsentRecord",
     "ActivationRecord",
     "Artefact",
     "CampaignRecord",
@@ -40,6 +41,7 @@ __all__ = [
     "RegionRecord",
     "RuleRecord",
     "RuleSample",
+    "SimplifiedRecord",
     "UnconfirmedRecord",
     "UnjudgedRecord",
     "Value",
@@ -49,8 +51,15 @@ RecordT = TypeVar("RecordT", bound="Artefact")
 
 Value = bool | int | float | str
 
+_LONGEST = 40
 _MOST_TOLD = 8
 """Names in a line for people; the file has all."""
+
+
+def _short(value: Value | None) -> str:
+    """Return a value for a line."""
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(text)} characters)"
 
 
 class _Model(BaseModel):
@@ -285,6 +294,53 @@ class FindingRecord(Artefact):
         return place, -self.rate.value if self.rate else 0.0, self.modified
 
 
+class SimplifiedRecord(_Model):
+    """Something of the minimal log that was made simpler, and the failure stayed.
+
+    Attributes:
+        what: `gap` (the time between two messages, in seconds), `nominal` (a modified field, or without values a whole
+            payload, is as it was before), or `value` (a modified field has a simpler value).
+        name: Of the field, message or two messages.
+        before: As it failed first; None for payloads.
+        after: As it is in the minimal log.
+    """
+
+    what: Literal["gap", "nominal", "value"]
+    name: str
+    before: Value | None = None
+    after: Value | None = None
+
+    def __str__(self) -> str:
+        if self.what == "gap":
+            return f"{self.name}: {self.before:g} s -> {self.after:g} s"
+        if self.before is None:
+            return f"{self.name}: as it was recorded"
+        return f"{self.name}: {_short(self.before)} -> {_short(self.after)}" + (
+            " (nominal)" if self.what == "nominal" else ""
+        )
+
+
+class AbsentRecord(_Model):
+    """Messages of the nominal log that are absent in the minimal one, which is why it fails.
+
+    Attributes:
+        numbers: Their positions in the nominal log of the unit.
+        topics: Their topics.
+        passed: In how many of how many trials the minimal log passed with them; with any of them still missing, or
+            without all, it fails.
+    """
+
+    numbers: tuple[int, ...]
+    topics: tuple[str, ...]
+    passed: tuple[int, int]
+
+    def __str__(self) -> str:
+        which = zip(self.topics, self.numbers, strict=True)
+        names = ", ".join(f"{topic} (number {number} of the nominal log)" for topic, number in which)
+        passed, total = self.passed
+        return f"fails since {names} is missing: with it, {passed} of {counted(total, 'trial')} passed"
+
+
 class MinimalRecord(Artefact):
     """The few messages that are needed (RIOT II-B a).
 
@@ -296,7 +352,11 @@ class MinimalRecord(Artefact):
             message, which is no cause to look for.
         interrupted: Whether the search was; then this is the best so far, and `riot minimize` goes on.
         missing: Topics of messages that fail in the same place without any modified one, since others are missing;
-            with `missing_failed`, how many of how many trials of them did.
+            with `missing_failed`, how many of how many trials of them did. They are a finding of their own.
+        simplified: What was made simpler, with the failure as it was.
+        simplified_trials: How many trials that took.
+        absent: Which messages of the nominal log are missing, where nothing of what was kept is modified and the
+            nominal log passes.
     """
 
     FILE = "minimal.json"
@@ -311,6 +371,19 @@ class MinimalRecord(Artefact):
     interrupted: bool = False
     missing: tuple[str, ...] = ()
     missing_failed: tuple[int, int] = (0, 0)
+    simplified: tuple[SimplifiedRecord, ...] = ()
+    simplified_trials: int = 0
+    absent: AbsentRecord | None = None
+
+    def lines(self) -> list[str]:
+        """Return for people what was made of the messages that are kept, and what else fails likewise."""
+        found = [f"simplified: {one}" for one in self.simplified]
+        found += [f"it {self.absent}"] if self.absent else []
+        if self.missing:
+            failed, total = self.missing_failed
+            names = ", ".join(dict.fromkeys(self.missing))
+            found.append(f"another cause: {names} alone, unmodified, failed in {failed} of {counted(total, 'trial')}")
+        return found
 
     @property
     def summary(self) -> str:
@@ -319,7 +392,13 @@ class MinimalRecord(Artefact):
         proven = "" if self.one_minimal else ", not proven to be minimal"
         other = f"; {', '.join(self.missing)} alone, unmodified, fails likewise" if self.missing else ""
         kept = f"{counted(self.before, 'message')} -> {len(self.kept)}: {needed}"
-        return f"{kept} ({counted(self.trials, 'trial')}{proven}){other}"
+        values = ", ".join(str(one) for one in self.simplified if one.what == "value")
+        back = sum(one.what == "nominal" for one in self.simplified)
+        gaps = sum(one.what == "gap" for one in self.simplified)
+        simpler = "; " * bool(values) + values + (f"; {back} back to nominal" if back else "")
+        simpler += f"; {counted(gaps, 'shorter gap')}" if gaps else ""
+        absent = f"; {self.absent}" if self.absent else ""
+        return f"{kept} ({counted(self.trials, 'trial')}{proven}){simpler}{absent}{other}"
 
     @classmethod
     def exists(cls, directory: Path) -> bool:

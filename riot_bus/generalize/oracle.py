@@ -1,4 +1,4 @@
-"""What stands between a search and a batch oracle: a cache, or fresh trials and decisions from all of them."""
+"""What stands between a search and a batch oracle: fresh trials, and decisions from all of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from riot_bus.vocabulary.elements import Elements, Setting
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["BudgetSpentError", "Oracle", "Trials", "assignment_key", "same_scalar", "scalar_key"]
+__all__ = ["BudgetSpentError", "Trials", "assignment_key", "same_scalar", "scalar_key"]
 
 QuestionT = TypeVar("QuestionT")
 
@@ -33,59 +33,6 @@ def same_scalar(left: Setting, right: Setting) -> bool:
 def assignment_key(assignment: Mapping[str, Setting]) -> Hashable:
     """Return a key of one value per field, independent of the order of the fields."""
     return tuple((name, scalar_key(assignment[name])) for name in sorted(assignment))
-
-
-class Oracle(Generic[QuestionT]):
-    """Asks each question at most once, and counts.
-
-    Args:
-        ask: The batch oracle.
-        key: What makes two questions the same.
-        progress: Told after every batch.
-    """
-
-    def __init__(
-        self,
-        ask: Ask[QuestionT],
-        *,
-        key: Callable[[QuestionT], Hashable],
-        progress: Progress | None = None,
-    ) -> None:
-        self._ask = ask
-        self._key = key
-        self._progress = progress
-        self._answers: dict[Hashable, bool] = {}
-        self.expected: int | None = None
-
-    @property
-    def trials(self) -> int:
-        """Number of distinct questions asked so far."""
-        return len(self._answers)
-
-    def known(self, question: QuestionT) -> bool | None:
-        """Return the answer if the question was asked before, else None."""
-        return self._answers.get(self._key(question))
-
-    def ask(self, questions: Sequence[QuestionT], doing: str) -> list[bool]:
-        """Return one answer per question; only new ones go to the system, in one batch.
-
-        Args:
-            questions: Any number of questions, also repeated ones.
-            doing: What is going on, for `progress`.
-
-        Raises:
-            InconclusiveError: If the oracle does not give one answer per question.
-        """
-        keys = [self._key(question) for question in questions]
-        new = {key: question for key, question in zip(keys, questions, strict=True) if key not in self._answers}
-        if new:
-            answers = self._ask(list(new.values()))
-            if len(answers) != len(new):
-                raise InconclusiveError(f"{len(new)} trials were asked for, but {len(answers)} outcomes came back")
-            self._answers.update(zip(new, (bool(answer) for answer in answers), strict=True))
-            if self._progress is not None:
-                self._progress(self.trials, self.expected, doing)
-        return [self._answers[key] for key in keys]
 
 
 class BudgetSpentError(Exception):
@@ -205,6 +152,26 @@ class Trials(Generic[QuestionT]):
                 searches[i].tell(0, failed=failed)
         self.noise = self.noise.joined([search.noise for search in searches])
         return chances
+
+    def decide(self, questions: Sequence[QuestionT], *, doubt: float, doing: str) -> list[bool]:
+        """Return for each question whether it triggers the failure; equal ones are decided together.
+
+        How many of them do is not known, so their trials tell nothing of the rates.
+
+        Args:
+            questions: Any.
+            doubt: Probability of an answer being wrong at most.
+            doing: What is going on, for `progress`.
+
+        Raises:
+            BudgetSpentError: There are no trials left for it.
+        """
+        known = self.noise
+        by_key = {self._key(question): question for question in questions}
+        chances = self.triggers(list(by_key.values()), prior=0.5, doubt=doubt, doing=doing)
+        self.noise = known
+        found = {key: chance > 0.5 for key, chance in zip(by_key, chances, strict=True)}
+        return [found[self._key(question)] for question in questions]
 
     def _batch(self) -> int:
         """Return how many questions to ask at once."""

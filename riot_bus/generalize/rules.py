@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ import numpy as np
 from riot_bus.generalize.beam import Learnt, learn
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
-from riot_bus.generalize.oracle import Oracle, assignment_key, same_scalar
+from riot_bus.generalize.oracle import assignment_key, same_scalar
 from riot_bus.generalize.refine import inversions, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
@@ -130,9 +130,12 @@ def learn_rule(
         raise ValueError("learn_rule needs at least one variable, with distinct names")
     variables = [fitted(variable) for variable in variables]
     context = [variable for variable in map(fitted, context) if variable.nominal]
-    oracle: Oracle[Mapping[str, Setting]] = Oracle(ask, key=assignment_key, progress=progress)
-    oracle.expected = budget + validation
-    search = _Search(variables, oracle, seed=seed, budget=budget, parallelism=max(1, parallelism))
+
+    def told(done: int, phase: str) -> None:
+        if progress is not None:
+            progress(done, budget + validation, f"rules: {phase}")
+
+    search = _Search(variables, ask, told, seed=seed, budget=budget, parallelism=max(1, parallelism))
     with _one_thread():
         search.start()
         checked: list[Sample] = []
@@ -181,14 +184,17 @@ class _Search:
     def __init__(
         self,
         variables: Sequence[Variable],
-        oracle: Oracle[Mapping[str, Setting]],
+        ask: Ask[Mapping[str, Setting]],
+        told: Callable[[int, str], None],
         *,
         seed: int,
         budget: int,
         parallelism: int,
     ) -> None:
         self.variables = tuple(variables)
-        self.oracle = oracle
+        self._ask = ask
+        self._told = told
+        self._asked: set[Hashable] = set()
         self.budget = budget
         self.parallelism = parallelism
         self.random = random.Random(seed)  # noqa: S311 - not for secrets
@@ -208,7 +214,7 @@ class _Search:
 
     def ask(self, questions: Sequence[Assignment], phase: str) -> list[Sample]:
         """Ask what was not asked yet (within the budget, validation aside) and learn the outcomes."""
-        fresh = {assignment_key(q): q for q in questions if self.oracle.known(q) is None}
+        fresh = {assignment_key(q): q for q in questions if not self._known(q)}
         new = list(fresh.values())
         if phase not in ("validate", "context"):
             new = new[: max(0, self.budget - self.spent)]
@@ -216,13 +222,20 @@ class _Search:
         asked: list[Sample] = []
         for first in range(0, len(new), max(self.parallelism, 1)):
             batch = new[first : first + self.parallelism]
-            answers = self.oracle.ask(batch, f"rules: {phase}")
-            asked += [Sample(q, answer, phase) for q, answer in zip(batch, answers, strict=True)]
+            answers = self._ask(batch)
+            if len(answers) != len(batch):
+                raise InconclusiveError(f"{len(batch)} trials were asked for, but {len(answers)} outcomes came back")
+            asked += [Sample(q, bool(answer), phase) for q, answer in zip(batch, answers, strict=True)]
+            self._asked.update(map(assignment_key, batch))
+            self._told(len(self._asked), phase)
         self.samples += asked
         if phase == "context":
             return asked
         self.table.add([sample.assignment for sample in asked], [sample.failed for sample in asked])
         return asked
+
+    def _known(self, question: Assignment) -> bool:
+        return assignment_key(question) in self._asked
 
     def start(self) -> None:
         """Ask the failing and nominal values, each variable's known values alone, and a first spread of draws."""
@@ -256,7 +269,7 @@ class _Search:
         deck = self.decks[key]
         while deck:
             card = deck.pop()
-            if self.oracle.known(card) is None:
+            if not self._known(card):
                 return card
         return self._explore()
 
@@ -362,7 +375,7 @@ class _Search:
                 key = (candidate.feature, candidate.operator)
                 turn = self.turns.get(key, 0)
                 question = probe_threshold(self.table, best, (row, column), self.random, turn=turn)
-                if question is not None and self.oracle.known(question) is None:
+                if question is not None and not self._known(question):
                     self.turns[key] = turn + 1
                     found.append(question)
         return found
@@ -377,7 +390,7 @@ class _Search:
             for variable in self.random.sample(self.variables, 1 if len(self.variables) < 3 else 2):
                 redrawn[variable.name] = self.sampler.value(variable, self.random)
             pool.append(redrawn)
-        return [assignment for assignment in pool if self.oracle.known(assignment) is None]
+        return [assignment for assignment in pool if not self._known(assignment)]
 
     def _surfaces(self, candidates: Sequence[Candidate]) -> list[Assignment]:
         """Return new assignments at the thresholds of features of several variables, seldom met by chance."""
@@ -393,7 +406,7 @@ class _Search:
             moved = changed(self.variables, base, dict(change))
             if moved is not None:
                 found.append(moved)
-        return [assignment for assignment in found if self.oracle.known(assignment) is None]
+        return [assignment for assignment in found if not self._known(assignment)]
 
     def _explore(self) -> Assignment:
         pool = self._pool()
@@ -405,7 +418,7 @@ class _Search:
         """Ask fresh cases of the distribution that `validation` states, half inside the rule where they can be had."""
         near = near_limits(self.table, self.best, self.sampler, self.random, 10 * count)
         drawn = [self.sampler.assignment(self.random) for _ in range(len(near) or 10 * count)]
-        pool = [one for one in (*near, *drawn) if self.oracle.known(one) is None]
+        pool = [one for one in (*near, *drawn) if not self._known(one)]
         if not pool or count < 1:
             return self._validate_known(count, context)
         inside = self.rule.predict(columns_of(self.variables, pool))
@@ -454,7 +467,7 @@ class _Search:
             told.balanced_accuracy,
             len(checked),
             tuple(self.samples),
-            self.oracle.trials,
+            len(self._asked),
             self.alternatives(),
             sum(sample.phase == "context" for sample in wrong),
             sum(sample.phase == "context" for sample in checked),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from riot_bus.findings.records import ProportionRecord, Value
@@ -48,13 +48,23 @@ def _minimal(view: FindingView) -> list[Statement]:
         confidence = f"{sure}they suffice, and none of them can be left out"
     kept = plural(len(minimal.kept), "message")
     found = [Statement(f"{kept} of {minimal.before} suffice for the failure", evidence, confidence)]
+    if minimal.absent:
+        passed, trials = minimal.absent.passed
+        found.append(
+            Statement(
+                f"it fails since messages are missing ({_names(dict.fromkeys(minimal.absent.topics))})",
+                f"with {_numbers(minimal.absent.numbers)} of the nominal log, {passed} of {plural(trials, 'trial')} "
+                "passed",
+                "none of them can be left out",
+            )
+        )
     if minimal.missing:
         hits, trials = minimal.missing_failed
         found.append(
             Statement(
                 f"a part of the log fails likewise with nothing modified ({_names(minimal.missing)})",
                 f"{hits} of {plural(trials, 'trial')} failed",
-                "another cause: the messages kept fail only when modified",
+                "another cause, and a finding of its own: the messages kept fail only when modified",
             )
         )
     return found
@@ -114,8 +124,14 @@ def _fields(view: FindingView) -> list[Statement]:
     return found
 
 
-def _names(topics: Sequence[str]) -> str:
-    return clean(", ".join(topics[:8]) + (", ..." if len(topics) > 8 else ""))
+def _names(topics: Iterable[str]) -> str:
+    names = list(topics)
+    return clean(", ".join(names[:8]) + (", ..." if len(names) > 8 else ""))
+
+
+def _numbers(numbers: Sequence[int]) -> str:
+    """Return positions in a log, for people."""
+    return ("message number " if len(numbers) == 1 else "messages number ") + _names(map(str, numbers))
 
 
 def _proportion(what: ProportionRecord, kind: str = "fresh trial") -> tuple[str, str]:

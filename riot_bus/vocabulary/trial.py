@@ -11,6 +11,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from riot_bus.vocabulary.message import Scalar
@@ -74,7 +75,8 @@ class TestCase:
 
     `messages` are played to the system under test; empty means that its own external components drive it. `again`
     numbers fresh trials of one case: it is asked anew, and nothing else changes. `ordered` says that a message waits
-    until the unit has taken in those of other topics before it.
+    until the unit has taken in those of other topics before it. `paced` says that the times between messages decide,
+    too: where a unit is not fed as fast as it takes them.
     """
 
     __test__ = False  # not a pytest class
@@ -84,6 +86,7 @@ class TestCase:
     seed: int = 0
     again: int = 0
     ordered: bool = False
+    paced: bool = False
 
     def digest(self) -> str:
         """Return a hash of everything that decides the outcome; equal cases have equal digests."""
@@ -95,6 +98,8 @@ class TestCase:
             rest["again"] = self.again
         if self.ordered:
             rest["ordered"] = True
+        if self.paced:
+            rest["gaps"] = [after.time - before.time for before, after in pairwise(self.messages)]
         digest.update(json.dumps(rest, sort_keys=True, default=repr).encode())
         return digest.hexdigest()[:32]
 

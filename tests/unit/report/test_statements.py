@@ -6,8 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import AlternativeRecord, ProportionRecord, RuleRecord
+from riot_bus.findings.records import (
+    AbsentRecord,
+    AlternativeRecord,
+    MinimalRecord,
+    ProportionRecord,
+    RuleRecord,
+    SimplifiedRecord,
+)
 from riot_bus.report.finding_view import load
+from riot_bus.report.page import write_report
 from riot_bus.report.statements import Statement, statements
 from riot_bus.testing.reports import view_at
 
@@ -37,3 +45,18 @@ def test_other_rules_that_explain_all_trials_are_told_with_what_would_decide(tmp
     found = [one for one in told(tmp_path, alternatives=others) if "may as well be" in one.claim]
     assert [one.claim for one in found] == [f"the rule may as well be: x < {number}" for number in range(count)]
     assert found[0].confidence == "would be decided by x = -1"
+
+
+def test_what_was_made_simpler_and_what_is_missing_is_told(tmp_path: Path) -> None:
+    view_at("until activate", tmp_path)
+    simpler = SimplifiedRecord(what="value", name="/cmd:x", before=-7341, after=-1)
+    absent = AbsentRecord(numbers=(4,), topics=("/config",), passed=(3, 3))
+    MinimalRecord.load(tmp_path).model_copy(
+        update={"simplified": (simpler,), "simplified_trials": 6, "absent": absent}
+    ).save(tmp_path)
+    found = {one.claim: one for one in statements(load(tmp_path))}
+    missing = found["it fails since messages are missing (/config)"]
+    assert "with message number 4 of the nominal log, 3 of 3" in missing.evidence
+    page = write_report(tmp_path).read_text()
+    assert "/cmd:x: -7341 -&gt; -1" in page
+    assert "fails since /config (number 4 of the nominal log) is missing" in page

@@ -1,0 +1,135 @@
+"""What fails since messages are missing: which ones, and the finding of its own that it is where others fail, too."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.chain.questions import unit_case
+from riot_bus.events import FindingWritten
+from riot_bus.findings.records import AbsentRecord, FindingRecord, ProportionRecord
+from riot_bus.generalize.minimize import minimize
+from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.report.regression import write_regression_test
+from riot_bus.report.reproduce import write_reproduce
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.errors import InconclusiveError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.logs import FailingLog
+    from riot_bus.chain.questions import FreshCases
+    from riot_bus.chain.workspace import StepRun
+    from riot_bus.statistics.noise import Noise
+    from riot_bus.vocabulary.trial import TestCase
+
+__all__ = ["absent_messages", "write_other_cause"]
+
+_DOUBT = 0.005
+"""Of each answer: a score of them leads to the result, and a wrong one is not asked again."""
+_BUDGET = 1000
+_FIRST, _LATE = 10.0, 0.01
+"""Weights of the first message of a topic, which says what the unit starts with, and of those after the failure."""
+
+
+def absent_messages(
+    step: StepRun, finding: FindingRecord, log: FailingLog, cases: FreshCases, noise: Noise
+) -> AbsentRecord | None:
+    """Return the fewest messages of the nominal log without which a part of it fails; None if that cannot be told.
+
+    Args:
+        step: The running step.
+        finding: The finding.
+        log: The part, with nothing modified.
+        cases: Execute trials.
+        noise: What is known of the rates of failure.
+    """
+    workspace, registry = step.workspace, step.workspace.context.registry
+    nominal = workspace.known_unit_log(finding.unit)
+    kept = [message.sequence for message in log.messages]
+    if kept != sorted(set(kept)) or not all(
+        number < len(nominal) and nominal[number].digest() == message.digest()
+        for number, message in zip(kept, log.messages, strict=True)
+    ):
+        return None  # it is no part of the nominal log in its order, so something else may be the cause
+    others = [number for number in range(len(nominal)) if number not in set(kept)]
+    topics = [registry.topic(message.key) for message in nominal]
+    last = kept[-1] if kept else len(nominal)
+    weights = [
+        _LATE if number > last else _FIRST if topics.index(topics[number]) == number else 1.0 for number in others
+    ]
+    trials: Trials[TestCase] = Trials(
+        lambda asked: [outcome.failed_as(finding.signature) for outcome in cases.run(asked)],
+        key=lambda case: case.digest(),
+        noise=noise,
+        budget=_BUDGET,
+        parallelism=cases.parallelism,
+    )
+
+    def with_(places: Sequence[int]) -> TestCase:
+        numbers = sorted([*kept, *(others[place] for place in places)])
+        return unit_case(workspace, finding, [nominal[number].with_(sequence=number) for number in numbers])
+
+    def heals(questions: Sequence[tuple[int, ...]]) -> list[bool]:
+        asked = [with_(places) for places in questions]
+        return [not fails for fails in trials.decide(asked, doubt=_DOUBT, doing="looking for what is missing")]
+
+    try:
+        minimal = minimize(
+            len(others),
+            heals,
+            weights=weights,
+            groups=[topics[number] for number in others],
+            parallelism=cases.parallelism,
+            progress=step.progress,
+        )
+    except (InconclusiveError, BudgetSpentError):  # the nominal log fails as well, or it comes too seldom
+        return None
+    if not minimal.kept or not minimal.one_minimal:
+        return None
+    failed, passed = trials.counts(with_(minimal.kept))
+    numbers = tuple(others[place] for place in minimal.kept)
+    return AbsentRecord(
+        numbers=numbers, topics=tuple(topics[number] for number in numbers), passed=(passed, failed + passed)
+    )
+
+
+def write_other_cause(
+    step: StepRun, folder: Path, finding: FindingRecord, log: FailingLog, failed: tuple[int, int]
+) -> Path:
+    """Write the finding of a log that fails in the same place with nothing modified; return its folder.
+
+    Args:
+        step: The running step.
+        folder: The finding with the modified messages.
+        finding: Its record.
+        log: What fails likewise.
+        failed: How many of how many trials of it did.
+    """
+    workspace = step.workspace
+    other = folder.parent / f"{folder.name}-missing"
+    other.mkdir(exist_ok=True)
+    rate = proportion(*failed)
+    record = finding.model_copy(
+        update={
+            "id": other.name,
+            "occurrences": failed[0],
+            "rate": ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total),
+            "injections": (),
+            "delivered": (),
+            "messages": len(log.messages),
+            "modified": 0,
+        }
+    )
+    metadata = {"finding": record.id, "signature": record.signature, "seed": str(workspace.seed)}
+    log.save(other / "failure.mcap", context=workspace.context, metadata=metadata)
+    told = not FindingRecord.exists(other)
+    record.save(other)
+    write_reproduce(other)
+    write_regression_test(other, record)
+    if told:
+        workspace.tell(
+            FindingWritten(step.name, str(other), record.id, record.signature, occurrences=record.occurrences)
+        )
+    return other

@@ -1,0 +1,125 @@
+"""Simplification: values as simple as they can be while the failure stays (RIOT II-B a).
+
+Each thing that can be simplified is a ladder of values, the simplest first, what it is now last. First those are found
+that cannot take their simplest value, as the needed messages of a log are; then the lowest rung of each of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from riot_bus.generalize.minimize import BUDGET, Minimal, minimize
+from riot_bus.generalize.oracle import BudgetSpentError, Trials
+from riot_bus.statistics.noise import Noise
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.trial import Ask, Progress
+
+__all__ = ["Levels", "Simplified", "simplify"]
+
+Levels = tuple[int, ...]
+"""A rung for each ladder."""
+
+_SURE = 0.95
+"""Of one search for a rung: what it finds is checked."""
+
+_FOUND, _NEEDED, _DOUBT = 0.9, 0.1, 0.02
+"""Priors that a rung which a search has found fails, and that the simplest rung of all does; what decides."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simplified:
+    """The result: a rung for each ladder, all trials asked, and what is known of the rates of failure by now."""
+
+    levels: Levels
+    trials: int
+    noise: Noise
+
+
+def simplify(
+    sizes: Sequence[int],
+    ask: Ask[Levels],
+    *,
+    noise: Noise | None = None,
+    budget: int = BUDGET,
+    parallelism: int = 1,
+    progress: Progress | None = None,
+    better: Callable[[Levels], None] | None = None,
+) -> Simplified:
+    """Find low rungs with which the failure still comes.
+
+    Args:
+        sizes: Rungs of each ladder, at least two; the last ones together are known to fail.
+        ask: Each question has a rung for each ladder, and is each time a fresh trial; True = failed with the same
+            signature.
+        noise: What is known of the rates of failure.
+        budget: Most trials. Where they end, the lowest rungs so far are the result.
+        parallelism: Questions worth asking in one batch.
+        progress: Told after every batch.
+        better: Told of lower rungs as they are found to fail.
+    """
+    now = tuple(size - 1 for size in sizes)
+    told = better or (lambda _: None)
+    spent, known = 0, noise or Noise.after()
+    if len(sizes) > 1:
+        needed = _needed(now, ask, known, budget, parallelism, progress, told)
+        if needed is None:
+            return Simplified(now, 0, known)
+        now, spent, known = _at(now, needed.kept), needed.trials, needed.noise
+    trials: Trials[Levels] = Trials(
+        ask, key=lambda levels: levels, noise=known, budget=budget - spent, parallelism=parallelism, progress=progress
+    )
+    try:
+        if len(sizes) == 1 and _fails((0,), _NEEDED, trials):
+            now = (0,)
+            told(now)
+        for place, size in enumerate(sizes):
+            if now[place] and size > 2:
+                now = _with_lower(now, place, size, trials)
+                told(now)
+    except BudgetSpentError:  # what was found so far fails all the same
+        pass
+    return Simplified(now, spent + trials.spent, trials.noise)
+
+
+def _at(last: Levels, kept: Sequence[int]) -> Levels:
+    """Return the lowest rungs, but for ladders that stay at their last one."""
+    return tuple(level if place in kept else 0 for place, level in enumerate(last))
+
+
+def _needed(
+    last: Levels,
+    ask: Ask[Levels],
+    noise: Noise,
+    budget: int,
+    parallelism: int,
+    progress: Progress | None,
+    told: Callable[[Levels], None],
+) -> Minimal | None:
+    """Return the ladders that cannot take their lowest rung; None if it does not fail any more."""
+    try:
+        return minimize(
+            len(last),
+            lambda questions: ask([_at(last, kept) for kept in questions]),
+            noise=noise,
+            budget=budget,
+            parallelism=parallelism,
+            progress=progress,
+            better=lambda part: told(_at(last, part.kept)),
+        )
+    except InconclusiveError:
+        return None
+
+
+def _fails(levels: Levels, prior: float, trials: Trials[Levels]) -> bool:
+    return trials.triggers([levels], prior=prior, doubt=_DOUBT, doing="trying simpler values")[0] > 0.5
+
+
+def _with_lower(now: Levels, place: int, size: int, trials: Trials[Levels]) -> Levels:
+    """Return rungs with a lower one of one ladder, which cannot take its lowest; the same if no other fails."""
+
+    def at(rung: int) -> Levels:
+        return (*now[:place], rung + 1, *now[place + 1 :])
+
+    found = trials.flip([1.0] * (size - 1), at, rises=True, sure=_SURE, doing="trying simpler values")
+    return at(found) if found < size - 2 and _fails(at(found), _FOUND, trials) else now
