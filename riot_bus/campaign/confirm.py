@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import Proportion, proportion
 
 if TYPE_CHECKING:
@@ -15,9 +16,11 @@ __all__ = ["CONFIRMATIONS", "repeat", "repeat_in_order"]
 CONFIRMATIONS = 20
 """Fresh trials of a case at most."""
 
-_FIRST, _ENOUGH = 4, 3
-"""Four fresh failures of four bound the rate from below by 0.4 at 95 %, which is enough to go on with. What does not
-always fail gets up to twenty trials, in which a failure of one in five is missed once in eighty-seven times."""
+_FIRST = 4
+"""Four fresh failures of four bound the rate from below by 0.4 at 95 %, which is enough to go on with."""
+_DOUBT, _SPREAD = 0.005, 0.15
+"""Trials end when it is decided whether the case triggers the failure, or it is chance, and the rate is known so well.
+A failure of one in five is missed once in eighty-seven times."""
 
 
 def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
@@ -34,7 +37,8 @@ def repeat(case: TestCase, signature: str, runner: Runner) -> Proportion:
         cases = [replace(case, again=number) for number in range(total + 1, total + count + 1)]
         hits += sum(outcome.failed_as(signature) for outcome in runner.run(cases))
         total += count
-        if hits == total or (hits >= _ENOUGH and total >= CONFIRMATIONS // 2):
+        triggers = Noise.after().triggers(hits, total - hits)
+        if triggers < _DOUBT or (triggers > 1 - _DOUBT and Noise.after(hits, total).spread <= _SPREAD):
             break
     return proportion(hits, total)
 

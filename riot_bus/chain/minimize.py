@@ -140,6 +140,7 @@ class _Minimization:
             ],
             groups=[self.context.registry.topic(message.key) for message in log.messages],
             causes=modified if self.needs_cause and modified else None,
+            likely=within is not None,
             noise=noise_of(self.finding) if within is None else within.minimal.noise,
             budget=self.budget - self.spent,
             parallelism=self.cases.parallelism,

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
+from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -17,34 +19,48 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import Workspace
+    from riot_bus.vocabulary.trial import Outcome, Runner
 
 __all__ = ["Reproduction", "reproduce"]
 
 
+_LEAST, _MOST, _MOST_RUNS = 3, 60, 20
+"""Trials at least, and trials of the unit and runs of the whole system at most where it is not said how many."""
+_DOUBT = 0.05
+"""Of the answer."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """The answer: in how many of how many fresh trials the same failure came again."""
+    """The answer: in how many of how many fresh trials the same failure came again.
+
+    Attributes:
+        missed: Of a fixed one: how likely it is that none of so many trials would have failed if it came as often as
+            before.
+    """
 
     answer: Literal["still failing", "fixed"]
     failed: int
     trials: int
     log: str
     detail: str = ""
+    missed: float = 0.0
 
 
-def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_system: bool = False) -> Reproduction:
-    """Play a finding's log to fresh components.
+def reproduce(
+    workspace: Workspace, folder: Path, *, times: int | None = None, whole_system: bool = False
+) -> Reproduction:
+    """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
 
     Args:
         workspace: Where to work.
         folder: The finding.
-        times: Fresh trials.
+        times: So many fresh trials; None for as many as it takes.
         whole_system: Play the external messages of `activation.mcap` to the whole system instead of the minimal log
             to the unit.
 
     Raises:
-        InconclusiveError: It fails in some trials and passes in others, or fails in another way; or runs of the whole
-            system cannot tell.
+        InconclusiveError: The trials do not decide, or show another failure; or runs of the whole system cannot tell.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -61,32 +77,62 @@ def reproduce(workspace: Workspace, folder: Path, *, times: int = 3, whole_syste
         if why:
             raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
         runner = workspace.runners.system(workspace.context.file.system.trial_run, judged=judged)
+        shown = () if finding.whole_system else _replays(folder)
+        noise = Noise.after(*shown) if shown else noise_of(finding)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages = FailingLog.load(path, registry=registry).messages
         runner = workspace.runners.unit(finding.unit, lambda: workspace.known_unit_log(finding.unit))
-    outcomes = runner.run(
-        [
-            TestCase(messages, seed=workspace.seed + number, ordered=finding.ordered and not whole_system)
-            for number in range(times)
-        ]
-    )
-    for outcome in outcomes:
-        StepRun(workspace, "reproduce").told(outcome)
-        if not outcome.judged:
-            raise EnvironmentFaultError(outcome.detail)
+        noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
+    ordered = finding.ordered and not whole_system
+    most = times or (_MOST_RUNS if whole_system else _MOST)
+    cases = [TestCase(messages, seed=workspace.seed + number, ordered=ordered) for number in range(most)]
+    outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
     others = sorted(
         {outcome.violations[0].signature for outcome in outcomes if outcome.verdict is Verdict.FAIL}
         - {finding.signature}
     )
-    if failed == len(outcomes):
+    still = noise.triggers(failed, len(outcomes) - failed)
+    if still > 1 - _DOUBT:
         detail = next(one.violations[0].detail for one in outcomes if one.failed_as(finding.signature))
         return Reproduction("still failing", failed, len(outcomes), path.name, detail)
-    if failed == 0 and not others:
-        return Reproduction("fixed", 0, len(outcomes), path.name)
+    if not failed and not others and still < _DOUBT:
+        return Reproduction("fixed", 0, len(outcomes), path.name, missed=noise.missed(len(outcomes)))
     raise InconclusiveError(
         f"{failed} of {counted(len(outcomes), 'trial')} of {path.name} fail as before"
-        + (f", others fail differently: {', '.join(others)}" if others else ""),
+        + (f", others fail differently: {', '.join(others)}" if others else "")
+        + (f", where about {noise.rate:.0%} did" if not others else ""),
         hint="repeat with --times for a clearer picture",
     )
+
+
+def _replays(folder: Path) -> tuple[int, ...]:
+    """Return how many of how many replays of the external messages failed; nothing if there were none."""
+    record = ActivationRecord.load(folder)
+    return (record.replays_failed, record.replays) if record.replays_failed else ()
+
+
+def _outcomes(
+    workspace: Workspace,
+    runner: Runner,
+    cases: list[TestCase],
+    signature: str,
+    noise: Noise,
+    *,
+    all_of_them: bool,
+) -> list[Outcome]:
+    """Return the outcomes of as many cases as decide."""
+    outcomes: list[Outcome] = []
+    while len(outcomes) < len(cases):
+        count = len(cases) if all_of_them else runner.parallelism if outcomes else _LEAST
+        for outcome in runner.run(cases[len(outcomes) : len(outcomes) + count]):
+            StepRun(workspace, "reproduce").told(outcome)
+            if not outcome.judged:
+                raise EnvironmentFaultError(outcome.detail)
+            outcomes.append(outcome)
+        failed = sum(outcome.failed_as(signature) for outcome in outcomes)
+        still = noise.triggers(failed, len(outcomes) - failed)
+        if not _DOUBT <= still <= 1 - _DOUBT:
+            break
+    return outcomes

@@ -278,12 +278,12 @@ def rungs_of(
     return (*rungs, value)
 
 
-def _numbers(value: float, kind: str) -> Iterator[float]:
+def _numbers(value: int | float, kind: str) -> Iterator[int | float]:
     """Yield simple numbers of a value's sign: 0, 1, powers of ten below it, a round one above it, its type's limit."""
     if math.isnan(value):
         return
     sign, size = (-1 if value < 0 else 1), abs(value)
-    as_typed: Callable[[float], float] = float if isinstance(value, float) else int
+    as_typed: Callable[[int], int | float] = float if isinstance(value, float) else int
     yield as_typed(0)
     yield as_typed(sign)
     power = 10

@@ -256,7 +256,10 @@ def analyze(
 def reproduce(
     finding: Finding = DEFAULT_OUT,
     *,
-    times: Annotated[int, typer.Option("--times", min=1, help="Fresh trials.")] = 3,
+    times: Annotated[
+        int | None,
+        typer.Option("--times", min=1, help="Fresh trials. [default: as many as decide]", show_default=False),
+    ] = None,
     whole_system: Annotated[
         bool, typer.Option("--whole-system", help="Play the external messages to the whole system instead.")
     ] = False,
@@ -265,7 +268,7 @@ def reproduce(
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
-    """Does a finding still fail? Exit 0 fixed, 1 still failing, 4 cannot be run, 5 flaky."""
+    """Does a finding still fail? Exit 0 fixed, 1 still failing, 4 cannot be run, 5 not decided."""
     from dataclasses import asdict
 
     from riot_bus.chain.reproduce import reproduce as run_again
@@ -274,6 +277,8 @@ def reproduce(
     with _of_finding(finding, jobs, form, system, executor=executor, fresh=True) as (workspace, folder):
         result = run_again(workspace, folder, times=times, whole_system=whole_system)
     line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
-    _show(asdict(result), form, [line + (f" ({result.detail})" if result.detail else "")])
+    sure = f"none would with a probability of {result.missed:.1%} if it came as often as before"
+    told = f" ({result.detail or sure})" if result.detail or not result.failed else ""
+    _show(asdict(result), form, [line + told])
     if result.failed:
         raise typer.Exit(FAULTS)

@@ -31,6 +31,9 @@ _DOUBT = 0.03
 """What ends the trials of the result and of each message's need together, less than what may be claimed: rates of 0.9
 are often not told from 1 by then (benchmarks/noise.py)."""
 
+_WRONG = 0.01
+"""Budget of error of the last check."""
+
 _FAILS = 0.98
 """Prior that the whole log fails: fresh trials of it have confirmed the finding."""
 
@@ -85,6 +88,7 @@ def minimize(
     weights: Sequence[float] | None = None,
     groups: Sequence[str] | None = None,
     causes: Collection[int] | None = None,
+    likely: bool = False,
     noise: Noise | None = None,
     budget: int = BUDGET,
     parallelism: int = 1,
@@ -100,6 +104,7 @@ def minimize(
         weights: Prior weight of each message to be needed (injected ones high, then those close before the failure).
         groups: Topic of each message; needed messages often share one.
         causes: Messages of which at least one has to be kept; parts without any have another cause, and are not asked.
+        likely: Whether the whole log is probably minimal: then that is checked before anything is searched.
         noise: What is known of the rates of failure.
         budget: Most trials. Where they end, the best so far is the result, and is said to be not proven.
         parallelism: Questions worth asking in one batch.
@@ -121,7 +126,7 @@ def minimize(
     trials: Trials[tuple[int, ...]] = Trials(
         ask, key=lambda question: question, noise=noise, budget=budget, parallelism=parallelism, progress=progress
     )
-    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better).run()
+    return _Search(trials, prior, groups, None if causes is None else frozenset(causes), better).run(likely=likely)
 
 
 class _Search:
@@ -142,52 +147,85 @@ class _Search:
         self.better = better
         self.best = tuple(range(len(prior)))
 
-    def run(self) -> Minimal:
+    def run(self, *, likely: bool) -> Minimal:
         whole = self.best
         try:
-            fails = self.trials.triggers(
-                [whole], prior=_FAILS, doubt=_DOUBT, doing="checking the whole and the empty log"
-            )[0]
-            if fails < 0.5:
-                failed, passed = self.trials.counts(whole)
-                raise InconclusiveError(
-                    f"the whole log ({len(whole)} messages) does not fail with this signature ({failed} of "
-                    f"{failed + passed} trials), so there is nothing to minimise",
-                    hint="replay it several times; it may fail too rarely to be told apart from chance",
-                )
-            if not whole or (self._may((), ()) and self._fails((), _IDLE, "checking the whole and the empty log")):
+            if not whole:
+                self._check_whole()
+            idle = not likely and self._may((), ()) and self._fails((), _IDLE, "checking the empty log")
+            if not whole or idle:
                 return self._result((), shown=True)
-            return self._result(self._minimal(), shown=True)
+            return self._result(self._minimal(whole if likely else ()), shown=True)
         except BudgetSpentError:
             return self._result(self.best, shown=False)
+
+    def _check_whole(self) -> None:
+        """Ask whether the whole log fails; fresh trials have shown it before, so only where nothing has failed yet."""
+        whole = tuple(range(len(self.prior)))
+        fails = self.trials.triggers([whole], prior=_FAILS, doubt=_DOUBT, doing="checking the whole log")[0]
+        if fails < 0.5:
+            failed, passed = self.trials.counts(whole)
+            raise InconclusiveError(
+                f"the whole log ({len(whole)} messages) does not fail with this signature ({failed} of "
+                f"{failed + passed} trials), so there is nothing to minimise",
+                hint="replay it several times; it may fail too rarely to be told apart from chance",
+            )
 
     def _fails(self, kept: tuple[int, ...], prior: float, doing: str, *, least: int = 1) -> bool:
         return self.trials.triggers([kept], prior=prior, doubt=_DOUBT / 2, doing=doing, least=least)[0] > 0.5
 
-    def _minimal(self) -> tuple[int, ...]:
-        """Search, and check what was found; what the check refutes is mended, and checked again."""
-        kept: tuple[int, ...] = ()
+    def _minimal(self, kept: tuple[int, ...]) -> tuple[int, ...]:
+        """Search, and check what was found; what the check refutes is mended, and checked again.
+
+        Args:
+            kept: What to begin with: nothing, or what is probably minimal.
+        """
+        if kept:
+            self._check_whole()
+        kept = kept or self._search(())
         while True:
-            kept = self._search(kept)
             while self._fails(kept, 1 - _UNNEEDED, "checking what was found"):
                 self._found(kept)
                 rest = self._without_removable(kept)
                 if rest == kept:
-                    # Seen twice: that a failure without its cause ends the search is the likeliest mistake.
-                    if self._fails(kept, 1 - _UNNEEDED, "checking what was found", least=2):
+                    if not self._sure(kept):
+                        break
+                    rest = self._without_removable(kept, prior=0.5, doubt=_WRONG)
+                    if rest == kept:
                         return kept
-                    break
                 kept = rest
+            kept = self._search(kept)
 
-    def _without_removable(self, kept: tuple[int, ...]) -> tuple[int, ...]:
-        """Return a part of a failing set without one message that is not needed, or the set if all are needed."""
-        parts = [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
-        questions = [part for part in parts if self._may(part, ())]
+    def _sure(self, kept: tuple[int, ...]) -> bool:
+        """Return whether what was found fails, as if nothing was known of it but its trials.
+
+        Seen twice: that a failure without its cause ends the search is the likeliest mistake.
+        """
+        doing = "making sure of what was found"
+        return self.trials.triggers([kept], prior=0.5, doubt=_WRONG / 2, doing=doing, least=2)[0] > 0.5
+
+    def _without_removable(
+        self, kept: tuple[int, ...], *, prior: float = _UNNEEDED, doubt: float = _DOUBT
+    ) -> tuple[int, ...]:
+        """Return a part of a failing set without one message that is not needed, or the set if all are needed.
+
+        Args:
+            kept: The set.
+            prior: Of a message not being needed. The search has chosen the set for answers that may be chance, so at
+                last what was likely before does not count.
+            doubt: What ends the trials of all of them together, with those of the set.
+        """
+        questions = [part for part in self._parts(kept) if self._may(part, ())]
         doing = "checking that every kept message is needed"
-        doubt = _DOUBT / (2 * max(1, len(kept)))
-        chances = self.trials.triggers(questions, prior=_UNNEEDED, doubt=doubt, doing=doing, first=True)
+        doubt /= 2 * max(1, len(kept))
+        chances = self.trials.triggers(questions, prior=prior, doubt=doubt, doing=doing, first=True)
         likeliest = max(range(len(questions)), key=chances.__getitem__, default=None)
         return kept if likeliest is None or chances[likeliest] < 0.5 else questions[likeliest]
+
+    @staticmethod
+    def _parts(kept: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Return all but one of some messages, in turns."""
+        return [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
 
     def _search(self, start: tuple[int, ...]) -> tuple[int, ...]:
         """Return a set that fails, likely: the start and what repeated search for the shortest failing prefix finds."""
@@ -214,6 +252,8 @@ class _Search:
                 sure=_SURE,
                 doing=f"looking for needed message {len(kept) + 1}",
             )
+            if not self.trials.failed:
+                self._check_whole()
             if length == 0:
                 break
             if length > len(order):  # a needed message was cut
@@ -245,7 +285,7 @@ class _Search:
                 self.better(self._result(part, shown=False))
 
     def _result(self, kept: tuple[int, ...], *, shown: bool) -> Minimal:
-        parts = [kept[:index] + kept[index + 1 :] for index in range(len(kept))]
+        parts = self._parts(kept)
         counts = [self.trials.counts(kept), *map(self.trials.counts, parts)]
         noise = self.trials.noise
         doubts = [1 - noise.triggers(*counts[0], prior=1 - _UNNEEDED)]

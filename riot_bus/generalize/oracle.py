@@ -68,7 +68,7 @@ class Trials(Generic[QuestionT]):
         self._progress = progress
         self._counts: dict[Hashable, tuple[int, int]] = {}
         self.noise = noise or Noise.after()
-        self.spent = 0
+        self.spent = self.failed = 0
 
     def counts(self, question: QuestionT) -> tuple[int, int]:
         """Return how many trials of a question have failed, and how many passed."""
@@ -193,6 +193,7 @@ class Trials(Generic[QuestionT]):
         if len(answers) != len(questions):
             raise InconclusiveError(f"{len(questions)} trials were asked for, but {len(answers)} outcomes came back")
         self.spent += len(questions)
+        self.failed += sum(answers)
         for question, failed in zip(questions, answers, strict=True):
             key = self._key(question)
             fails, passes = self._counts.get(key, (0, 0))

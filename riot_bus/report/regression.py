@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from pathlib import Path
@@ -14,11 +13,7 @@ from riot_bus.report.formats import write_file
 if TYPE_CHECKING:
     from riot_bus.findings.records import FindingRecord
 
-__all__ = ["file_stem", "regression_name", "trials_for", "write_regression_test"]
-
-_FEWEST, _MOST = 3, 60
-_MISSED = 0.05
-"""How often a failure that comes as often as when it was found may be missed."""
+__all__ = ["file_stem", "regression_name", "write_regression_test"]
 
 _TEXT = '''\
 """{component} {what}.
@@ -43,14 +38,11 @@ FINDING = Path(__file__).resolve().parent
 SYSTEM = Path(os.environ.get("RIOT_SYSTEM", FINDING / {system}))
 """Says how the unit is started; set RIOT_SYSTEM if the folder was moved."""
 
-TRIALS = {trials}
-"""{why}"""
-
 SIGNATURE = {signature}
 
 
 def test_{function}():
-    found = reproduce_finding(FINDING, system=SYSTEM, trials=TRIALS)
+    found = reproduce_finding(FINDING, system=SYSTEM)
     assert found.answer == "fixed", (
         f"{{found.failed}} of {{found.trials}} trials of {{found.log}} fail: {{SIGNATURE}}: {{found.detail}}"
     )
@@ -62,13 +54,6 @@ def regression_name(finding: FindingRecord) -> str:
     return f"riot_test_{file_stem(finding)}.py"
 
 
-def trials_for(rate: float) -> int:
-    """Return how many trials show a failure of this rate again but for one time in 20; no fewer than 3."""
-    if rate >= 1:
-        return _FEWEST
-    return min(_MOST, max(_FEWEST, math.ceil(math.log(_MISSED) / math.log1p(-rate)))) if rate > 0 else _MOST
-
-
 def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
     """Write the test into the directory of a finding.
 
@@ -76,11 +61,6 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
         directory: The finding's directory.
         finding: Its record.
     """
-    seen = f" in {finding.rate.count} of {finding.rate.total} trials" if finding.rate else ""
-    rate = finding.rate.value if finding.rate else 1.0
-    trials = trials_for(rate)
-    missed = (1 - rate) ** trials
-    rest = f"; as often, it would be missed once in {1 / missed:.0f} runs" if missed > 0 else ""
     system = os.path.relpath(os.path.abspath(finding.system_file), directory.resolve())
     text = _TEXT.format(
         component=_plain(finding.component),
@@ -88,8 +68,6 @@ def write_regression_test(directory: Path, finding: FindingRecord) -> Path:
         name=regression_name(finding),
         stem=file_stem(finding),
         system=ascii(system),
-        trials=trials,
-        why=f"The failure came{seen} when it was found{rest}.",
         signature=ascii(finding.signature),
         function=file_stem(finding),
     )

@@ -6,6 +6,7 @@ are learnt on the way: all here is one posterior over the hypotheses at hand tim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -68,6 +69,15 @@ class Noise:
     def false_rate(self) -> float:
         """Expected eps."""
         return float(self.weight @ self.eps)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of p."""
+        return math.sqrt(max(0.0, float(self.weight @ self.p**2) - self.rate**2))
+
+    def missed(self, trials: int) -> float:
+        """Return the probability that none of so many trials of what triggers the failure fails."""
+        return float(self.weight @ (1 - self.p) ** trials)
 
     def weighted(self, factor: Array) -> Noise:
         """Return what is known after something that is so likely for each pair; shape (pairs,)."""

@@ -20,18 +20,18 @@ _NOMINAL = "nominal.mcap"
 
 
 def reproduce_finding(
-    folder: Path, *, system: Path, trials: int = 3, runners: RunnerFactory | None = None
+    folder: Path, *, system: Path, trials: int | None = None, runners: RunnerFactory | None = None
 ) -> Reproduction:
     """Play the shortest failing log of a finding to fresh components, and leave nothing behind.
 
     Args:
         folder: The finding.
         system: Path of riot.toml; if there is none, that of the finding's record.
-        trials: Fresh trials.
+        trials: So many fresh trials; None for as many as it takes.
         runners: Give the runners; processes of this machine by default.
 
     Raises:
-        InconclusiveError: It fails in some trials and passes in others, or fails in another way.
+        InconclusiveError: The trials do not decide, or show another failure.
         ConfigError: There is no riot.toml or no log.
         EnvironmentFaultError: The components do not start.
     """

@@ -218,7 +218,7 @@ def test_a_budget_that_ends_leaves_the_best_so_far(tmp_path: Path) -> None:
 
 def test_an_interruption_keeps_the_best_so_far_and_the_next_command_goes_on(tmp_path: Path) -> None:
     def fails(messages: Sequence[Message]) -> int | None:
-        if len(one.machine.executed) == 14:
+        if len(one.machine.executed) == 17:
             one.machine.fails = needs_two
             raise KeyboardInterrupt
         return needs_two(messages)

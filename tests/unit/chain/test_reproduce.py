@@ -10,7 +10,7 @@ from riot_bus.findings.records import ActivationRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
-from tests.unit.chain.machine import HANG, Bench, bench, command, panel, said, write_finding, write_minimal
+from tests.unit.chain.machine import HANG, Bench, bench, command, panel, rated, said, write_finding, write_minimal
 
 
 def test_a_finding_that_fails_each_time_is_still_failing(tmp_path: Path) -> None:
@@ -43,13 +43,47 @@ def test_a_finding_that_never_fails_is_fixed(tmp_path: Path) -> None:
     write_minimal(one, speed=5.0)
     found = reproduce(one.workspace, one.folder)
     assert (found.answer, found.failed, found.detail) == ("fixed", 0, "")
+    assert found.missed < 0.06
 
 
-def test_trials_that_disagree_are_inconclusive(tmp_path: Path) -> None:
+def test_one_that_fails_in_most_trials_is_still_failing(tmp_path: Path) -> None:
     one = bench(tmp_path, wrong=lambda case: case.seed == 1)
     write_minimal(one)
-    with pytest.raises(InconclusiveError, match=r"2 of 3 trials of minimal\.mcap fail as before\n"):
+    found = reproduce(one.workspace, one.folder)
+    assert (found.answer, found.failed, found.trials) == ("still failing", 2, 3)
+
+
+@pytest.mark.parametrize("mended", [False, True])
+def test_what_fails_three_times_in_ten_takes_more_trials(tmp_path: Path, *, mended: bool) -> None:
+    one = bench(tmp_path, wrong=lambda case: not mended and case.seed % 4 != 3)
+    write_minimal(one, speed=5.0 if mended else -5.0)
+    rated(one, 3, 10)
+    found = reproduce(one.workspace, one.folder)
+    assert found.answer == ("fixed" if mended else "still failing")
+    assert 3 <= found.trials <= 15
+    assert (found.failed > 0) is not mended
+    if mended:
+        assert found.trials >= 9
+        assert found.missed < 0.1
+
+
+def test_what_comes_more_seldom_than_before_is_neither(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: case.seed != 0)
+    write_minimal(one)
+    rated(one, 4, 4)
+    with pytest.raises(
+        InconclusiveError, match=r"1 of \d+ trials of minimal\.mcap fail as before, where about 9\d% did"
+    ):
         reproduce(one.workspace, one.folder)
+
+
+def test_so_many_trials_as_asked_for_and_no_answer_if_they_do_not_decide(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: True)
+    write_minimal(one)
+    rated(one, 3, 10)
+    with pytest.raises(InconclusiveError, match=r"0 of 4 trials"):
+        reproduce(one.workspace, one.folder, times=4)
+    assert len(one.machine.executed) == 4
 
 
 def test_failing_in_another_way_is_inconclusive(tmp_path: Path) -> None:

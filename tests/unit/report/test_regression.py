@@ -3,10 +3,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import pytest
-
-from riot_bus.findings.records import FindingRecord, ProportionRecord
-from riot_bus.report.regression import regression_name, trials_for, write_regression_test
+from riot_bus.findings.records import FindingRecord
+from riot_bus.report.regression import regression_name, write_regression_test
 
 
 def finding(**more: object) -> FindingRecord:
@@ -28,20 +26,6 @@ def test_the_file_is_a_test_that_pytest_does_not_collect_by_itself(tmp_path: Pat
     assert "'../../../riot.toml'" in text
     assert str(tmp_path) not in text
     assert [each.name for each in folder.iterdir()] == [path.name]
-
-
-@pytest.mark.parametrize(("rate", "trials"), [(1.0, 3), (0.9, 3), (0.3, 9), (0.05, 59), (0.001, 60), (0.0, 60)])
-def test_a_failure_that_comes_now_and_then_is_looked_for_more_often(rate: float, trials: int) -> None:
-    assert trials_for(rate) == trials
-    if 0.05 <= rate < 1:
-        assert (1 - rate) ** trials <= 0.05
-
-
-def test_how_often_a_failure_is_missed_is_said(tmp_path: Path) -> None:
-    rate = ProportionRecord(value=0.3, low=0.1, high=0.6, count=3, total=10)
-    text = write_regression_test(tmp_path, finding(rate=rate)).read_text()
-    assert "TRIALS = 9\n" in text
-    assert "in 3 of 10 trials when it was found; as often, it would be missed once in 25 runs." in text
 
 
 HOSTILE = '"""\nimport os\nos.system("x")\n\\N{BULLET} {0} \u202e'

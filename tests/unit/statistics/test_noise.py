@@ -107,3 +107,10 @@ def test_searches_side_by_side_are_joined() -> None:
     after.tell(0, failed=False)
     assert start.joined([one.noise, other.noise]).rate == pytest.approx(after.noise.rate)
     assert start.joined([]).rate == pytest.approx(start.rate)
+
+
+def test_the_spread_of_the_rate_shrinks_with_trials() -> None:
+    spreads = [Noise.after(*shown).spread for shown in ((4, 4), (3, 10), (6, 20))]
+    assert spreads[0] < spreads[2] < spreads[1] < 0.2
+    assert Noise.after(20, 20).missed(3) < 0.001
+    assert 0.2 < Noise.after(3, 10).missed(3) < 0.6

@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.testing.regression import reproduce_finding
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
-from tests.unit.chain.machine import Bench, bench, write_minimal
+from tests.unit.chain.machine import Bench, bench, rated, write_minimal
 
 
 def asked(one: Bench, system: Path | None = None) -> tuple[str, int]:
@@ -27,9 +27,10 @@ def test_it_answers_as_reproduce_does_and_leaves_nothing(tmp_path: Path) -> None
     assert one.machine.closed
 
 
-def test_trials_that_disagree_are_no_pass(tmp_path: Path) -> None:
-    one = bench(tmp_path, wrong=lambda case: case.seed == 1)
+def test_trials_that_do_not_decide_are_no_pass(tmp_path: Path) -> None:
+    one = bench(tmp_path, wrong=lambda case: case.seed > 0)
     write_minimal(one)
+    rated(one, 8, 8)
     with pytest.raises(InconclusiveError):
         asked(one)
 
