@@ -122,6 +122,16 @@ class FailingLog:
         numbers = {message.sequence for message in kept}
         return FailingLog(kept, {number: one for number, one in self.originals.items() if number in numbers})
 
+    def names(self, registry: TypeRegistry) -> list[str]:
+        """Return what messages are called: `topic`, or `topic[i]` where the log holds several of the topic."""
+        topics = [registry.topic(message.key) for message in self.messages]
+        counts, seen = Counter(topics), Counter[str]()
+        names = []
+        for topic in topics:
+            names.append(f"{topic}[{seen[topic]}]" if counts[topic] > 1 else topic)
+            seen[topic] += 1
+        return names
+
     def restored(self) -> FailingLog:
         """Return the log with the originals in place of what was modified, each once and in their order."""
         known = {one.sequence: self.originals.get(one.sequence, one) for one in self.messages}
@@ -188,12 +198,10 @@ class NamedFields:
         self.registry = registry
         self.topics = topics = [registry.topic(message.key) for message in log.messages]
         several = {topic for topic, count in Counter(topics).items() if count > 1}
-        seen: Counter[str] = Counter()
         self.fields: dict[str, NamedField] = {}
         self._positions: dict[str, int] = {}
-        for position, (topic, message) in enumerate(zip(topics, log.messages, strict=True)):
-            prefix = f"{topic}[{seen[topic]}]" if topic in several else topic
-            seen[topic] += 1
+        for position, (prefix, message) in enumerate(zip(log.names(registry), log.messages, strict=True)):
+            topic = topics[position]
             self._positions[prefix] = position
             kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
             if kind is None or message.kind == "delete":

@@ -177,8 +177,12 @@ class UnitQuestions:
 
     def case(self, values: Mapping[str, Setting]) -> TestCase:
         """Return the minimal log with values set by name; where it has an order, the unit takes it in in that order."""
-        case = unit_case(self._workspace, self.finding, self.fields.with_values(values))
+        case = self.case_of(self.fields.with_values(values))
         return replace(case, ordered=case.ordered or bool(self.fields.orders))
+
+    def case_of(self, messages: Sequence[Message]) -> TestCase:
+        """Return what plays messages to the unit."""
+        return unit_case(self._workspace, self.finding, messages)
 
     def failed(self, outcome: Outcome) -> bool:
         """Return whether an outcome is the failure that is asked for."""

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
 from riot_bus.chain.orders import order_spaces
-from riot_bus.chain.questions import UnitQuestions, draws_for, json_value
-from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord
+from riot_bus.chain.questions import FreshCases, UnitQuestions, draws_for, json_value
+from riot_bus.chain.structure import parts_of, search_structure
+from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord, StructureRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import why_brittle
 from riot_bus.vocabulary.order import order_of
-from riot_bus.vocabulary.trial import Ask, Scalar
+from riot_bus.vocabulary.trial import Ask
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun
@@ -35,6 +36,8 @@ _DOUBT, _REFUTED = 0.05, 0.002
 _AFTER = 1000
 """Trials of the minimal log itself, by which it was chosen, are none of these."""
 _INJECTED_PRIOR = 10.0
+
+QuestionT = TypeVar("QuestionT")
 
 
 def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
@@ -58,7 +61,8 @@ def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
 def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRecord:
     """Find the relevant fields of `minimal.mcap` and write the certificates' logs.
 
-    Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped.
+    Both trials of each certificate are repeated until fresh trials alone confirm it, or it is dropped. Then it is asked
+    what besides values the failure needs: keys, the order of messages, times between them.
 
     Args:
         step: The running step.
@@ -95,13 +99,76 @@ def relevance(step: StepRun, folder: Path, *, budget: int = BUDGET) -> FieldsRec
             unconfirmed.append(one.name)
     if any(order_of(one.name) for one in records) and not questions.finding.ordered:
         questions.finding.model_copy(update={"ordered": True}).save(folder)
-    return FieldsRecord(
+    record = FieldsRecord(
         fields=tuple(records),
         considered=tuple(space.name for space in spaces),
         bound=found.bound,
         straight=found.straight,
         unconfirmed=tuple(unconfirmed),
         complete=found.complete,
+    )
+    return _with_structure(step, folder, record, questions, considered, found.noise, budget - found.trials)
+
+
+def _with_structure(
+    step: StepRun,
+    folder: Path,
+    record: FieldsRecord,
+    questions: UnitQuestions,
+    considered: Sequence[NamedField],
+    noise: Noise,
+    budget: int,
+) -> FieldsRecord:
+    """Return the record with what besides values matters, each confirmed by fresh trials alone."""
+    unit = step.workspace.context.file.unit[questions.finding.unit]
+    known = {*(one.name for one in record.fields), *record.unconfirmed}
+    parts = parts_of(questions.fields, considered, known, paced=unit.rate > 0)
+    if not parts or budget < 1:
+        return record
+    cases = FreshCases(questions.runner, after=2 * _AFTER)
+    several = len({message.key for message in questions.fields.log.messages}) > 1
+
+    def ask(logs: Sequence[FailingLog]) -> list[bool]:
+        asked = [questions.case_of(log.messages) for log in logs]
+        asked = [replace(case, ordered=case.ordered or several) for case in asked]  # else their order tells nothing
+        return [questions.failed(one) for one in cases.run(asked)]
+
+    structure = search_structure(
+        questions.fields.log,
+        parts,
+        ask,
+        noise=noise,
+        budget=budget,
+        parallelism=questions.runner.parallelism,
+        progress=step.progress,
+    )
+    found = []
+    for number, one in enumerate(structure.needed):
+        sides = [_repeated(one.failing, 1, ask, noise), _repeated(one.passing, 0, ask, noise)]
+        if not all(side.confirmed for side in sides):
+            continue
+        logs = []
+        for side, log in (("failing", one.failing), ("passing", one.passing)):
+            path = folder / "certificates" / f"{one.part.kind.replace(' ', '-')}-{number}.{side}.mcap"
+            path.parent.mkdir(exist_ok=True)
+            metadata = {"finding": questions.finding.id, one.part.kind: f"{one.part.name} {one.part.then}".strip()}
+            log.save(path, context=step.workspace.context, metadata=metadata | {"side": side})
+            logs.append(str(path.relative_to(folder)))
+        failed, passed = ((side.right, side.total) for side in sides)
+        found.append(
+            StructureRecord(
+                kind=one.part.kind,
+                name=one.part.name,
+                then=one.part.then,
+                failing_log=logs[0],
+                passing_log=logs[1],
+                failed=failed,
+                passed=passed,
+            )
+        )
+    asked = structure.asked - (len(structure.needed) - len(found))
+    return record.model_copy(
+        update={"structure": tuple(found), "structure_asked": asked, "structure_failed": structure.failed}
     )
 
 
@@ -130,12 +197,12 @@ class _Side:
     confirmed: bool
 
 
-def _repeated(values: Mapping[str, Scalar], fails: int, ask: Ask[Mapping[str, Scalar]], noise: Noise) -> _Side:
+def _repeated(side: QuestionT, fails: int, ask: Ask[QuestionT], noise: Noise) -> _Side:
     """Repeat one side of a certificate until fresh trials alone decide about it, or are too many."""
     failed = total = 0
     while True:
         count = max(1, _REPEATS - total)
-        failed, total = failed + sum(ask([values] * count)), total + count
+        failed, total = failed + sum(ask([side] * count)), total + count
         chance = noise.triggers(failed, total - failed)
         sure = chance if fails else 1 - chance
         if not _REFUTED < sure < 1 - _DOUBT or total >= _MOST:

@@ -70,7 +70,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         raise InconclusiveError(
             "no field of the minimal log is relevant, so there is no rule over fields",
             where=str(folder),
-            hint="the failure depends on which messages arrive, not on their values; see minimal.mcap",
+            hint="the failure depends on which messages and keys arrive, or in which order; see `riot show`",
         )
     teacher = _Teacher(step, budget, validation)
     passing = {one.name: one.certificate.passing for one in relevant.fields}

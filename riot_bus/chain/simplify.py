@@ -122,7 +122,7 @@ class Simplification:
 
     def _gaps(self) -> tuple[list[_Ladder], _Build]:
         log = self.log
-        names = self._numbered()
+        names = self.log.names(self._registry)
         gaps = [max(0, after.time - before.time) for before, after in pairwise(log.messages)] if self._paced else []
         ladders = [
             _Ladder("gap", f"{before} to {after}", (*_durations(gap), gap), position)
@@ -140,7 +140,7 @@ class Simplification:
 
     def _payloads(self) -> tuple[list[_Ladder], _Build]:
         """Whole payloads back to nominal: where several were modified, or fields do not tell how."""
-        log, names = self.log, self._numbered()
+        log, names = self.log, self.log.names(self._registry)
         places = [place for place, one in enumerate(log.messages) if _changed(one, log.originals.get(one.sequence))]
         if len(places) == 1 and self._told_by_fields(places[0]):
             places = []
@@ -182,16 +182,6 @@ class Simplification:
             return _pruned(fields.with_values(values), log.originals)
 
         return ladders, build
-
-    def _numbered(self) -> list[str]:
-        """Return what messages are called: their topic, with a number where it has several."""
-        topics = [self._registry.topic(message.key) for message in self.log.messages]
-        counts, seen = Counter(topics), Counter[str]()
-        names = []
-        for topic in topics:
-            names.append(f"{topic}[{seen[topic]}]" if counts[topic] > 1 else topic)
-            seen[topic] += 1
-        return names
 
 
 def _built(build: _Build, levels: Levels) -> FailingLog | None:

@@ -194,7 +194,7 @@ def show(
     import json
 
     from riot_bus.chain.workspace import open_finding
-    from riot_bus.findings.records import MinimalRecord
+    from riot_bus.findings.records import FieldsRecord, MinimalRecord
     from riot_bus.log.reader import LogReader
     from riot_bus.log.showing import show_log
 
@@ -203,7 +203,10 @@ def show(
         folder, _ = open_finding(what)
         minimal = folder / "minimal.mcap"
         log = minimal if minimal.is_file() else folder / "failure.mcap"
-        notes = MinimalRecord.load(folder).lines() if minimal.is_file() and MinimalRecord.exists(folder) else []
+        if minimal.is_file() and MinimalRecord.exists(folder):
+            notes = MinimalRecord.load(folder).lines()
+            if FieldsRecord.exists(folder):
+                notes += [f"it needs that {one}" for one in FieldsRecord.load(folder).structure]
     log = _file_of(log)
     with LogReader(log) as reader:
         shown = show_log(reader, registry=_registry(reader, type_, msg), most=most)

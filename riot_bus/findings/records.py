@@ -42,6 +42,7 @@ __all__ = [
     "RuleRecord",
     "RuleSample",
     "SimplifiedRecord",
+    "StructureRecord",
     "UnconfirmedRecord",
     "UnjudgedRecord",
     "Value",
@@ -444,6 +445,37 @@ class FieldRecord(_Model):
     certificate: CertificateRecord
 
 
+class StructureRecord(_Model):
+    """Something of the minimal log that is no value and that the failure needs: two logs that differ in it alone.
+
+    Attributes:
+        kind: `key` (it is there), `missing key`, `order` (one message is before the next), or `gap` (the next one comes
+            no later than it does).
+        name: Of the key, or the first message.
+        then: The message that comes after it.
+        failing_log: It fails.
+        passing_log: With this changed, it passes.
+        failed: How many of how many fresh trials of the one failed.
+        passed: How many of how many of the other passed.
+    """
+
+    kind: Literal["key", "missing key", "order", "gap"]
+    name: str
+    then: str = ""
+    failing_log: str
+    passing_log: str
+    failed: tuple[int, int]
+    passed: tuple[int, int]
+
+    def __str__(self) -> str:
+        return {
+            "key": f"{self.name} is there",
+            "missing key": f"{self.name} is missing",
+            "order": f"{self.name} comes before {self.then}",
+            "gap": f"{self.then} comes soon after {self.name}",
+        }[self.kind]
+
+
 class FieldsRecord(Artefact):
     """Relevant fields (RIOT II-B b).
 
@@ -452,6 +484,9 @@ class FieldsRecord(Artefact):
         straight: Draws in a row behind it, none of which changed the outcome.
         unconfirmed: Fields that the search named, and whose certificate fresh trials did not confirm.
         complete: Whether the search has ended by itself, not since its trials were spent.
+        structure: What besides values the failure needs.
+        structure_asked: Of how many keys, neighbours and gaps it is known whether they matter; 0 if of none.
+        structure_failed: How many of how many trials failed with all others of these changed at once.
     """
 
     FILE = "fields.json"
@@ -462,6 +497,9 @@ class FieldsRecord(Artefact):
     straight: int
     unconfirmed: tuple[str, ...] = ()
     complete: bool = True
+    structure: tuple[StructureRecord, ...] = ()
+    structure_asked: int = 0
+    structure_failed: tuple[int, int] = (0, 0)
 
     @property
     def summary(self) -> str:
@@ -469,7 +507,8 @@ class FieldsRecord(Artefact):
         names = ", ".join(f"{one.name} ({one.kind})" for one in self.fields) or "none"
         names += "".join(f", {name} (unconfirmed)" for name in self.unconfirmed)
         spent = "" if self.complete else "; trials spent before the search had ended"
-        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')}{spent})"
+        needed = "".join(f"; it needs that {one}" for one in self.structure)
+        return f"{counted(len(self.considered), 'field')} -> {names} ({counted(self.trials, 'trial')}{spent}){needed}"
 
 
 class RuleSample(_Model):

@@ -102,6 +102,25 @@ def _fields(view: FindingView) -> list[Statement]:
         Statement(f"{clean(name)} may be relevant", "fresh trials of its certificate did not confirm it", "unconfirmed")
         for name in view.fields.unconfirmed[:20]
     ]
+    for needed in view.fields.structure[:20]:
+        (failed, trials), (passed, others) = needed.failed, needed.passed
+        found.append(
+            Statement(
+                f"the failure needs that {clean(str(needed))}",
+                f"two logs that differ in this alone; {failed} of {trials} failed, {passed} of {others} passed",
+                f"95 %: passes at least {share(exact_interval(passed, others)[0])} of the time otherwise",
+            )
+        )
+    unmoved = view.fields.structure_asked - len(view.fields.structure)
+    if unmoved > 0:
+        failed, trials = view.fields.structure_failed
+        found.append(
+            Statement(
+                f"other keys, orders of neighbours and gaps may as well be otherwise ({unmoved} asked)",
+                f"all of a kind changed at once: {failed} of {plural(trials, 'trial')} failed",
+                f"95 %: fails at least {share(exact_interval(failed, trials)[0])} of the time",
+            )
+        )
     rest = len(view.fields.considered) - len(view.fields.fields) - len(view.fields.unconfirmed)
     if rest > 0 and view.fields.straight:
         ended = "" if view.fields.complete else "; the trials were spent before the search had ended"
@@ -221,10 +240,13 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
     gaps = [clean(question, limit=600) for question in open_questions[:50]]
     gaps += [f"The step `{step.name}` has not been run." for step, record in view.steps if record is None]
     gaps += [f"{name} cannot be used: {clean(reason)}" for name, reason in view.broken.items()]
-    if view.fields:
-        orders = any(order_of(name) for name in view.fields.considered)
-        about = "values and the order of two messages, not about" if orders else "values, not about the order or"
-        gaps.append(f"The relevant fields and the rule are about {about} timing of messages.")
+    orders = view.fields is not None and any(order_of(name) for name in view.fields.considered)
+    if view.fields and not view.fields.structure_asked:
+        what = "keys and times between messages" if orders else "keys, the order of messages and times between them"
+        gaps.append(f"Whether {what} matter is not known.")
+    if view.rule:
+        about = "and the order of two messages, not about keys or" if orders else "not about keys, nor the order or"
+        gaps.append(f"The rule is about values{' ' if orders else ', '}{about} timing of messages.")
     if view.permeability and view.permeability.pruned:
         gaps.append(
             f"{plural(len(view.permeability.pruned), 'external field')} not driven, for want of a path to the unit "

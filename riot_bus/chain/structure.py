@@ -1,0 +1,199 @@
+"""What besides values the failure needs: keys that are there or missing, the order of messages, times between them.
+
+All keys are left out or put back at once, then all neighbours exchanged, then all gaps made longer. What has to stay as
+it is is found as the needed messages of a log are, each with two logs that differ in it alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.chain.logs import FailingLog, NamedFields
+from riot_bus.generalize.minimize import minimize
+from riot_bus.generalize.oracle import same_scalar
+from riot_bus.types.capabilities import OmitsFields
+from riot_bus.vocabulary.errors import InconclusiveError, PayloadError
+
+if TYPE_CHECKING:
+    from riot_bus.chain.logs import NamedField
+    from riot_bus.statistics.noise import Noise
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Ask, Progress
+
+__all__ = ["Needed", "Part", "Structure", "parts_of", "search_structure"]
+
+_MORE_NS, _TIMES = 1_000_000_000, 10
+"""A longer gap has a second more, and is ten times as long."""
+
+_TOGETHER = (("key", "missing key"), ("order",), ("gap",))
+"""Kinds that are changed at once; exchanged neighbours with exchanged keys would be the same again."""
+
+_Messages = list["Message"]
+_Changed = Callable[[Collection[int]], FailingLog]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One thing of a log that is no value, and what changes it.
+
+    Attributes:
+        kind: `key` (it is there), `missing key`, `order` (of two neighbours), or `gap` (no longer than it is).
+        name: Of the keys, or what comes first.
+        then: What comes after it; empty for keys.
+        change: Changes it in a list of messages.
+    """
+
+    kind: Literal["key", "missing key", "order", "gap"]
+    name: str
+    then: str
+    change: Callable[[_Messages], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Needed:
+    """One part that has to stay as it is: a log that fails, and the same log with this part changed, which passes."""
+
+    part: Part
+    failing: FailingLog
+    passing: FailingLog
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What was found.
+
+    Attributes:
+        needed: The parts that have to stay as they are.
+        asked: Of how many parts it is known whether they have to.
+        failed: How many of how many trials failed with the others of a kind changed at once.
+    """
+
+    needed: tuple[Needed, ...]
+    asked: int
+    failed: tuple[int, int]
+
+
+def parts_of(
+    fields: NamedFields, considered: Sequence[NamedField], known: Collection[str], *, paced: bool
+) -> list[Part]:
+    """Return what can be changed in a log besides values.
+
+    Args:
+        fields: The log.
+        considered: Fields that may be varied.
+        known: Fields whose values decide, so that they have to be there anyway.
+        paced: Whether times between messages decide.
+    """
+    messages, names = fields.log.messages, fields.log.names(fields.registry)
+    parts = [*_missing(fields, names), *_keys(considered, known)]
+    parts += [
+        Part("order", names[place], names[place + 1], partial(_swap, place))
+        for place, (before, after) in enumerate(pairwise(messages))
+        if before.digest() != after.digest() and place not in fields.orders.values()  # whose order is asked like a field
+    ]
+    gaps = range(len(messages) - 1) if paced else ()
+    return [*parts, *(Part("gap", names[place], names[place + 1], partial(_lengthen, place)) for place in gaps)]
+
+
+def search_structure(
+    log: FailingLog,
+    parts: Sequence[Part],
+    ask: Ask[FailingLog],
+    *,
+    noise: Noise,
+    budget: int,
+    parallelism: int,
+    progress: Progress | None,
+) -> Structure:
+    """Find the parts that have to stay as they are.
+
+    Args:
+        log: It fails.
+        parts: What may be changed in it.
+        ask: Asks by a fresh trial each time whether logs fail.
+        noise: What is known of the rates of failure.
+        budget: Most trials.
+        parallelism: Questions worth asking in one batch.
+        progress: Told after every batch.
+    """
+    needed: list[Needed] = []
+    asked, failed, total = 0, 0, 0
+    for kinds in _TOGETHER:
+        some = [part for part in parts if part.kind in kinds]
+
+        def changed(kept: Collection[int], some: Sequence[Part] = some) -> FailingLog:
+            messages = list(log.messages)
+            for place, part in enumerate(some):
+                if place not in kept:
+                    part.change(messages)
+            return FailingLog(tuple(messages), log.originals)
+
+        def fails(questions: Sequence[tuple[int, ...]], changed: _Changed = changed) -> Sequence[bool]:
+            return ask([changed(kept) for kept in questions])
+
+        if not some or budget <= 0:
+            continue
+        try:
+            found = minimize(len(some), fails, noise=noise, budget=budget, parallelism=parallelism, progress=progress)
+        except InconclusiveError:
+            continue
+        budget -= found.trials
+        if found.one_minimal:
+            failing = changed(found.kept)
+            needed += [Needed(some[place], failing, changed({*found.kept} - {place})) for place in found.kept]
+            asked, failed, total = asked + len(some), failed + found.failed[0], total + found.failed[1]
+    return Structure(tuple(needed), asked, (failed, total))
+
+
+def _keys(considered: Sequence[NamedField], known: Collection[str]) -> Iterator[Part]:
+    for field in considered:
+        kind: object = field.kind
+        if field.name in known or not isinstance(kind, OmitsFields):
+            continue
+        try:
+            kind.omit(field.payload, field.leaf.path)
+        except PayloadError:  # an element of an array, or a length
+            continue
+        yield Part("key", field.name, "", partial(_omit, field.position, kind, field.leaf.path))
+
+
+def _missing(fields: NamedFields, names: Sequence[str]) -> Iterator[Part]:
+    """Yield for each message that lacks keys which its original has, that they are put back."""
+    for place, message in enumerate(fields.log.messages):
+        before = fields.log.originals.get(message.sequence)
+        kind: object = fields.registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        if before is None or not isinstance(kind, OmitsFields):
+            continue
+        try:
+            now = {leaf.path: leaf.value for leaf in kind.leaves(message.payload)}  # type: ignore[attr-defined]
+            was = {leaf.path: leaf.value for leaf in kind.leaves(before.payload)}  # type: ignore[attr-defined]
+            lacking = [path for path in was if path not in now]
+            values = {path: value for path, value in now.items() if path in was and not same_scalar(value, was[path])}
+            payload = kind.rebuild(before.payload, values) if values else before.payload  # type: ignore[attr-defined]
+        except PayloadError:
+            continue
+        if lacking:
+            yield Part("missing key", f"{names[place]}:{', '.join(lacking)}", "", partial(_put_back, place, payload))
+
+
+def _omit(place: int, kind: OmitsFields, path: str, messages: _Messages) -> None:
+    messages[place] = messages[place].with_payload(kind.omit(messages[place].payload, path))
+
+
+def _put_back(place: int, payload: bytes, messages: _Messages) -> None:
+    messages[place] = messages[place].with_payload(payload)
+
+
+def _swap(place: int, messages: _Messages) -> None:
+    first, second = messages[place : place + 2]
+    messages[place : place + 2] = [second.with_(time=first.time), first.with_(time=second.time)]
+
+
+def _lengthen(place: int, messages: _Messages) -> None:
+    gap = messages[place + 1].time - messages[place].time
+    more = max(_MORE_NS, (_TIMES - 1) * gap)
+    messages[place + 1 :] = [message.with_(time=message.time + more) for message in messages[place + 1 :]]
