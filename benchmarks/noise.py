@@ -1,9 +1,10 @@
 """Minimise and relevance where trials are not reliable: how often they are right, and what that costs.
 
-Run `python benchmarks/noise.py [--seeds N] [--only minimize] [--rates 1 0.9] [--false 0 0.01] [--json FILE]`. A trial
-fails with probability p where its input triggers the failure, else with probability eps. As in a campaign, each case
-has been confirmed by fresh trials before (`campaign.confirm`); these are not counted. A result is right, wrong, or
-inconclusive, where the step itself says that it has shown nothing. Trials: median/90th percentile of all seeds.
+Run `python benchmarks/noise.py [--seeds N] [--only minimize] [--rates 1 0.9] [--false 0 0.01] [--json FILE]`; for peers
+in the same run, `pip install picire shrinkray hypothesis`. A trial fails with probability p where its input triggers the
+failure, else with probability eps. As in a campaign, each case has been confirmed by fresh trials before
+(`campaign.confirm`); these are not counted. A result is right, wrong, or inconclusive, where the step itself says that
+it has shown nothing. Trials: median/90th percentile of all seeds.
 """
 
 from __future__ import annotations
@@ -23,15 +24,21 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from generalize import ddmin
+from peers import PEERS
 
+from riot_bus.campaign.confirm import repeat
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.relevance import PASSING_STRAIGHT, FieldSpace, relevant_fields
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.trial import Scalar
+from riot_bus.vocabulary.trial import Outcome, Scalar, TestCase, Verdict, Violation
 
 Row = dict[str, Any]
+
+FAILURE = Violation("crash", "unit", "crash of unit")
+
+SLOW = {"hypothesis": 5}
+"""Seeds of peers that take half a minute each."""
 
 
 @dataclass
@@ -52,16 +59,22 @@ class Unit:
         self.trials += 1
         return self.chance.random() < (self.p if triggers else self.eps)
 
+    @property
+    def parallelism(self) -> int:
+        """How many confirmations run at once."""
+        return 1
+
+    def run(self, cases: Sequence[TestCase]) -> list[Outcome]:
+        """Carry out trials of the failing case; they are not counted."""
+        fails = (self.chance.random() < self.p for _ in cases)
+        return [Outcome(Verdict.FAIL, (FAILURE,)) if failed else Outcome(Verdict.PASS) for failed in fails]
+
     def confirmed(self) -> tuple[int, int]:
         """Return how many of how many fresh trials of the failing case failed: a finding has at least one."""
         while True:
-            hits = total = 0
-            while total < 20:
-                hits, total = hits + sum(self.chance.random() < self.p for _ in range(4)), total + 4
-                if hits == total or (hits >= 3 and total >= 10):
-                    break
-            if hits:
-                return hits, total
+            rate = repeat(TestCase(), FAILURE.signature, self)
+            if rate.hits:
+                return rate.hits, rate.total
 
 
 @dataclass
@@ -113,32 +126,49 @@ def minimized(n: int, unit: Unit, triggers: Callable[[frozenset[int]], bool], ne
 
 
 def minimize_row(n: int, needed: int, p: float, eps: float, seeds: int) -> Row:
-    tally, peer = Tally(), Tally()
+    tally = Tally()
     for seed in range(seeds):
-        wanted = set(random.Random(seed * 7919 + n + needed).sample(range(n), needed))
+        wanted = wanted_of(n, needed, seed)
         unit = Unit(p, eps, seed)
         right = minimized(n, unit, wanted.issubset, wanted)
         tally.add(unit.trials, right)
-        four = Unit(p, eps, seed)
-        reached: list[frozenset[int]] = []
+    return {"log/needed": f"{n}/{needed}", "p": p, "eps": eps, **tally.row()}
 
-        def repeated(
-            kept: tuple[int, ...],
-            four: Unit = four,
-            wanted: set[int] = wanted,
-            reached: list[frozenset[int]] = reached,
-        ) -> bool:
-            """Whether it fails in any of four trials, in most of them where trials also fail for nothing."""
-            hits = sum(four.answer(wanted.issubset(kept)) for _ in range(4))
-            if hit := hits > (1 if eps else 0):
-                reached.append(frozenset(kept))
-            return hit
 
-        if needed <= 3 and n <= 5000:
-            ddmin(n, repeated)
-            peer.add(four.trials, bool(reached) and min(reached, key=len) == wanted)
-    row = {"log/needed": f"{n}/{needed}", "p": p, "eps": eps, **tally.row()}
-    return row | {"ddmin, each 4 times": peer.row()["trials"], "it is right": peer.row()["right"]}
+def wanted_of(n: int, needed: int, seed: int) -> set[int]:
+    return set(random.Random(seed * 7919 + n + needed).sample(range(n), needed))
+
+
+def peers_row(n: int, needed: int, p: float, eps: float, seeds: int) -> Row:
+    """Other minimisers on the same logs: trials, and how often they are right.
+
+    They take an answer for the truth, so each of theirs is that of four trials where one may be wrong: whether any has
+    failed, or more than one where trials also fail for nothing.
+    """
+    row: Row = {"log/needed": f"{n}/{needed}", "p": p, "eps": eps}
+    times = 1 if p == 1 and not eps else 4
+    for name, peer in PEERS.items():
+        tally = Tally()
+        for seed in range(min(seeds, SLOW.get(name, seeds))):
+            wanted = wanted_of(n, needed, seed)
+            unit = Unit(p, eps, seed)
+
+            def fails(kept: tuple[int, ...], unit: Unit = unit, wanted: set[int] = wanted) -> bool:
+                hits = sum(unit.answer(wanted.issubset(kept)) for _ in range(times))
+                return hits > (1 if eps else 0)
+
+            try:
+                right: bool | None = set(peer(n, fails)) == wanted
+            except (AssertionError, ValueError):  # it finds that answers contradict each other
+                right = None
+            except ModuleNotFoundError as error:
+                row[name] = str(error)
+                break
+            tally.add(unit.trials, right)
+        if tally.trials:
+            row[name] = tally.row()["trials"]
+            row[f"{name} right"] = tally.row()["right"]
+    return row
 
 
 def suppressed_row(n: int, p: float, eps: float, seeds: int) -> Row:
@@ -287,7 +317,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--rates", type=float, nargs="+", default=[1.0, 0.9, 0.7, 0.3])
     parser.add_argument("--false", type=float, nargs="+", default=[0.0, 0.01])
-    parser.add_argument("--only", choices=("minimize", "suppressed", "relevance", "calibration"))
+    parser.add_argument("--only", choices=("minimize", "peers", "suppressed", "relevance", "calibration"))
     parser.add_argument("--sizes", type=int, nargs="+", default=[50, 500, 1000, 5000], help="of logs, and fields")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -297,6 +327,11 @@ def main() -> None:
             lambda p, eps, n=n, needed=needed: minimize_row(n, needed, p, eps, arguments.seeds)
             for n, needed in ((1000, 1), (1000, 3), (5000, 1), (5000, 3))
             if n in arguments.sizes
+        ],
+        "peers": [
+            lambda p, eps, needed=needed: peers_row(1000, needed, p, eps, arguments.seeds)
+            for needed in (1, 3)
+            if 1000 in arguments.sizes
         ],
         "suppressed": [lambda p, eps: suppressed_row(300, p, eps, arguments.seeds)],
         "relevance": [

@@ -7,12 +7,13 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from riot_bus.cli.main import make_app
+from riot_bus.findings.records import AbsentRecord, FieldsRecord, MinimalRecord, SimplifiedRecord, StructureRecord
 from riot_bus.log.reader import LogReader
 from riot_bus.log.showing import ShownLog, show_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
-from tests.unit.chain.machine import bench, command, write_minimal
+from tests.unit.chain.machine import bench, command, write_fields, write_minimal
 
 
 def message(number: int, key: str = "a", kind: str = "put", **fields: object) -> Message:
@@ -115,6 +116,26 @@ def test_the_command_takes_logs_and_findings(tmp_path: Path) -> None:
     assert run(one.folder / "minimal.mcap") == by_folder
     told = json.loads(run(one.folder, "--format", "json"))
     assert told["messages"][0]["fields"][0] == {"path": "speed", "value": -5.0, "before": 3.0}
+
+
+def test_of_a_finding_it_is_told_what_was_made_simpler_and_what_else_matters(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    simpler = SimplifiedRecord(what="value", name="command:speed", before=-731.5, after=-5.0)
+    absent = AbsentRecord(numbers=(0,), topics=("setup",), passed=(3, 3))
+    MinimalRecord.load(one.folder).model_copy(update={"simplified": (simpler,), "absent": absent}).save(one.folder)
+    write_fields(one)
+    key = StructureRecord(
+        kind="key", name="command:note", failing_log="a", passing_log="b", failed=(3, 3), passed=(3, 3)
+    )
+    FieldsRecord.load(one.folder).model_copy(update={"structure": (key,)}).save(one.folder)
+    told = [
+        "simplified: command:speed: -731.5 -> -5.0",
+        "it fails since setup (number 0 of the nominal log) is missing: with it, 3 of 3 trials passed",
+        "it needs that command:note is there",
+    ]
+    assert run(one.folder).splitlines()[-3:] == told
+    assert json.loads(run(one.folder, "--format", "json"))["notes"] == told
 
 
 def test_nothing_moves_the_cursor(tmp_path: Path) -> None:
