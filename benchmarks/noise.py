@@ -1,8 +1,8 @@
 """Minimise and relevance where trials are not reliable: how often they are right, and what that costs.
 
-Run `python benchmarks/noise.py [--seeds N] [--only minimize] [--rates 1 0.9] [--false 0 0.01] [--json FILE]`; for peers
-in the same run, `pip install picire shrinkray hypothesis`. A trial fails with probability p where its input triggers the
-failure, else with probability eps. As in a campaign, each case has been confirmed by fresh trials before
+Run `python benchmarks/noise.py [--seeds N] [--only minimize] [--rates 1 0.9] [--false 0 0.01] [--json FILE]`; for
+peers in the same run, `pip install picire shrinkray hypothesis`. A trial fails with probability p where its input
+triggers the failure, else with probability eps. As in a campaign, each case has been confirmed by fresh trials before
 (`campaign.confirm`); these are not counted. A result is right, wrong, or inconclusive, where the step itself says that
 it has shown nothing. Trials: median/90th percentile of all seeds.
 """

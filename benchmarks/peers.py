@@ -46,36 +46,13 @@ def probdd(n: int, fails: Fails) -> Kept:
 
 def picire(n: int, fails: Fails) -> Kept:
     """Shrink by picire in its best mode: complements alone, from the end."""
-    import picire as package
+    from picire import DD, Outcome, config_iterators
 
     def test(config: list[int], config_id: object) -> Any:
-        return outcome.FAIL if fails(tuple(sorted(config))) else outcome.PASS
+        return Outcome.FAIL if fails(tuple(sorted(config))) else Outcome.PASS
 
-    old = hasattr(package, "LightDD")
-    outcome = package.AbstractDD if old else package.Outcome
-    iterators = package.config_iterators if old else package.iterator.CombinedIterator
-    if old:
-        cache: dict[Kept, Any] = {}
-
-        def cached(config: list[int], config_id: object) -> Any:
-            key = tuple(sorted(config))
-            if key not in cache:
-                cache[key] = test(config, config_id)
-            return cache[key]
-
-        search = package.LightDD(
-            cached,
-            subset_first=False,
-            subset_iterator=iterators.skip,
-            complement_iterator=iterators.backward,
-        )
-        return tuple(sorted(search.ddmin(list(range(n)))))
-    search = package.DD(
-        test,
-        cache=package.ConfigCache(),
-        dd_star=True,
-        config_iterator=iterators(subsets_first=False, package.iterator.skip, package.iterator.backward),
-    )
+    backward, skip = config_iterators.backward, config_iterators.skip
+    search = DD(test, subset_first=False, subset_iterator=skip, complement_iterator=backward)
     return tuple(sorted(search(list(range(n)))))
 
 

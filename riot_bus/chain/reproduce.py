@@ -103,7 +103,7 @@ def reproduce(
         f"{failed} of {counted(len(outcomes), 'trial')} of {path.name} fail as before"
         + (f", others fail differently: {', '.join(others)}" if others else "")
         + (f", where about {noise.rate:.0%} did" if not others else ""),
-        hint="repeat with --times for a clearer picture",
+        hint="repeat with more --times for a clearer picture",
     )
 
 

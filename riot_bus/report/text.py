@@ -44,6 +44,7 @@ def _facts(view: FindingView) -> list[tuple[str, str]]:
     if view.minimal:
         log += f" -> {len(view.minimal.kept)} needed"
     facts = [("signature", clean(finding.signature, limit=160)), ("log", log)]
+    facts += [("", clean(line, limit=160)) for line in (view.minimal.lines()[:5] if view.minimal else ())]
     if view.fields:
         facts.append(("fields", ", ".join(clean(one.name, limit=80) for one in view.fields.fields[:8]) or "none"))
     if view.rule:
