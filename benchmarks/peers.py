@@ -1,8 +1,9 @@
 """Other minimisers on the synthetic logs of noise.py: picire, Shrink Ray, Hypothesis' shrinker, ProbDD.
 
 Each is asked to shrink the numbers 0..n-1 while `fails` holds, and returns what it has come to. picire, shrinkray and
-hypothesis are packages of their own (`pip install picire shrinkray hypothesis`); ProbDD is written here after the paper
-(Wang et al., ESEC/FSE 2021). None of them knows of answers that may be wrong.
+hypothesis are packages of their own (`pip install picire "setuptools<81" shrinkray hypothesis`; Shrink Ray needs Python
+3.12); ProbDD is written here after the paper (Wang et al., ESEC/FSE 2021). None of them knows of answers that may be
+wrong.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import io
 import itertools
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from typing import Any
 
@@ -45,11 +46,13 @@ def probdd(n: int, fails: Fails) -> Kept:
 
 
 def picire(n: int, fails: Fails) -> Kept:
-    """Shrink by picire in its best mode: complements alone, from the end."""
+    """Shrink by picire in its best mode: complements alone, from the end; what it asks again is asked once."""
     from picire import DD, Outcome, config_iterators
 
+    once = lru_cache(maxsize=None)(fails)
+
     def test(config: list[int], config_id: object) -> Any:
-        return Outcome.FAIL if fails(tuple(sorted(config))) else Outcome.PASS
+        return Outcome.FAIL if once(tuple(sorted(config))) else Outcome.PASS
 
     backward, skip = config_iterators.backward, config_iterators.skip
     search = DD(test, subset_first=False, subset_iterator=skip, complement_iterator=backward)
