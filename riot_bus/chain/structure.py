@@ -93,7 +93,7 @@ def parts_of(
     parts += [
         Part("order", names[place], names[place + 1], partial(_swap, place))
         for place, (before, after) in enumerate(pairwise(messages))
-        if before.digest() != after.digest() and place not in fields.orders.values()  # whose order is asked like a field
+        if before.digest() != after.digest() and place not in fields.orders.values()  # asked like fields
     ]
     gaps = range(len(messages) - 1) if paced else ()
     return [*parts, *(Part("gap", names[place], names[place + 1], partial(_lengthen, place)) for place in gaps)]
