@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from peers import PEERS
+from peers import PEERS, explained
 
 from riot_bus.campaign.confirm import repeat
 from riot_bus.generalize.minimize import minimize
@@ -171,6 +171,23 @@ def peers_row(n: int, needed: int, p: float, eps: float, seeds: int) -> Row:
             row[name] = tally.row()["trials"]
             row[f"{name} right"] = tally.row()["right"]
     return row
+
+
+def explain_row(seeds: int) -> Row:
+    """Hypothesis' explain phase on 50 fields, two of which matter, where answers are reliable."""
+    tally = Tally()
+    for seed in range(seeds):
+        names = [f"f{index}" for index in range(50)]
+        first, second = random.Random(seed * 31 + 50).sample(names, 2)
+        unit = Unit(1.0, 0.0, seed)
+
+        def fails(drawn: Mapping[str, int], unit: Unit = unit, first: str = first, second: str = second) -> bool:
+            return unit.answer(drawn[first] < 0 and drawn[second] == 3)
+
+        right = explained(names, fails, list(DRAWS), seed) == {first, second}
+        tally.add(unit.trials, right)
+    row = {"log/needed": "50 fields/2", "p": 1.0, "eps": 0.0}
+    return row | {"hypothesis": tally.row()["trials"], "hypothesis right": tally.row()["right"]}
 
 
 def suppressed_row(n: int, p: float, eps: float, seeds: int) -> Row:
@@ -334,7 +351,8 @@ def main() -> None:
             lambda p, eps, needed=needed: peers_row(1000, needed, p, eps, arguments.seeds)
             for needed in (1, 3)
             if 1000 in arguments.sizes
-        ],
+        ]
+        + [lambda p, eps: explain_row(arguments.seeds) if p == 1 and not eps else {}],
         "suppressed": [lambda p, eps: suppressed_row(300, p, eps, arguments.seeds)],
         "relevance": [
             lambda p, eps, n=n, some=some, kind=kind: relevance_row(n, some, kind, p, eps, arguments.seeds)
@@ -357,8 +375,9 @@ def main() -> None:
             result[name] = []
             for make in makers:
                 for p, eps in noise:
-                    result[name].append(make(p, eps))
-                    print(" ", result[name][-1], file=sys.stderr, flush=True)
+                    if row := make(p, eps):
+                        result[name].append(row)
+                        print(" ", row, file=sys.stderr, flush=True)
             show(name, result[name])
     if arguments.json:
         arguments.json.write_text(json.dumps(result, indent=2) + "\n")
