@@ -38,7 +38,7 @@ Row = dict[str, Any]
 FAILURE = Violation("crash", "unit", "crash of unit")
 
 SLOW = {"hypothesis": 3}
-"""Seeds of peers that take half a minute each; they are asked where answers are reliable, since others end them."""
+"""Seeds of peers that take a minute each; they are asked where answers are reliable, since others end them."""
 
 
 @dataclass

@@ -85,15 +85,19 @@ def shrinkray(n: int, fails: Fails) -> Kept:
 
 
 def hypothesis(n: int, fails: Fails) -> Kept:
-    """Shrink by Hypothesis' shrinker: one choice for each element, all of them taken at first."""
+    """Shrink by Hypothesis' shrinker: a list of numbers, all of them at first."""
     from hypothesis import HealthCheck, Phase, settings
+    from hypothesis.internal.conjecture import engine
     from hypothesis.internal.conjecture.data import Status
     from hypothesis.internal.conjecture.engine import ConjectureRunner, RunIsComplete
+    from hypothesis.internal.conjecture.utils import many
 
+    engine.MAX_SHRINKS = 10_000  # it ends after 500 improvements else
     best: list[Kept] = []
 
     def test(data: Any) -> None:
-        kept = tuple(item for item in range(n) if data.draw_boolean())
+        with many(data, min_size=0, max_size=n, average_size=n / 2) as elements:
+            kept = tuple(sorted({data.draw_integer(0, n - 1) for _ in elements}))
         if fails(kept):
             best.append(kept)
             data.mark_interesting("fails")
@@ -103,7 +107,7 @@ def hypothesis(n: int, fails: Fails) -> Kept:
     )
     runner = ConjectureRunner(test, settings=options)
     with contextlib.suppress(RunIsComplete):  # after 500 shrinks, or when an answer is another one
-        data = runner.cached_test_function((True,) * n)
+        data = runner.cached_test_function([*itertools.chain(*((True, item) for item in range(n))), False])
         if data.status == Status.INTERESTING:
             runner.shrink_interesting_test_cases()
     return min(best, key=len, default=tuple(range(n)))
