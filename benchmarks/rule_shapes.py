@@ -1,4 +1,4 @@
-"""Forty kinds of rules with their variables, and the distributions that learnt rules are judged on.
+"""Kinds of rules with their variables, and the distributions that learnt rules are judged on.
 
 The first fourteen are those of the first release, with its small dictionary. The others have the dictionaries that
 riot_bus ships, as the chain gives them to the learner.
