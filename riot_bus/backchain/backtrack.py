@@ -68,7 +68,7 @@ class TopicEdge:
     """A component reads one topic and writes another, or seems to.
 
     Attributes:
-        source: The topic that is read.
+        source: The topic that is read; empty where all topics were tried, and none seems to be.
         target: The topic that is written.
         components: Who does it.
         told: Who says so; `inferred` where only the logs' dependence does.
@@ -156,8 +156,10 @@ def backtrack(
     ends = {*result.externals, *walk.ends, *walk.blind}
     result.trees = [graph.backtrack_tree(topic, ends, once=True) for topic in roots]
     around = frozenset().union(*(graph.reaching(topic) for topic in roots))
-    result.unreachable = sorted(set(result.externals) - around)
-    outside = sorted(set(result.externals) & around & set(look.fields))
+    # Where something had to be guessed, that no way is known does not mean that there is none.
+    asked = set(result.externals) if walk.guessed else set(result.externals) & around
+    result.unreachable = sorted(set(result.externals) - asked)
+    outside = sorted(asked & set(look.fields))
     result.ranking = _ranked(
         one
         for name in targets
@@ -243,6 +245,7 @@ class _Walk:
         self.seen: set[str] = set()
         self._evidence: defaultdict[tuple[str, str], list[FieldEvidence]] = defaultdict(list)
         self._inferred: set[tuple[str, str]] = set()
+        self.guessed = False
         self._roots: frozenset[str] = frozenset()
         self._done = 0
 
@@ -288,10 +291,13 @@ class _Walk:
         if inferred:
             self._infer(topic, writers, inferred)
         before = known | inferred
+        self.guessed = self.guessed or guess
         for one in found:
             source = topic_of(one.source)
             if source in before:
                 self._evidence[source, topic].append(one)
+            elif not before:
+                self._evidence["", topic].append(one)
         if not before and topic not in self._roots:
             if topic in self.look.fields:
                 self.ends[topic] = "nothing recorded leads to it" if guess else f"{', '.join(writers)} reads nothing"
@@ -320,6 +326,8 @@ class _Walk:
             if target in self.externals and not any(pair[1] == target for pair in self._evidence):
                 continue
             writers = self.graph.writers(target)
+            if self._evidence.get(("", target)):
+                result.append(TopicEdge("", target, (), (INFERRED,), tuple(_ranked(self._evidence["", target]))))
             for source in sorted(frozenset().union(*(one.inputs for one in writers.values())) - {target}):
                 by = {name: one for name, one in writers.items() if source in one.inputs}
                 told = {INFERRED} if (source, target) in self._inferred else {one.told for one in by.values()}

@@ -49,6 +49,9 @@ _SHORTEST_BLOCK, _FEWEST_BLOCKS = 8, 20
 _CORRELATED = 0.1
 _FULL = 0.95
 _ROWS_PER_TERM = 40
+_BEGIN = 8
+"""At most this part of a log, its begin, is left out of the evidence."""
+
 _GROUPS = 10
 """Logs, or stretches of logs where there are fewer, over which a strength has to be alike."""
 
@@ -186,13 +189,15 @@ class _Test:
         wanted = int(np.ceil(horizon / response.step)) if response.step > 0 else _EXACT
         self.stretches = _stretches(max(1, min(max(_EXACT, min(wanted, _MOST_LAGS)), usual // 4)))
         self.level = np.concatenate(response.values)
-        own = [lag for lag in _OWN if lag <= max(1, usual // 10)]
+        own = [lag for lag in _OWN if lag <= max(1, usual // 10)][: max(1, self.rows // _ROWS_PER_TERM)]
         # All parts stand in one row with so many zeros before each that no lag reaches the part before.
+        self._longest = own[-1]
         self._gap = max(self.stretches[-1][1], own[-1] + 1)
         self._places = np.concatenate(
             [np.arange(low, high) + (number + 1) * self._gap for number, (low, high) in enumerate(self._parts())]
         )
         self._known = {_OWN_PAST: self._lagged(self.level, [(lag, lag + 1) for lag in own]).T.astype(np.float64)}
+        self._own = np.linalg.qr(self._known[_OWN_PAST])[0].astype(np.float32)
         self.blocks = 0
         self._products: dict[tuple[str, str], Floats] = {}
 
@@ -208,11 +213,13 @@ class _Test:
 
     def _score(self, name: str, series: Floats, rows: Ints, signs: Floats) -> _Score:
         columns = self.columns(name)
+        # What the own past tells of the candidate adds nothing to the sums over all blocks, but much to their spread.
+        columns -= (columns @ self._own) @ self._own.T
         count = len(columns)
         products = np.moveaxis(columns[:, rows], 0, 1) @ series  # blocks x columns x series
         both = np.moveaxis(products, 1, 2).reshape(len(rows), -1).astype(np.float64)
         spread = np.sqrt((both**2).sum(axis=0))
-        usable = spread > 1e-6 * (float(spread.max()) or 1.0)
+        usable = spread > 1e-3 * (float(spread.max()) or 1.0)  # of the rest only rounding is left
         scale = np.where(usable, spread, np.inf)
         observed = np.abs(both.sum(axis=0)) / scale
         best = int(observed.argmax())
@@ -332,7 +339,9 @@ class _Test:
         deviation = float(series.std()) or 1.0
         cut = np.clip(series / deviation, -5.0, 5.0)
         for low, high in self._parts():
-            cut[low:high] -= cut[low:high].mean()
+            begin = low + min(self._longest, (high - low) // _BEGIN)
+            cut[low:begin] = 0.0  # nothing is known of their past, and all things start together
+            cut[begin:high] -= cut[begin:high].mean()
         return cut
 
     def _take(self, name: str) -> Floats:

@@ -36,7 +36,7 @@ class EvidenceRecord(_Model):
 
 
 class StepRecord(_Model):
-    """One step back: a topic, and one that may lead to it."""
+    """One step back: a topic, and one that may lead to it; `source` is empty where none of all topics seems to."""
 
     source: str
     target: str

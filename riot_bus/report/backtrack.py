@@ -52,6 +52,9 @@ def _tree(tree: dict[str, Any], record: BacktrackRecord, steps: dict[tuple[str, 
         yield f"{indent}{clean(topic)}{by}{f' [{marks}]' if marks else ''}"
         if step is not None:
             yield from (f"{'   ' * depth}   {text}" for text in said_of(step, record))
+        alone = steps.get(("", topic))
+        if alone is not None and not node["again"]:
+            yield from (f"{'   ' * depth}   of all other topics: {text}" for text in said_of(alone, record))
         waiting += [(hop, topic, depth + 1) for hop in reversed(node["hops"])]
 
 
@@ -182,7 +185,7 @@ def dot(record: BacktrackRecord) -> str:
     Steps with evidence are solid, others dotted; inferred ones are dashed; the label says how much.
     """
     topics = list(
-        dict.fromkeys([*_roots(record), *(end for step in record.steps for end in (step.source, step.target))])
+        dict.fromkeys([*_roots(record), *(end for step in record.steps for end in (step.source, step.target) if end)])
     )
     number = {topic: f"t{place}" for place, topic in enumerate(topics)}
     out = ["digraph riot {", "  rankdir=LR;"]
@@ -190,7 +193,7 @@ def dot(record: BacktrackRecord) -> str:
         shape = "box" if topic in record.externals else "ellipse"
         marks = ", style=dashed" if topic in record.missing else ", penwidth=3" if topic in _roots(record) else ""
         out.append(f"  {number[topic]} [shape={shape}, label={_quoted(topic)}{marks}];")
-    for step in record.steps:
+    for step in (one for one in record.steps if one.source):
         best = next((one for one in step.evidence if one.found), None)
         label = ", ".join(step.components)
         if best is not None and best.strength is not None:

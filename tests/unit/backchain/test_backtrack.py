@@ -53,11 +53,16 @@ def test_a_known_graph_is_followed_back_and_externals_are_ranked():
     assert edge(result, "goal", "map").evidence[0].found
     assert edge(result, "lost", "out").evidence == ()
     assert result.missing == ["lost"]
-    assert result.unreachable == ["other"]
+    assert result.unreachable == []  # who knows who writes what is lost
     assert result.loops == [("odom", "out")]
     text = result.trees[0].text()
     assert "goal via mapper [external]" in text
     assert "log" not in text.replace("logger", "")
+
+
+def test_an_external_topic_is_unreachable_where_all_writers_are_known():
+    result = backtrack(pieces(chain), KNOWN, ["out:v"], externals=OUTSIDE | {"lost": "riot.toml"})
+    assert result.unreachable == ["other"]
 
 
 def test_without_a_graph_the_way_is_inferred_and_marked():
@@ -117,6 +122,13 @@ def test_a_target_that_follows_nothing_is_not_external_itself():
     assert result.externals == {}
     assert result.ranking == []
     assert result.trees[0].text() == "out"
+    assert [one.rows for one in edge(result, "", "out").evidence] == [1200]
+
+
+def test_without_a_known_way_an_external_topic_is_tried_unless_all_is_known():
+    result = backtrack(pieces(chain), TopicGraph(), ["out:v"], externals={"joy": "--external", "odom": "--external"})
+    assert [one.source for one in result.ranking] == ["odom:v", "joy:v"]
+    assert result.unreachable == []
 
 
 def test_fields_of_an_external_target_s_own_topic_do_not_compete():

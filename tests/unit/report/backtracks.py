@@ -61,6 +61,7 @@ RECORD = BacktrackRecord(
             told="inferred",
         ),
         step("/lost"),
+        step("", silent("/x:x", "/odom:x"), target="/odom", by="", told="inferred"),
     ),
     externals={"/goal": "riot.toml", "/odom": "nothing recorded leads to it", "/joy": "riot.toml"},
     ranking=(follows("/goal:y", "/unit:v"), silent("/odom:x", "/unit:v"), untested("/goal:x", "/unit:v")),

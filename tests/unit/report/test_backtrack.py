@@ -21,6 +21,7 @@ def test_text_says_what_each_step_rests_on():
         "         not tested: no numeric field that could tell",
         "└─ /odom by planner [taken as external: nothing recorded leads to it]",
         f"      no evidence in these logs ({silent})",
+        f"      of all other topics: no evidence in these logs ({silent})",
         '└─ /odd"\\\\x1b by unknown writer of /unit [inferred]',
         f"      how much v varies goes with x: {follows.replace('55 ms', '2.0 s')}",
         "└─ /lost by planner [not recorded]",
