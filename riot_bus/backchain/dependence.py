@@ -211,7 +211,7 @@ class _Test:
         signs = rng.choice(np.array([-1.0, 1.0], np.float32), size=(self.draws, len(rows)))
         return {name: self._score(name, series, rows, signs) for name in names}
 
-    def _score(self, name: str, series: Floats, rows: Ints, signs: Floats) -> _Score:
+    def _score(self, name: str, series: NDArray[Any], rows: Ints, signs: NDArray[Any]) -> _Score:
         columns = self.columns(name)
         # What the own past tells of the candidate adds nothing to the sums over all blocks, but much to their spread.
         columns -= (columns @ self._own) @ self._own.T
