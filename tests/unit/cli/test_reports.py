@@ -18,7 +18,7 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
 PAGE = (Path(__file__).parents[3] / "docs" / "findings.md").read_text(encoding="utf-8")
-(CSV,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+(CSV,) = re.findall(r"^```python\n(class CsvReport.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture
