@@ -36,7 +36,7 @@ def test_demo_takes_the_rover_from_a_nominal_run_to_the_crash_region(riot, tmp_p
     assert goal <= permeable
     # It is 0.07 % of the variance, which the jitter of a loaded machine can hide: then the bound has to say so.
     bounds = [edge for edge in PermeabilityRecord.load(finding).edges if edge.external in speed]
-    assert permeable & speed or all(edge.low < 0.0007 < edge.high < 0.02 for edge in bounds)
+    assert permeable & speed or all(edge.low < 0.0007 < edge.high < 0.1 for edge in bounds)
     assert len(permeable - goal - speed) <= 1
     assert PermeabilityRecord.load(finding).pruned
 
