@@ -201,7 +201,7 @@ class _Minimization:
 
     def _absent(self, found: _Found) -> AbsentRecord | None:
         """Return which messages are missing, if that is why it fails."""
-        if not self.nominal_passes or self.needs_cause or found.log.originals:
+        if not self.nominal_passes or found.log.originals:
             return None
         return absent_messages(self.step, self.finding, found.log, self.cases, found.minimal.noise)
 

@@ -9,14 +9,16 @@ import pytest
 from riot_bus.findings.records import (
     AbsentRecord,
     AlternativeRecord,
+    FieldsRecord,
     MinimalRecord,
     ProportionRecord,
     RuleRecord,
     SimplifiedRecord,
+    StructureRecord,
 )
 from riot_bus.report.finding_view import load
 from riot_bus.report.page import write_report
-from riot_bus.report.statements import Statement, statements
+from riot_bus.report.statements import Statement, not_tried, statements
 from riot_bus.testing.reports import view_at
 
 
@@ -60,3 +62,21 @@ def test_what_was_made_simpler_and_what_is_missing_is_told(tmp_path: Path) -> No
     page = write_report(tmp_path).read_text()
     assert "/cmd:x: -7341 -&gt; -1" in page
     assert "fails since /config (number 4 of the nominal log) is missing" in page
+
+
+def test_what_besides_values_matters_is_told_with_its_trials(tmp_path: Path) -> None:
+    view_at("until activate", tmp_path)
+    order = StructureRecord(
+        kind="order", name="/a", then="/b", failing_log="f", passing_log="p", failed=(3, 3), passed=(4, 4)
+    )
+    FieldsRecord.load(tmp_path).model_copy(
+        update={"structure": (order,), "structure_asked": 5, "structure_failed": (2, 2)}
+    ).save(tmp_path)
+    view = load(tmp_path)
+    found = {one.claim: one for one in statements(view)}
+    assert "3 of 3 failed, 4 of 4 passed" in found["the failure needs that /a comes before /b"].evidence
+    (rest,) = (one for one in found if one.startswith("other keys, orders of neighbours and gaps"))
+    assert "(4 asked)" in rest
+    assert not any("is not known" in gap for gap in not_tried(view))
+    FieldsRecord.load(tmp_path).model_copy(update={"structure": (), "structure_asked": 0}).save(tmp_path)
+    assert any("Whether keys, the order of messages" in gap for gap in not_tried(load(tmp_path)))
