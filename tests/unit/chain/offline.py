@@ -53,7 +53,7 @@ def known_graph():
     return Graph.of(nodes, [Topic(name, name) for name in ("goal", "map", "odom", "unit")], edges, [])
 
 
-def write_log(path, rng, *, count=240, graph=None):
+def write_log(path, rng, *, count=180, graph=None):
     """Write a log of JSON messages at 10 Hz."""
     goal, odom = red(rng, count, 0.9), red(rng, count, 0.5)
     middle = late(goal, 1) + 0.4 * red(rng, count, 0.5)

@@ -25,8 +25,8 @@ def test_text_json_dot_and_picture(logs, tmp_path):
     assert done.exit_code == 0, done.output
     assert "└─ map by /planner\n      v follows v: " in done.output
     assert (tmp_path / "way.svg").stat().st_size > 1000
-    assert json.loads(run(*logs, "--to", "unit:v", "--format", "json").stdout)["targets"] == {"unit:v": ""}
-    assert run(*logs, "--to", "unit:v", "--format", "dot").stdout.startswith("digraph riot {")
+    assert json.loads(run(logs[0], "--to", "unit:v", "--format", "json").stdout)["targets"] == {"unit:v": ""}
+    assert run(logs[0], "--to", "unit:v", "--format", "dot").stdout.startswith("digraph riot {")
 
 
 def test_a_field_that_cannot_be_told_of_ends_with_5(logs):
