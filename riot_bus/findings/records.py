@@ -313,7 +313,8 @@ class SimplifiedRecord(_Model):
 
     def __str__(self) -> str:
         if self.what == "gap":
-            return f"{self.name}: {self.before:g} s -> {self.after:g} s"
+            shorter = "; shorter times that were tried pass" if self.after else ""
+            return f"{self.name}: {self.before:g} s -> {self.after:g} s{shorter}"
         if self.before is None:
             return f"{self.name}: as it was recorded"
         return f"{self.name}: {_short(self.before)} -> {_short(self.after)}" + (

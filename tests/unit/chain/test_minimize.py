@@ -145,7 +145,8 @@ def test_times_decide_only_where_the_unit_is_not_fed_as_fast_as_it_takes_message
     log = FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry)
     assert log.messages[1].time - log.messages[0].time == 1_000_000_000
     assert "1 shorter gap" in record.summary
-    assert "simplified: command[0] to command[1]: 1.9 s -> 1 s" in record.lines()
+    told = "simplified: command[0] to command[1]: 1.9 s -> 1 s; shorter times that were tried pass"
+    assert told in record.lines()
     paced = False
     two = bench(tmp_path / "fast", fails=fails) if (tmp_path / "fast").mkdir() is None else one
     failing(two, 3, 41)

@@ -102,7 +102,7 @@ def test_gaps_are_as_short_as_they_can_be_where_they_decide() -> None:
     assert work.log.originals[1].time == START  # it moves with what was made of it
     assert [str(one) for one in work.records if one.what == "gap"] == [
         "cmd[0] to cmd[1]: 40 s -> 0 s",
-        "cmd[1] to cmd[2]: 7.5 s -> 0.5 s",
+        "cmd[1] to cmd[2]: 7.5 s -> 0.5 s; shorter times that were tried pass",
     ]
 
 
