@@ -13,7 +13,7 @@ import numpy as np
 
 from riot_bus.log.reader import LogReader, Loss
 from riot_bus.log.tables.blocks import LoadedBlock, load_ahead
-from riot_bus.log.tables.plan import Feed, Wish, chosen_rows, log_registry, plan_columns
+from riot_bus.log.tables.plan import Feed, chosen_rows, log_registry, plan_columns
 from riot_bus.types.bulk import gather, join
 from riot_bus.types.payloads import Gathered
 from riot_bus.vocabulary.errors import ConfigError
@@ -154,7 +154,7 @@ def columns(
                 )
         found = {}
         for place, wish in enumerate(work.wishes):
-            found[wish.text] = work.column(wish, _sorted(pending[place]))
+            found[wish.text] = work.column(place, _sorted(pending[place]))
             pending[place] = []
         return Columns(found, reader.loss)
 
@@ -251,18 +251,17 @@ class _Work:
             if len(rows):
                 yield from self._of_feed(block, feed, rows)
 
-    def column(self, wish: Wish, rows: _Rows) -> Column:
-        """Return a column of sorted rows."""
-        keys = tuple(self._keys[self.wishes.index(wish)])
-        found = rows.found
+    def column(self, place: int, rows: _Rows) -> Column:
+        """Return the column of a wish, by its number, of sorted rows."""
+        wish, keys, found = self.wishes[place], tuple(self._keys[place]), rows.found
         return Column(
             wish.text, wish.path, keys, rows.times, rows.published, found.values, found.valid, rows.key, rows.order
         )
 
     def columns(self, part: Sequence[_Rows]) -> Columns:
         """Return columns of sorted rows, one for each wish."""
-        pairs = zip(self.wishes, part, strict=True)
-        return Columns({wish.text: self.column(wish, rows) for wish, rows in pairs}, self._reader.loss)
+        found = {wish.text: self.column(place, part[place]) for place, wish in enumerate(self.wishes)}
+        return Columns(found, self._reader.loss)
 
     def _of_feed(self, block: LoadedBlock, feed: Feed, rows: NDArray[np.int64]) -> Iterator[tuple[int, _Rows]]:
         times, order, published = block.times[rows], block.order(rows), block.published(rows)
