@@ -31,6 +31,8 @@ Follows = Literal["level", "spread"]
 
 _ROUNDS = 12
 _IDLE = 0.25
+"""Candidates with more of their null distribution above them are not asked again, which saves most of the time."""
+
 _OWN = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64)
 """Own past, in messages: near ones each, far ones now and then."""
 
@@ -40,15 +42,20 @@ _MOST_LAGS = 400
 """Lags in messages: the first ones each, then the mean over stretches that grow by a quarter, up to the horizon."""
 
 _SMOOTH = 0.3
+"""From this autocorrelation on the changes of a candidate say more than its lags."""
+
 _RIDGE = 1e-6
 """So little of the variance that it changes nothing but sums that would be singular."""
 
 _OWN_PAST = ""
 _TRIMS, _OUTLIER = 2, 6.0
-_SHORTEST_BLOCK, _FEWEST_BLOCKS = 8, 20
-_CORRELATED = 0.1
+_SHORTEST_BLOCK, _FEWEST_BLOCKS, _CORRELATED = 8, 20, 0.1
+"""Blocks of messages are doubled until what is left correlates less than that over one, as long as enough are left."""
+
 _FULL = 0.95
 _ROWS_PER_TERM = 40
+"""A fit of more terms than one for so many messages would explain them by chance."""
+
 _BEGIN = 8
 """At most this part of a log, its begin, is left out of the evidence."""
 

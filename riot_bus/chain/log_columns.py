@@ -179,10 +179,6 @@ class _Growing:
         """Return them; None if they are all alike."""
         return np.concatenate(self._parts) if self._parts and self.base is not None else None
 
-    @property
-    def count(self) -> int:
-        return self._alike if not self._parts else sum(map(len, self._parts))
-
 
 def _collect(parts: Iterable[Columns], fields: Mapping[str, Sequence[str]], *, log: int) -> Piece:
     times: dict[str, list[NDArray[np.int64]]] = {topic: [] for topic in fields}
