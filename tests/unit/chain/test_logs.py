@@ -100,3 +100,9 @@ def test_a_damaged_log_is_read_as_far_as_it_goes_and_said_once(
         for _ in range(2):
             assert 0 < len(read_messages(path, registry=TypeRegistry())) < 300
     assert caplog.text.count("is damaged") == 1
+
+
+def test_what_was_delayed_is_restored_to_its_place() -> None:
+    config, arm = Message(10, "config", b"{}", sequence=1), Message(20, "arm", b"{}", sequence=2)
+    late = FailingLog((arm, config.with_(time=30)), {1: config})
+    assert late.restored().messages == (config, arm)
