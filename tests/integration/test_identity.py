@@ -38,7 +38,7 @@ def test_an_edited_renamed_and_rebuilt_unit_has_the_same_finding_until_it_is_men
     wanted = FAULTY[kind]
     write(tmp_path)
     build(tmp_path, kind)
-    test = ("test", f"--unit={kind}", "--trials=8", "--seed=1")
+    test = ("test", f"--unit={kind}", "--trials=16", "--seed=1")
     assert riot(tmp_path, *test).returncode == 1
     findings = sorted((tmp_path / "riot-out/findings").iterdir())
     signatures = {FindingRecord.load(each).signature for each in findings}
