@@ -20,6 +20,7 @@ from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import log_registry
 from riot_bus.sut.context import open_system
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
 
 if TYPE_CHECKING:
@@ -109,9 +110,9 @@ def _field(target: str) -> str:
 def _fields_of(folder: Path) -> list[str]:
     names = [record.name for record in FieldsRecord.load(folder).fields]
     names += Rule.from_json(RuleRecord.load(folder).rule).variables if RuleRecord.exists(folder) else ()
-    found = sorted({internal_name(name) for name in names})
+    found = sorted({internal_name(name) for name in names if not order_of(name)})
     if not found:
-        raise ConfigError("this finding has no relevant field", where=str(folder), hint="name a field instead")
+        raise ConfigError("no field is relevant to this finding", where=str(folder), hint="name a field instead")
     return found
 
 

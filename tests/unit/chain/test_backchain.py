@@ -56,7 +56,11 @@ def test_the_fields_of_a_finding_are_taken_and_the_result_is_kept_there(logs, sy
         failing=1.0, passing=0.0, failing_log="", passing_log="", confirmed_failing=1, confirmed_passing=1, repeats=1
     )
     field = FieldRecord(name="unit[0]:v", kind="exceptional", type="float64", failing=1.0, certificate=certificate)
-    FieldsRecord(fields=(field,), considered=("unit[0]:v",), bound=0.05, straight=60).save(folder)
+    order = field.model_copy(update={"name": "odom before goal", "type": "bool"})
+    FieldsRecord(fields=(order,), considered=(order.name,), bound=0.05, straight=60).save(folder)
+    with pytest.raises(ConfigError, match="no field is relevant to this finding"):
+        backchain(logs, str(folder))
+    FieldsRecord(fields=(field, order), considered=("unit[0]:v", order.name), bound=0.05, straight=60).save(folder)
     record = backchain(logs, str(folder))
     assert record.targets == {"unit:v": ""}
     assert BacktrackRecord.load(folder) == record
