@@ -47,8 +47,9 @@ _STALE_NS = 10 * 10**9
 _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
 
 
-_known: dict[tuple[MessageType | None, bytes], bool] = {}
-"""Whether payloads hold exceptional values, by their checksum: the inputs of one trial are nearly those of another."""
+_known: dict[tuple[int, bytes], tuple[MessageType | None, bool]] = {}
+"""Types, and whether payloads of them hold exceptional values, by the type's identity (types of others need not be
+hashable) and the payload's checksum: the inputs of one trial are nearly those of another."""
 
 
 class _Answer(NamedTuple):
@@ -315,12 +316,12 @@ def _range(values: Sequence[float]) -> float:
 def _is_exceptional(message: Message, registry: TypeRegistry) -> bool:
     """Return whether an output may rightly be infinite because of this input, or it cannot be taken apart."""
     kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-    key = kind, blake2b(message.payload, digest_size=16).digest()
+    key = id(kind), blake2b(message.payload, digest_size=16).digest()
     if key not in _known:
         if len(_known) >= _MOST_KNOWN:
             _known.clear()
-        _known[key] = _holds_large(kind, message.payload)
-    return _known[key]
+        _known[key] = kind, _holds_large(kind, message.payload)
+    return _known[key][1]
 
 
 def _holds_large(kind: MessageType | None, payload: bytes) -> bool:

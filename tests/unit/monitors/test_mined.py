@@ -165,3 +165,12 @@ def test_payloads_that_nothing_can_read_are_counted() -> None:
     view = replace(trial_view([("a", b"\xff"), ("a", b"\xfe")]), probed=0)
     rules = mine([[view] * 3])
     assert [str(rule) for rule in rules] == ["count of a"]
+
+
+def test_types_of_others_need_not_be_hashable(monkeypatch: pytest.MonkeyPatch) -> None:
+    rules, view = check_rules(mine([[trial(1.0, 1.0)] * 3]), [], trials=3), trial(math.nan, math.nan)
+    kind = view.registry.type_of("in", payload=view.inputs[0].payload, encoding="application/json")
+    assert kind is not None
+    monkeypatch.setattr(type(kind), "__hash__", None)
+    for _ in range(2):  # the second time it is known
+        assert rules.judge(view) == []
