@@ -5,13 +5,15 @@ A plug-in is imported only when somebody names it. Our own names cannot be taken
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from riot_bus.vocabulary.errors import ConfigError, RiotError, did_you_mean
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 __all__ = [
     "ADAPTERS",
@@ -31,8 +33,7 @@ __all__ = [
 _DISTRIBUTION = "riot-bus"
 
 
-@dataclass(frozen=True, slots=True)
-class PluginKind:
+class PluginKind(NamedTuple):
     """One kind of plug-in.
 
     Attributes:
@@ -45,7 +46,10 @@ class PluginKind:
 
     def targets(self) -> dict[str, str]:
         """Return all plug-ins of this kind: `module:attribute` (or `module`) by name, sorted by name."""
-        return _targets(self.group)
+        everybody, own = (
+            {point.name: point.value for point in points.select(group=self.group)} for points in _installed()
+        )
+        return dict(sorted((everybody | (own or _declared().get(self.group, {}))).items()))
 
     def load(self, name: str, *, where: str | None = None) -> Any:
         """Import a plug-in and return what its entry point names: a class, function, value or module.
@@ -89,15 +93,19 @@ KINDS = (ADAPTERS, BRIDGES, CODECS, DICTIONARIES, FAULTS, INTERCEPTORS, MONITORS
 
 
 @cache
-def _targets(group: str) -> dict[str, str]:
-    own: dict[str, str] = {}
-    others: dict[str, str] = {}
-    from importlib.metadata import entry_points  # loads email, among others: no command needs it for its help
+def _installed() -> tuple[Any, EntryPoints]:
+    """Return the entry points of all packages, and our own.
 
-    for point in entry_points(group=group):
-        is_own = point.dist is not None and point.dist.name == _DISTRIBUTION
-        (own if is_own else others)[point.name] = point.value
-    return dict(sorted((others | (own or _declared().get(group, {}))).items()))
+    Read once: each question to `entry_points` reads files of every package. And nobody is asked for the name of its
+    distribution, which would parse the whole of its metadata.
+    """
+    from importlib.metadata import EntryPoints, PackageNotFoundError, distribution, entry_points  # slow to load
+
+    try:
+        own = distribution(_DISTRIBUTION).entry_points
+    except PackageNotFoundError:
+        own = EntryPoints()
+    return entry_points(), own
 
 
 @cache

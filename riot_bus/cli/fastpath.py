@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["OPTIONS", "FastOption", "parse", "quick_start", "say", "start_router", "warn"]
 
-_WHOLE = re.compile(r"[0-9]{1,18}")
-_DECIMAL = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
+_WHOLE = r"[0-9]{1,18}"
+_DECIMAL = r"[0-9]{1,18}(\.[0-9]{1,18})?"
 
 
 class FastOption(NamedTuple):
@@ -38,11 +38,11 @@ class FastOption(NamedTuple):
 
 
 def _number(text: str) -> int | None:
-    return int(text) if _WHOLE.fullmatch(text) else None
+    return int(text) if re.fullmatch(_WHOLE, text) else None
 
 
 def _seconds(text: str) -> float | None:
-    return float(text) if _DECIMAL.fullmatch(text) else None
+    return float(text) if re.fullmatch(_DECIMAL, text) else None
 
 
 def _as_json(text: str) -> bool | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import faulthandler
-import logging
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -68,19 +67,24 @@ def make_app(command: str | None = None) -> typer.Typer:
     return app
 
 
-class _Redacting(logging.Formatter):
-    """Leaves secrets out of what is logged, tracebacks included."""
+def _redact_log() -> None:
+    """Leave secrets out of what is logged, tracebacks included."""
+    import logging
 
-    def format(self, record: logging.LogRecord) -> str:
-        return redacted(super().format(record))
+    class Redacting(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return redacted(super().format(record))
+
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(Redacting())
 
 
 def run() -> None:
     """Entry point of the console scripts."""
-    if logging.lastResort is not None:
-        logging.lastResort.setFormatter(_Redacting())
     arguments = sys.argv[1:]
     try:
+        if arguments and not arguments[0].startswith("-"):  # else it is a question about riot, and nothing is logged
+            _redact_log()
         if not quick_start(arguments):
             make_app(arguments[0] if arguments else None)(standalone_mode=True)
     except RiotError as error:

@@ -6,15 +6,14 @@ import re
 
 __all__ = ["escape_control_chars", "redacted"]
 
-_MARK = re.compile(r"#|(?:password|private_key_base64|private_key_pem)=(?!@)", re.ASCII)
-_ENDPOINT = re.compile(
-    r"(?:^|[^\w.+-])(?:tcp|tls|quic|udp|ws|wss|unixsock-stream|unixpipe|serial|vsock)/", re.IGNORECASE
-)
-_SETTING = re.compile(r"\w+=", re.ASCII)
-_USER = re.compile(r"(://|(?<![\w/.+-])(?:tcp|tls|quic|udp|wss?)/)[^\s/'\"@:#]*:[^\s/'\"#]*@", re.IGNORECASE)
-_BREAK = re.compile(r"[\s'\"]")
-_QUOTED = {quote: re.compile(rf"(?:\\.|[^\\{quote}])*+", re.DOTALL) for quote in "'\""}
-_WORD = re.compile(r"\S*")
+# Compiled when they are first used: every command imports this module, and few have anything to show.
+_MARK = r"(?a:#|(?:password|private_key_base64|private_key_pem)=(?!@))"
+_ENDPOINT = r"(?i:(?:^|[^\w.+-])(?:tcp|tls|quic|udp|ws|wss|unixsock-stream|unixpipe|serial|vsock)/)"
+_SETTING = r"(?a:\w+=)"
+_USER = r"(?i:(://|(?<![\w/.+-])(?:tcp|tls|quic|udp|wss?)/)[^\s/'\"@:#]*:[^\s/'\"#]*@)"
+_BREAK = r"[\s'\"]"
+_QUOTED = {quote: rf"(?s:(?:\\.|[^\\{quote}])*+)" for quote in "'\""}
+_WORD = r"\S*"
 _PUNCTUATION = ",:;)]"
 
 
@@ -31,14 +30,15 @@ def redacted(text: str) -> str:
         'nobody answers at tls/host:1#...: is it there?'
     """
     if "@" in text:
-        text = _USER.sub(r"\1...@", text)
+        text = re.sub(_USER, r"\1...@", text)
     shown, done = [], 0
-    while mark := _MARK.search(text, done):
+    mark_from = re.compile(_MARK).search
+    while mark := mark_from(text, done):
         before = text[done : mark.start()]
-        word = _BREAK.split(before)[-1]
+        word = re.split(_BREAK, before)[-1]
         shown.append(before + mark[0])
         done = mark.end()
-        if mark[0] != "#" or _ENDPOINT.search(word) or ("/" in word and _SETTING.match(text, done)):
+        if mark[0] != "#" or re.search(_ENDPOINT, word) or ("/" in word and re.compile(_SETTING).match(text, done)):
             quote = before[: len(before) - len(word)][-1:]
             done = _end(text, done, quote)
             shown.append("...")
@@ -46,7 +46,7 @@ def redacted(text: str) -> str:
 
 
 def _end(text: str, start: int, quote: str) -> int:
-    found = _QUOTED.get(quote, _WORD).match(text, start)
+    found = re.compile(_QUOTED.get(quote, _WORD)).match(text, start)
     secret = found.group() if found else ""
     return start + len(secret if quote in _QUOTED else secret.rstrip(_PUNCTUATION))
 

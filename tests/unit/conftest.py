@@ -6,7 +6,7 @@ import importlib.metadata
 import itertools
 import sys
 from collections.abc import Callable, Iterator
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
@@ -32,12 +32,12 @@ def plugin_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
         points = "".join(f"{name} = {module}:{target}\n" for name, target in targets.items())
         (info / "entry_points.txt").write_text(f"[{group}]\n{points}", encoding="utf-8")
         monkeypatch.syspath_prepend(folder)
-        plugins._targets.cache_clear()
+        plugins._installed.cache_clear()
         return module
 
     yield install
     monkeypatch.undo()
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()
     for module in modules:
         sys.modules.pop(module, None)
 
@@ -47,12 +47,10 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Return a function that makes these entry points of a group, targets by name, the only ones of other packages."""
 
     def install(group: str, **targets: str) -> None:
-        points = [EntryPoint(name, target, group) for name, target in targets.items()]
-        monkeypatch.setattr(
-            importlib.metadata, "entry_points", lambda group: [each for each in points if each.group == group]
-        )
-        plugins._targets.cache_clear()
+        points = EntryPoints(EntryPoint(name, target, group) for name, target in targets.items())
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda: points)
+        plugins._installed.cache_clear()
 
     yield install
     monkeypatch.undo()
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()

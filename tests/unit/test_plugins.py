@@ -66,13 +66,17 @@ def test_nothing_is_imported_before_it_is_named(plugin_package) -> None:
 
 
 def test_a_checkout_that_is_not_installed_reads_its_own_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: ())
-    plugins._targets.cache_clear()
+    def not_installed(name: str) -> object:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", importlib.metadata.EntryPoints)
+    monkeypatch.setattr(importlib.metadata, "distribution", not_installed)
+    plugins._installed.cache_clear()
     try:
         assert MONITORS.targets() == DECLARED["riot_bus.monitors"]
     finally:
         monkeypatch.undo()
-        plugins._targets.cache_clear()
+        plugins._installed.cache_clear()
 
 
 def test_the_installed_distribution_declares_the_same() -> None:

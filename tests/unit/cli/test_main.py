@@ -33,7 +33,7 @@ def test_what_is_logged_shows_no_secret() -> None:
     code = """
 import logging, sys
 from riot_bus.cli import main
-sys.argv = ["riot", "--version"]
+sys.argv = ["riot", "info", "--help"]
 try:
     main.run()
 except SystemExit:

@@ -72,10 +72,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: riot-size\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(POINTS)
     monkeypatch.syspath_prepend(place)
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()
     yield info / "entry_points.txt"
     sys.modules.pop("riot_size", None)
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_a_step_that_cannot_be_used_is_told_and_spoils_no_report(
     installed: Path, one: Bench, points: str, message: str
 ) -> None:
     installed.write_text(f"[riot_bus.steps]\n{points}\n")
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()
     (name,) = further_steps()
     with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
         find_step(name)
@@ -170,7 +170,7 @@ def test_a_step_that_cannot_be_used_is_told_and_spoils_no_report(
 
 def test_another_package_cannot_take_our_names(installed: Path) -> None:
     installed.write_text("[riot_bus.steps]\nrules = riot_size:SIZE\n")
-    plugins._targets.cache_clear()
+    plugins._installed.cache_clear()
     assert find_step("rules") in STEPS
     assert further_steps() == []
 
