@@ -54,7 +54,7 @@ with zenoh.open(config) as session:
 def system_of(folder: Path, unit: str) -> Path:
     """Write the system of a unit; return the path of riot.toml."""
     if unit != "sleeps":
-        return write(folder)
+        return write(folder, [unit])
     (folder / "node.py").write_text(SLEEPS)
     with LogWriter(folder / "nominal.mcap") as log:
         for number in range(3):
@@ -97,7 +97,7 @@ def verdicts(unit: str, way: str, cases: int, jobs: int) -> tuple[list[str], int
     """Return the verdict and signatures of each case, and how many failed only because of what came before."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with Workspace(set_way(write(folder), unit, way), folder / "out", jobs=jobs) as workspace:
+        with Workspace(set_way(write(folder, [unit]), unit, way), folder / "out", jobs=jobs) as workspace:
             log = workspace.unit_log(unit)
             runner = workspace.runners.unit(unit, lambda: log, persistent=way == "persistent")
             ordered = workspace.runners.baseline(unit, lambda: log).ordered

@@ -52,7 +52,7 @@ def campaign(kind: str, *, trials: int, seed: int) -> tuple[list[str], CampaignR
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         build(folder, kind)
-        with Workspace(write(folder), folder / "out", jobs=2, seed=seed) as workspace:
+        with Workspace(write(folder, [kind]), folder / "out", jobs=2, seed=seed) as workspace:
             found = run_campaign(workspace, kind, trials=trials, seconds=None, covered=False)
             signatures = sorted(FindingRecord.load(each).signature for each in found)
         return signatures, CampaignRecord.load(folder / "out")

@@ -13,7 +13,7 @@ system run (time = number of the run), signals with `hold=1`, and `lags=1`.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -107,6 +107,25 @@ class PermeabilityResult:
     def permeable(self, internal: str | None = None) -> tuple[PermeabilityEdge, ...]:
         """Return the significant edges (into one internal field, when given)."""
         return tuple(edge for edge in self.edges if edge.permeable and internal in (None, edge.internal))
+
+    def doubtful(self) -> tuple[PermeabilityEdge, ...]:
+        """Return the significant edges whose interval of the strength holds 0: some of them are there by chance."""
+        return tuple(edge for edge in self.permeable() if edge.low <= 0)
+
+    def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
+        """Return the result of all runs in which what was doubtful is permeable only where other runs show it too.
+
+        Args:
+            fresh: Result of other runs.
+            together: Result of these runs and those.
+        """
+        clear = set(self.permeable()) - set(self.doubtful())
+        sure = {(edge.external, edge.internal) for edge in (*clear, *fresh.permeable())}
+        edges = tuple(
+            replace(edge, permeable=edge.permeable and (edge.external, edge.internal) in sure)
+            for edge in together.edges
+        )
+        return replace(together, edges=edges)
 
 
 @dataclass(slots=True)

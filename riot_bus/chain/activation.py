@@ -84,6 +84,7 @@ class _System:
             observe=sorted({internal_name(name) for name in self.rule.variables}),
             pace=workspace.context.file.system.trial_run,
             judged=judged,
+            timed=False,
         )
         self.points: list[PointRecord] = []
         self.log: str | None = None

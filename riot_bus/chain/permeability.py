@@ -15,18 +15,22 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection, Signal
 from riot_bus.vocabulary.order import order_of
-from riot_bus.vocabulary.trial import Outcome, Series, TestCase
+from riot_bus.vocabulary.trial import Series, TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
+    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["permeability"]
 
 _HOLD = 5
 _ALPHA = 0.01
+_ALPHA_AGAIN = 0.05
+"""In further runs, of which only what has been found already is asked."""
+_FEWEST_AGAIN = 4
 _DRAWS = 399
 
 
@@ -36,7 +40,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     Args:
         step: The running step.
         folder: The finding.
-        runs: Long runs of the whole system.
+        runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance.
         prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
 
     Raises:
@@ -73,27 +77,39 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     runner = step.system_runner(
         observe=(*internals, *sorted({field.topic for field in driven})), pace=file.system.perturbed_run
     )
-    plans = [{field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven} for run in range(runs)]
-    outcomes: list[Outcome] = []
-    for start in range(0, runs, runner.parallelism):
-        cases = [
-            TestCase(
-                injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
-                seed=workspace.seed + start + number,
-            )
-            for number, plan in enumerate(plans[start : start + runner.parallelism])
-        ]
-        outcomes += runner.run(cases)
-        step.progress(len(outcomes), runs, f"{counted(len(driven), 'external field')} perturbed at once")
-    result = analyse(
-        [_run(plan, outcome, internals) for plan, outcome in zip(plans, outcomes, strict=True)],
-        alpha=_ALPHA,
-        draws=_DRAWS,
-        seed=workspace.seed,
-    )
+
+    def perturbed(numbers: range) -> list[Run]:
+        """Return runs in which all external fields are driven, each by its own signal in each run."""
+        found: list[Run] = []
+        for start in range(numbers.start, numbers.stop, runner.parallelism):
+            plans = [
+                {field: _signal(field, rate, seed=workspace.seed, run=run) for field in driven}
+                for run in range(start, min(start + runner.parallelism, numbers.stop))
+            ]
+            cases = [
+                TestCase(
+                    injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
+                    seed=workspace.seed + start + number,
+                )
+                for number, plan in enumerate(plans)
+            ]
+            found += [_run(plan, outcome, internals) for plan, outcome in zip(plans, runner.run(cases), strict=True)]
+            doing = f"{counted(len(driven), 'external field')} perturbed at once"
+            step.progress(numbers.start + len(found), numbers.stop, doing)
+        return found
+
+    def analysed(some: Sequence[Run], alpha: float) -> PermeabilityResult:
+        return analyse(some, alpha=alpha, draws=_DRAWS, seed=workspace.seed)
+
+    done = perturbed(range(runs))
+    result = analysed(done, _ALPHA)
+    if result.doubtful():
+        fresh = perturbed(range(runs, runs + max(_FEWEST_AGAIN, runs // 2)))
+        done += fresh
+        result = result.confirmed_by(analysed(fresh, _ALPHA_AGAIN), analysed(done, _ALPHA))
     return PermeabilityRecord(
         edges=_edges(result),
-        runs=runs,
+        runs=len(done),
         pruned=pruned,
         nominal={field.name: (field.nominal, field.spread) for field in driven},
         tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],

@@ -96,9 +96,10 @@ class StepRun:
         pace: RunPace,
         judged: tuple[str, Baseline] | None = None,
         unjudged: bool = False,
+        timed: bool = True,
     ) -> StoredRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system` and `unit_runner`."""
-        runner = self.workspace.runners.system(pace, observe=observe, judged=judged)
+        runner = self.workspace.runners.system(pace, observe=observe, judged=judged, timed=timed)
         scope = {"observe": list(observe), **pace.model_dump()}
         return self._stored(runner, scope | {"judged": judged[0]} if judged else scope, unjudged=unjudged)
 

@@ -443,22 +443,35 @@ class LocalRunner:
     Args:
         trial: Returns what executes the cases; called when there are some.
         pool: Where they are executed.
-        slots: Returns how many of its trials run at once.
+        slots: Returns how many of its trials run at once, from the share of a processor that those so far have taken,
+            0 if there was none.
         into: Where that goes which a case leaves as it is asked to.
+        batch: How many cases are worth asking for at once; 0 for as many as run at once.
     """
 
     def __init__(
-        self, trial: Callable[[], Trial], pool: Pool, slots: Callable[[], int], *, into: Path | None = None
+        self,
+        trial: Callable[[], Trial],
+        pool: Pool,
+        slots: Callable[[float], int],
+        *,
+        into: Path | None = None,
+        batch: int = 0,
     ) -> None:
         self._trial = trial
         self._pool = pool
         self._slots = slots
         self._into = into
+        self._batch = batch
+        self._busy = self._seconds = 0.0
 
     @property
     def parallelism(self) -> int:
-        """How many trials run at once."""
-        return self._slots()
+        """How many cases are worth asking for at once."""
+        return self._batch or self._at_once()
+
+    def _at_once(self) -> int:
+        return self._slots(self._busy / self._seconds if self._seconds else 0.0)
 
     def run(self, cases: Sequence[TestCase]) -> Sequence[Outcome]:
         """Execute all cases and return their outcomes in the same order."""
@@ -468,5 +481,10 @@ class LocalRunner:
         """Execute all cases likewise; `ended` is called with the number of each and its outcome as it ends."""
         if not cases:
             return []
-        most = self._slots() if len(cases) > self._pool.jobs else 0
-        return self._pool.map(self._trial(), cases, ended, into=self._into, most=most if most > self._pool.jobs else 0)
+        most = self._at_once() if len(cases) > self._pool.jobs else 0
+        most = most if most > self._pool.jobs else 0
+        outcomes = self._pool.map(self._trial(), cases, ended, into=self._into, most=most)
+        for outcome in outcomes:
+            self._busy += outcome.statistics.get("busy", 0.0) * outcome.seconds
+            self._seconds += outcome.seconds
+        return outcomes

@@ -36,6 +36,8 @@ __all__ = ["LocalRunners", "RunnerFactory"]
 _EVIDENCE_TRIALS = 5
 _MOST_SLOTS = 4
 """Trials at once for each processor: more of them cost memory, and wake up at the same time."""
+_SYSTEM_BATCH = 2
+"""Runs of a whole system that are asked for at once, for each processor: they wait for about as long as they work."""
 
 
 def slots_for(busy: float, processors: int) -> int:
@@ -99,6 +101,7 @@ class RunnerFactory(Protocol):
         observe: Sequence[str] = (),
         record: Path | None = None,
         judged: tuple[str, Baseline] | None = None,
+        timed: bool = True,
     ) -> Runner:
         """Return a runner for runs of the whole system.
 
@@ -107,6 +110,7 @@ class RunnerFactory(Protocol):
             observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
             record: File that gets every message of a run; None for none.
             judged: The unit that is held against what it does in nominal runs, and that (from `in_system`).
+            timed: Whether what follows what is told by time, which more runs at once than processors would blur.
         """
         ...
 
@@ -164,7 +168,7 @@ class LocalRunners:
         def trial() -> Trial:
             return kind(unit, self.baseline(unit, log))
 
-        def slots() -> int:
+        def slots(_: float) -> int:
             return slots_for(self.baseline(unit, log).busy, self._processors) if self._spread else self._pool.jobs
 
         return LocalRunner(trial, self._pool, slots)
@@ -227,12 +231,18 @@ class LocalRunners:
         observe: Sequence[str] = (),
         record: Path | None = None,
         judged: tuple[str, Baseline] | None = None,
+        timed: bool = True,
     ) -> LocalRunner:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
         trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
-        # Never more than jobs: what follows what is told by time, and more at once blur it.
-        return LocalRunner(lambda: trial, self._pool, lambda: self._pool.jobs, into=record)
+        if timed or not self._spread:
+            return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
+        # How busy runs are differs from day to day; what a search asks for must not, so a batch is of one size.
+        batch = _SYSTEM_BATCH * self._processors
+        return LocalRunner(
+            lambda: trial, self._pool, lambda busy: slots_for(busy, self._processors), into=record, batch=batch
+        )
 
     def close(self) -> None:
         """Kill what still runs."""

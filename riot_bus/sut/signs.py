@@ -81,7 +81,7 @@ class Feeder:
         """
         stage, begin = self._stage, len(self._stage.outputs)
         start, own = stage.activity([self._name]), stage.others.activity()
-        before = self._publish(messages)
+        before = self._publish(messages, start)
 
         def rests() -> bool:
             return not Counter(expected) - self._answers(begin) and stage.is_at_rest(
@@ -131,10 +131,18 @@ class Feeder:
         busy, taken_for = (0.0, None) if hangs else (self._watch.longest, self._watch.taken_for)
         self._hangs.ended(seconds, busy=busy, taken_for=taken_for)
 
-    def _publish(self, messages: Sequence[Message]) -> Activity:
-        """Publish messages; return what the unit had done just before the last one."""
+    def _publish(self, messages: Sequence[Message], before: Activity) -> Activity:
+        """Publish messages.
+
+        Args:
+            messages: What is published.
+            before: What the unit has done so far.
+
+        Returns:
+            What it had done just before the last one.
+        """
         stage, names = self._stage, [self._name]
-        before, self.sent, ordered = stage.activity(names), 0, self._ordered
+        self.sent, ordered = 0, self._ordered
         samples = max(_CHECK_EVERY, len(messages) // _SAMPLES)
         stage.senders.busy()  # finds them: `wait_taken` looks at known ones
         key, switches, threads = messages[0].key if messages else "", before.switches, stage.threads(names)
@@ -146,7 +154,7 @@ class Feeder:
                 if ordered:
                     self._watch.went_on()
                 switches, key = threads.switches(), message.key
-            if self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1:
+            if self.sent and (self.sent % _CHECK_EVERY == 0 or self.sent == len(messages) - 1):
                 before = stage.activity(names)
             if self.sent % samples == 0:
                 stage.sample_resources(names)
@@ -203,7 +211,7 @@ class Feeder:
             if settled:
                 settled = self.feed(messages, expected=expected)
             else:
-                self._publish(messages)
+                self._publish(messages, self._stage.activity([self._name]))
             silent = () if self._watch.known else self._missing(expected, begin)
             if self._watch.known:
                 return self._standing(), False

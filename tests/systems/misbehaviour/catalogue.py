@@ -7,9 +7,13 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 __all__ = ["FAULTY", "HISTORY", "NATIVE", "ORDER", "ROBUST", "build", "missing", "write"]
 
@@ -151,8 +155,13 @@ def build(folder: Path, kind: str, *, above: str = "") -> None:
         subprocess.run(command, input=above + (FOLDER / "faults.c").read_text(), text=True, check=True)
 
 
-def write(folder: Path) -> Path:
-    """Write riot.toml, the nominal log and the program into a folder; return the path of the former."""
+def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER, HISTORY)) -> Path:
+    """Write riot.toml, the nominal log and the program into a folder; return the path of the former.
+
+    Args:
+        folder: Where.
+        kinds: Units that riot.toml describes.
+    """
     shutil.copy(FOLDER / "node.py", folder)
     with LogWriter(folder / "nominal.mcap") as log:
         for number in range(_MESSAGES):
@@ -174,8 +183,8 @@ def write(folder: Path) -> Path:
         f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
         f"{'mined = false' if kind in MEASURED else ''}\n"
         f"{PERSISTENT if kind == HISTORY else ''}"
-        for kind in (*FAULTY, *ROBUST, ORDER, HISTORY)
+        for kind in kinds
     ]
     path = folder / "riot.toml"
-    path.write_text("\n".join(parts) + MONITORS)
+    path.write_text("\n".join(parts) + (MONITORS if set(kinds) & set(MEASURED) else ""))
     return path

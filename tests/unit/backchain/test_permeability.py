@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from riot_bus.backchain.fir import LagColumns, RunColumns, lag_grid, standardise
-from riot_bus.backchain.permeability import FieldDrive, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
 
@@ -164,3 +164,19 @@ def test_no_runs_and_bad_numbers():
     with pytest.raises(ValueError, match="positive"):
         analyse([], lags=0)
     assert not standardise(np.full(10, 0.1)).any()
+
+
+def test_what_is_doubtful_is_permeable_only_where_other_runs_show_it_too():
+    def result(**edges):
+        return PermeabilityResult(
+            tuple(
+                PermeabilityEdge(name, "unit:y", 0.5, low, 0.9, 0.0, 0.01, permeable)
+                for name, (low, permeable) in edges.items()
+            )
+        )
+
+    first = result(clear=(0.1, True), chance=(0.0, True), weak=(0.0, True), none=(0.0, False))
+    fresh = result(clear=(0.0, False), chance=(0.0, False), weak=(0.0, True), none=(0.0, False))
+    together = result(clear=(0.1, True), chance=(0.1, True), weak=(0.1, True), none=(0.1, True))
+    assert [edge.external for edge in first.doubtful()] == ["chance", "weak"]
+    assert names(first.confirmed_by(fresh, together)) == {"clear", "weak"}

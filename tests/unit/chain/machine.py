@@ -214,6 +214,7 @@ class Machine:
         observe: Sequence[str] = (),
         record: Path | None = None,
         judged: tuple[str, Baseline] | None = None,
+        timed: bool = True,
     ) -> PureRunner:
         self.judged += [judged[0]] if judged else []
         return PureRunner(lambda case: self.drive(case, observe, record))

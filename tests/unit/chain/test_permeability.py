@@ -33,6 +33,18 @@ def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path
     assert len({case.seed for case in driven}) == 8
 
 
+def test_what_may_be_chance_has_to_show_again_in_fresh_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("riot_bus.chain.permeability._ALPHA", 1.0)  # everything is significant at first
+    monkeypatch.setattr("riot_bus.chain.permeability._ALPHA_AGAIN", 0.005)
+    one = bench(tmp_path)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert (record.permeable, record.runs) == (("panel:knob",), 12)
+    driven = [case for case in one.machine.executed if case.injections]
+    assert len({case.seed for case in driven}) == len({case.digest() for case in driven}) == 12
+
+
 def test_failures_in_perturbed_runs_do_not_matter(tmp_path: Path) -> None:
     one = bench(tmp_path, system_wrong=lambda case: bool(case.injections) and share(case) < 0.5)
     write_minimal(one)
