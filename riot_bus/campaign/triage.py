@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from riot_bus.statistics.rates import Proportion
+    from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
 __all__ = ["Failure", "finding_id", "group", "severity"]
@@ -31,7 +33,7 @@ class Failure:
         rate: How often fresh trials of the case failed so; None while there were none.
         nominal: How often trials of the nominal log failed so.
         details: What was told of them, each once.
-        simpler: A case with fewer modified messages that failed so later, its trial and outcome.
+        simpler: A simpler case that failed so later, its trial and outcome.
     """
 
     violation: Violation
@@ -68,6 +70,21 @@ def _modified(case: TestCase, outcome: Outcome) -> int:
     return int(outcome.statistics.get("modified", len(case.injections)))
 
 
+def _complexity(case: TestCase, outcome: Outcome) -> tuple[int, int]:
+    """Return how hard a case is to explain, the simplest first.
+
+    A rule speaks of values that fields have; what is no number has no limits, and a payload that is cut off no fields.
+    """
+    return max(map(_strangeness, case.injections), default=0), _modified(case, outcome)
+
+
+def _strangeness(injection: Injection) -> int:
+    if injection.fault != "set":
+        return {"truncate": 3, "omit": 2}.get(injection.fault, 0)
+    strange = injection.value is None or (isinstance(injection.value, float) and not math.isfinite(injection.value))
+    return int(strange)
+
+
 def severity(violation: Violation) -> str:
     """Return where a failure stands on the CRASH scale.
 
@@ -86,16 +103,19 @@ def finding_id(violation: Violation) -> str:
 def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, trial: int) -> list[Failure]:
     """Add a failing outcome to the failures of all its signatures; return these.
 
-    A failure keeps the case with the fewest modified messages; one that comes later waits as `simpler`.
+    A failure keeps the simplest case: with plain values, if there is one, and the fewest modified messages. One that
+    comes later waits as `simpler`.
     """
-    modified = _modified(case, outcome)
+    modified, complexity = _modified(case, outcome), _complexity(case, outcome)
     found = []
     for violation in {each.signature: each for each in outcome.violations}.values():
         known = failures.setdefault(violation.signature, Failure(violation, case, trial, outcome, modified))
-        simplest = min(known.modified, _modified(*known.simpler[::2]) if known.simpler else known.modified)
-        if modified < simplest and known.confirmed:
+        simplest = _complexity(known.case, known.outcome)
+        if known.simpler:
+            simplest = min(simplest, _complexity(*known.simpler[::2]))
+        if complexity < simplest and known.confirmed:
             known.simpler = case, trial, outcome
-        elif modified < simplest:
+        elif complexity < simplest:
             known.take(case, trial, outcome)
         known.occurrences += 1
         if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:

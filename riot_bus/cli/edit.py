@@ -198,7 +198,7 @@ def _table(result: EditResult) -> None:
         row = [each.topic, *(str(getattr(each, name)) for name in columns)]
         row += [each.written_as if each.written_as != each.topic else ""] if renamed else []
         table.add_row(*(escape(escape_control_chars(cell)) for cell in row))
-    Console(soft_wrap=True).print(table)
+    Console(soft_wrap=True, emoji=False).print(table)
 
 
 class _Signals:

@@ -82,7 +82,7 @@ class ConsoleNarrator:
             f"riot: interrupted; kept in {out}: {counted(trials, 'finished trial')}, {counted(findings, 'finding')}. "
         )
         text += "Trials under way are not counted. Run the same command again to go on."
-        self._console.print(escape_control_chars(text), markup=False, highlight=False, soft_wrap=True)
+        self._console.print(escape_control_chars(text), markup=False, emoji=False, highlight=False, soft_wrap=True)
 
     def _start(self, step: str) -> None:
         if self._console.is_terminal:
@@ -117,7 +117,7 @@ class ConsoleNarrator:
     def _say(self, step: str, text: str) -> None:
         self._stop()
         line = f"{step:>12}  {escape_control_chars(text, keep=chr(10))}"
-        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
     def _stop(self) -> None:
         if self._bar is not None:

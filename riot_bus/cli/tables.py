@@ -26,4 +26,4 @@ def table_console() -> Console:
     """Return what prints tables to stdout."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else _COLUMNS, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else _COLUMNS, highlight=False, emoji=False)

@@ -240,9 +240,11 @@ class LocalRunners:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
         # How busy runs are differs from day to day; what a search asks for must not, so a batch is of one size.
         batch = _SYSTEM_BATCH * self._processors
-        return LocalRunner(
-            lambda: trial, self._pool, lambda busy: slots_for(busy, self._processors), into=record, batch=batch
-        )
+
+        def slots(busy: float) -> int:
+            return min(batch, slots_for(busy, self._processors))
+
+        return LocalRunner(lambda: trial, self._pool, slots, into=record, batch=batch)
 
     def close(self) -> None:
         """Kill what still runs."""

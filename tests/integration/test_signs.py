@@ -27,7 +27,7 @@ from tests.tiers import chosen, scaled
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
-TRIALS = 16
+TRIALS = scaled(60, gate=16)
 CAMPAIGNS = 2
 GATE = (
     *("deadlock", "lost_worker", "faults_in_c", "silent"),

@@ -1,6 +1,7 @@
 """Thin nodes around libraries: `node.py KIND ENDPOINT` feeds a library from Zenoh and publishes its results.
 
 What a library refuses by raising ValueError is refused here too, with a line on stderr: that is its documented way.
+So is what has another form than `FORMS`, as no message has that comes typed from ROS, say.
 """
 
 import json
@@ -10,6 +11,25 @@ import threading
 import zenoh
 
 KIND, ENDPOINT = sys.argv[1:3]
+FORMS = {
+    "map": {"cells": [[1]]},
+    "query": dict.fromkeys(("x0", "y0", "x1", "y1"), 0),
+    "tuning": dict.fromkeys(("setpoint", "kp", "ki", "kd", "low", "high"), 0.0),
+    "measured": dict.fromkeys(("value", "dt"), 0.0),
+    "position": dict.fromkeys(("z", "variance", "dt") if KIND == "unscented" else ("z", "variance"), 0.0),
+    "home": dict.fromkeys(("lat", "lon", "alt"), 0.0),
+    "fix": dict.fromkeys(("lat", "lon", "alt"), 0.0),
+}
+
+
+def has_form(value, form):
+    if isinstance(form, dict):
+        return (
+            isinstance(value, dict) and value.keys() == form.keys() and all(has_form(value[k], form[k]) for k in form)
+        )
+    if isinstance(form, list):
+        return isinstance(value, list) and len(value) > 0 and all(has_form(each, form[0]) for each in value)
+    return isinstance(value, int | type(form)) and not isinstance(value, bool)
 
 
 def planner():
@@ -30,6 +50,8 @@ def plans_with(finder):
     state = {"map": [[1]]}
 
     def on_map(message):
+        if len({len(row) for row in message["cells"]}) != 1:
+            raise ValueError("rows of different lengths")
         state["map"] = message["cells"]
 
     def on_query(message):
@@ -115,9 +137,12 @@ def navigator():
     return {"home": on_home, "fix": on_fix}
 
 
-def guarded(handle, sample):
+def guarded(key, handle, sample):
     try:
-        handle(json.loads(sample.payload.to_bytes()))
+        message = json.loads(sample.payload.to_bytes())
+        if not has_form(message, FORMS[key]):
+            raise ValueError("not of the form of this topic")
+        handle(message)
     except ValueError as error:
         print(f"refused: {error}", file=sys.stderr, flush=True)
 
@@ -134,7 +159,7 @@ handlers = KINDS[KIND]()
 session = zenoh.open(config)
 out = session.declare_publisher("answer", congestion_control=zenoh.CongestionControl.BLOCK)
 subscribers = [
-    session.declare_subscriber(key, lambda sample, handle=handle: guarded(handle, sample))
+    session.declare_subscriber(key, lambda sample, key=key, handle=handle: guarded(key, handle, sample))
     for key, handle in handlers.items()
 ]
 threading.Event().wait()

@@ -180,7 +180,7 @@ def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER, HISTORY
         f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
         f'inputs = ["cmd", "mode"]\noutputs = ["{"measured" if kind in MEASURED else "state"}"]\n'
         f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}{limited if kind in LIMITED else ''}"
-        f'[unit.{kind}]\nleave = ["mode:*", "cmd:k"]\nsettle = {{ timeout = 2.0 }}\n'
+        f"[unit.{kind}]\nleave = {['cmd:k'] if kind == ORDER else ['mode:*', 'cmd:k']}\nsettle = {{ timeout = 2.0 }}\n"
         f"{'mined = false' if kind in MEASURED else ''}\n"
         f"{PERSISTENT if kind == HISTORY else ''}"
         for kind in kinds

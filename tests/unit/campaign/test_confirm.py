@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.campaign.confirm import repeat, repeat_in_order
-from riot_bus.campaign.triage import Failure
+from riot_bus.campaign.triage import Failure, group
 from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.campaign.test_campaign import CRASH, Pure
@@ -73,3 +74,21 @@ def test_a_mined_rule_must_fire_more_often_than_by_chance(monitor: str, hits: in
     violation = Violation(monitor, "part", "it")
     failure = Failure(violation, TestCase(), 0, Outcome(Verdict.FAIL), 0, rate=proportion(hits, 20))
     assert failure.confirmed is confirmed
+
+
+def test_a_case_with_plain_values_stands_for_a_failure_before_one_with_fewer_changes() -> None:
+    failures: dict[str, Failure] = {}
+    kinds = {
+        "cut off": Injection("a", fault="truncate"),
+        "missing": Injection("a", "x", fault="omit"),
+        "no number": Injection("a", "x", float("nan")),
+        "plain": Injection("a", "x", 1e9),
+    }
+    for number, injection in enumerate(kinds.values()):
+        case = TestCase(injections=(injection,) * (1 + number))
+        group(failures, case, Outcome(Verdict.FAIL, (CRASH,)), trial=number)
+        assert failures[CRASH.signature].trial == number
+    group(failures, TestCase(injections=(kinds["missing"],)), Outcome(Verdict.FAIL, (CRASH,)), trial=9)
+    assert failures[CRASH.signature].trial == 3
+    group(failures, TestCase(injections=(kinds["plain"],)), Outcome(Verdict.FAIL, (CRASH,)), trial=10)
+    assert failures[CRASH.signature].trial == 10

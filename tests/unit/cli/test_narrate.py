@@ -11,7 +11,7 @@ EVENTS: list[RunEvent] = [
     StepStarted("minimize"),
     TrialFinished("minimize", "fail", "crash", "", 0.1),
     StepProgress("minimize", 3, None, "halves"),
-    StepFinished("minimize", "9 messages -> [1]", 0.26),
+    StepFinished("minimize", "9 :x: -> [1]", 0.26),
     StepProgress("rules", 3, 10, "late"),
     StepStarted("rules"),
     StepStopped("rules", "no rule", "folder"),
@@ -28,13 +28,13 @@ def told(*, terminal: bool) -> str:
 
 
 def test_a_line_for_each_finished_step() -> None:
-    assert told(terminal=False) == "    minimize  9 messages -> [1] [0.3 s]\n       rules  no rule\n"
+    assert told(terminal=False) == "    minimize  9 :x: -> [1] [0.3 s]\n       rules  no rule\n"
 
 
 def test_terminals_get_a_bar_meanwhile() -> None:
     text = told(terminal=True)
     assert "3 halves" in text
-    assert "    minimize  9 messages -> [1] [0.3 s]\n" in text
+    assert "    minimize  9 :x: -> [1] [0.3 s]\n" in text
 
 
 def test_without_a_terminal_a_line_each_ten_seconds_tells_how_fast_it_goes() -> None:
