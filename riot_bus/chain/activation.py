@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +30,7 @@ from riot_bus.findings.records import (
 from riot_bus.generalize.rule import Rule
 from riot_bus.log.reader import read_log
 from riot_bus.plugins import SEARCHES
+from riot_bus.statistics.rates import chance_of_difference, proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
@@ -35,6 +38,7 @@ from riot_bus.vocabulary.trial import Outcome, Series, TestCase
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from riot_bus.backchain.box import Sample
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun
     from riot_bus.sut.baseline import Baseline
@@ -42,6 +46,10 @@ if TYPE_CHECKING:
 __all__ = ["activation", "least_distance"]
 
 _REPLAYS = 10
+_FIRST_AGAIN, _CHANCE = 4, 0.01
+"""Four failures of four against none of ten with nominal inputs have a chance of 0.001 to be the same rate."""
+_CONTROL_SEEDS = 1 << 20
+"""Runs with nominal inputs have seeds that no other run of the step has."""
 _REGION_BUDGET = 80
 _EDGE = 0.05
 
@@ -87,7 +95,9 @@ class _System:
             timed=False,
         )
         self.points: list[PointRecord] = []
-        self.log: str | None = None
+        self.logs: dict[frozenset[tuple[str, float]], str] = {}
+        self.chance, self.others = 0, Counter[str]()
+        self._controls: tuple[int, int] | None = None
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
         cases: list[TestCase] = []
@@ -103,16 +113,70 @@ class _System:
             self.points.append(
                 PointRecord(values=dict(point), distance=evaluation.distance, failed=evaluation.failed, phase=phase)
             )
-            if evaluation.failed and phase == "search" and self.log is None:
-                self.log = outcome.log
+            if evaluation.failed and outcome.log is not None:
+                self.logs.setdefault(frozenset(point.items()), outcome.log)
             evaluations.append(evaluation)
         return evaluations
+
+    def search(self, points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        """Run the system at each point; a failure counts if it comes again more often than with nominal inputs."""
+        evaluations = []
+        for point, found in zip(points, self.run(points, "search"), strict=True):
+            if found.failed and not self._comes_again(point):
+                self.chance += 1
+                found = replace(found, failed=False)
+            evaluations.append(found)
+        return evaluations
+
+    def _comes_again(self, point: Mapping[str, float]) -> bool:
+        failed, total = 0, 0
+        while total < _REPLAYS:
+            count = min(_FIRST_AGAIN if not total else _REPLAYS, _REPLAYS - total)
+            failed += sum(one.failed for one in self.run([point] * count, "again"))
+            total += count
+            if chance_of_difference(failed, total, *self.controls()) <= _CHANCE:
+                return True
+        return False
+
+    def seen(self, axes: tuple[str, str]) -> list[Sample]:
+        """Return what came of two fields in runs that were for something else, the nominal ones included."""
+        x, y = axes
+        failed, total = self.controls()
+        nominal = (self.fields[x].nominal, self.fields[y].nominal)
+        asked = [point for point in self.points if point.phase != "region" and {x, y} <= point.values.keys()]
+        return [
+            *((point.values[x], point.values[y], point.failed) for point in asked),
+            *((*nominal, number < failed) for number in range(total)),
+        ]
+
+    def controls(self) -> tuple[int, int]:
+        """Return how many runs with nominal inputs failed likewise, and how many there were."""
+        if self._controls is None:
+            seeds = range(_CONTROL_SEEDS, _CONTROL_SEEDS + _REPLAYS)
+            outcomes = self.runner.run([TestCase(seed=self.step.workspace.seed + seed) for seed in seeds])
+            self._controls = sum(one.failed_as(self.finding.signature) for one in outcomes), len(outcomes)
+        return self._controls
+
+    def needed(self, found: Mapping[str, float]) -> dict[str, float]:
+        """Return the inputs of a failing point without those that can be left alone, each one and all together."""
+        names = list(found)
+        if len(names) < 2:
+            return dict(found)
+        alone = self.run([{each: found[each] for each in names if each != name} for name in names], "needed")
+        idle = [name for name, one in zip(names, alone, strict=True) if one.failed]
+        while idle:
+            kept = {name: value for name, value in found.items() if name not in idle}
+            if kept and self.run([kept], "needed")[0].failed:
+                return kept
+            del idle[0]  # the one that tells most
+        return dict(found)
 
     def _value(self, name: str, value: float) -> float | int:
         return round(value) if self.fields[name].integer else value
 
     def _judge(self, outcome: Outcome) -> Evaluation:
         failed = outcome.failed_as(self.finding.signature)
+        self.others.update({each.signature for each in outcome.violations} if not failed else ())
         return Evaluation(least_distance(self.rule, outcome.observed, self.record.scale), failed)
 
 
@@ -146,12 +210,9 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     system = _System(step, folder, judged)
     fields = [_search_field(system.fields[name]) for name in permeable.permeable]
 
-    def evaluate(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
-        return system.run(points, "search")
-
     result = activate(
         fields,
-        evaluate,
+        system.search,
         seed=step.workspace.seed,
         budget=budget,
         parallelism=system.runner.parallelism,
@@ -159,12 +220,15 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         progress=step.progress,
     )
     replays, messages = 0, 0
-    region = None
-    if result.found is not None and system.log is not None:
-        messages, replays = _replay(system, Path(system.log))
-        region = _region(system, _axes(permeable), result.found)
+    found, text, region = None, result.text, None
+    if result.found is not None:
+        found = system.needed(result.found)
+        text = replace(result, found=found).text
+        messages, replays = _replay(system, system.logs.get(frozenset(found.items())))
+        region = _region(system, sorted(_axes(permeable), key=lambda name: name not in found), found)
+    controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
-        found=None if result.found is None else dict(result.found),
+        found=found,
         runs=result.runs,
         best_distance=result.best_distance,
         replays=_REPLAYS if messages else 0,
@@ -172,7 +236,12 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         region=region,
         points=tuple(system.points),
         messages=messages,
-        text=result.text,
+        text=text,
+        unneeded=tuple(name for name in result.found or () if name not in (found or ())),
+        controls=controls,
+        controls_failed=controls_failed,
+        chance=system.chance,
+        others=dict(system.others.most_common()),
     )
 
 
@@ -181,10 +250,12 @@ def _search_field(field: ExternalField) -> SearchField:
     return SearchField(field.name, field.nominal, field.spread, low, high, integer=field.integer)
 
 
-def _replay(system: _System, log: Path) -> tuple[int, int]:
+def _replay(system: _System, log: str | None) -> tuple[int, int]:
     """Play the external messages alone to fresh runs; return how many they are and how often the failure came."""
     target = system.folder / "activation.mcap"
-    if log.is_file():
+    if log is None:
+        return 0, 0
+    if Path(log).is_file():
         shutil.copyfile(log, target)
     external = read_log(target)
     cases = [TestCase(external, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
@@ -229,11 +300,14 @@ def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float
         parallelism=system.runner.parallelism,
         progress=system.step.progress,
     )
-    return _region_record(region, axes)
+    seen = [] if fixed else system.seen(axes)
+    return _region_record(region, axes, seen)
 
 
-def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
-    failed = [bad for x, y, bad in region.samples if _within(region, x, y)]
+def _region_record(region: Region, axes: tuple[str, str], others: Sequence[Sample]) -> RegionRecord:
+    """Return a region and how often the system fails inside it, by its own samples and others at hand."""
+    inside = [bad for x, y, bad in (*region.samples, *others) if _within(region, x, y)]
+    share = proportion(sum(inside), len(inside))
     return RegionRecord(
         x=axes[0],
         y=axes[1],
@@ -241,13 +315,7 @@ def _region_record(region: Region, axes: tuple[str, str]) -> RegionRecord:
         x_max=region.x_max,
         y_min=region.y_min,
         y_max=region.y_max,
-        inside=ProportionRecord(
-            value=region.inside_share,
-            low=region.inside_low,
-            high=region.inside_high,
-            count=sum(failed),
-            total=len(failed),
-        ),
+        inside=ProportionRecord(value=share.rate, low=share.low, high=share.high, count=share.hits, total=share.total),
         text=region.text,
     )
 

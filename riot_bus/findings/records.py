@@ -665,6 +665,11 @@ class ActivationRecord(Artefact):
     points: tuple[PointRecord, ...] = ()
     messages: int = 0
     text: str = Field(default="", description="how the search ended")
+    unneeded: tuple[str, ...] = Field(default=(), description="searched fields that were left alone in the end")
+    controls: int = Field(default=0, description="runs with nominal inputs, for comparison")
+    controls_failed: int = 0
+    chance: int = Field(default=0, description="failures that came no more often again than with nominal inputs")
+    others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
 
     @property
     def summary(self) -> str:
@@ -672,7 +677,13 @@ class ActivationRecord(Artefact):
         parts = [self.text]
         if self.replays:
             replays, messages = counted(self.replays, "replay"), counted(self.messages, "external message")
-            parts.append(f"{self.replays_failed} of {replays} of {messages} fail")
+            nominal = f", {self.controls_failed} of {self.controls} with nominal inputs" if self.controls else ""
+            parts.append(f"{self.replays_failed} of {replays} of {messages} fail{nominal}")
+        if self.chance:
+            times = counted(self.chance, "time")
+            parts.append(f"it came {times} more, but no more often again than in runs with nominal inputs")
+        for signature, count in self.others.items():
+            parts.append(f"{counted(count, 'run')} failed otherwise: {signature}")
         if self.region is not None:
             one = self.region
             bounds = f"{one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}"

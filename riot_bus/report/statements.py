@@ -213,6 +213,9 @@ def _outside(view: FindingView) -> list[Statement]:
     if activation and activation.found:
         low, high = exact_interval(activation.replays_failed, activation.replays)
         replays = f"{activation.replays_failed} of {plural(activation.replays, 'replay')} failed again"
+        if activation.controls:
+            nominal = plural(activation.controls, "run")
+            replays += f"; {activation.controls_failed} of {nominal} with nominal inputs failed so"
         sure = f"95 %: {share_interval(low, high)} of replays fail" if activation.replays else "seen once"
         found.append(Statement("external inputs alone make the whole system fail", replays, sure))
     elif activation and activation.runs:
@@ -223,6 +226,15 @@ def _outside(view: FindingView) -> list[Statement]:
                 "a search that ended, not a proof",
             )
         )
+    if activation:
+        found += [
+            Statement(
+                f"the whole system can also fail otherwise: {clean(signature)}",
+                f"{count} of {plural(len(activation.points), 'run')} with other inputs",
+                "not looked into",
+            )
+            for signature, count in activation.others.items()
+        ]
     region = activation.region if activation else None
     if region and region.inside:
         inside = region.inside

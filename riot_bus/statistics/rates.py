@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Proportion", "exact_interval", "proportion"]
+__all__ = ["Proportion", "chance_of_difference", "exact_interval", "proportion"]
 
 _HALVINGS = 60
 
@@ -38,6 +38,24 @@ def exact_interval(hits: int, total: int, *, confidence: float = 0.95) -> tuple[
     low = _crossing(hits, total, tail) if hits else 0.0
     high = 1.0 - _crossing(total - hits, total, tail) if hits < total else 1.0
     return low, high
+
+
+def chance_of_difference(hits: int, total: int, other_hits: int, other_total: int) -> float:
+    """Return the chance of a rate so much above another one, or more, if both are the same (Fisher, one-sided).
+
+    Args:
+        hits: Of the rate that is expected to be higher.
+        total: Of how many.
+        other_hits: Of the other rate.
+        other_total: Of how many.
+
+    Example:
+        >>> round(chance_of_difference(4, 4, 0, 10), 4)
+        0.001
+    """
+    both = hits + other_hits
+    ways = sum(math.comb(total, count) * math.comb(other_total, both - count) for count in range(hits, both + 1))
+    return ways / math.comb(total + other_total, both)
 
 
 def _crossing(hits: int, total: int, tail: float) -> float:

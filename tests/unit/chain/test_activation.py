@@ -29,6 +29,7 @@ from tests.unit.chain.machine import (
     bench,
     never_hangs,
     said,
+    share,
     write_fields,
     write_minimal,
     write_permeability,
@@ -60,9 +61,10 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     record = one.workspace.carry_out(find_step("activate"), one.folder, budget=60)
     assert isinstance(record, ActivationRecord)
     assert record.found is not None
-    assert set(record.found) == {"panel:knob", "panel:lever"}
+    assert (set(record.found), record.unneeded) == ({"panel:knob"}, ("panel:lever",))
     assert record.found["panel:knob"] < 20
     assert (record.replays, record.replays_failed, record.messages) == (10, 10, COUNT)
+    assert (record.controls, record.controls_failed, record.chance, record.others) == (10, 0, 0, {})
     assert all(said(message)["knob"] < 20 for message in read_log(one.folder / "activation.mcap"))
     region = record.region
     assert region is not None
@@ -70,10 +72,10 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     assert region.x_max < 30
     assert region.inside is not None
     assert region.inside.count == region.inside.total
-    assert {point.phase for point in record.points} == {"search", "region"}
-    assert record.trials == len(record.points) + 10
+    assert {point.phase for point in record.points} == {"search", "again", "needed", "region"}
+    assert record.trials == len(record.points) + record.replays + record.controls
     assert record.summary.startswith(f"activated after {record.runs} runs with panel:knob = ")
-    assert "; 10 of 10 replays of 60 external messages fail; region " in record.summary
+    assert "; 10 of 10 replays of 60 external messages fail, 0 of 10 with nominal inputs; region " in record.summary
 
 
 def test_one_permeable_field_has_no_region(tmp_path: Path, slow: dict[str, Any]) -> None:
@@ -95,7 +97,21 @@ def test_a_search_that_finds_nothing_says_how_near_it_came(tmp_path: Path, slow:
 
 def test_failures_of_another_kind_are_not_the_one_that_is_looked_for(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:knob", 0.9), other=lambda case: True)
-    assert activation(one.run(), one.folder, budget=8).found is None
+    record = activation(one.run(), one.folder, budget=60)
+    assert record.found is None
+    assert sum(record.others.values()) > 0
+    assert "failed otherwise: " in record.summary
+
+
+def test_a_system_that_fails_by_itself_as_often_is_not_activated(tmp_path: Path, slow: dict[str, Any]) -> None:
+    one = ready(
+        tmp_path, slow, ("panel:heat", 0.9), system_fails=never_hangs, system_wrong=lambda case: share(case) < 0.3
+    )
+    record = activation(one.run(), one.folder, budget=20)
+    assert (record.found, record.replays, record.region) == (None, 0, None)
+    assert 0 < record.controls_failed < record.controls == 10
+    assert record.chance > 0
+    assert "but no more often again than in runs with nominal inputs" in record.summary
 
 
 def test_a_failure_that_does_not_come_again_is_told(tmp_path: Path, slow: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from riot_bus.statistics.rates import exact_interval, proportion
+from riot_bus.statistics.rates import chance_of_difference, exact_interval, proportion
 
 
 @pytest.mark.parametrize(
@@ -33,3 +33,16 @@ def test_a_proportion_of_nothing_says_nothing() -> None:
 def test_more_confidence_needs_a_wider_interval() -> None:
     usual, surer = proportion(27, 30), proportion(27, 30, confidence=0.99)
     assert surer.low < usual.low < usual.rate < usual.high < surer.high
+
+
+@given(data=st.data())
+@settings(deadline=None)
+def test_the_chance_of_a_difference_is_fishers(data: st.DataObject) -> None:
+    from scipy import stats
+
+    total, others = data.draw(st.integers(1, 20)), data.draw(st.integers(1, 20))
+    hits, other_hits = data.draw(st.integers(0, total)), data.draw(st.integers(0, others))
+    table = [[hits, total - hits], [other_hits, others - other_hits]]
+    assert chance_of_difference(hits, total, other_hits, others) == pytest.approx(
+        stats.fisher_exact(table, alternative="greater").pvalue, abs=1e-9
+    )
