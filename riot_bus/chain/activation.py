@@ -46,8 +46,10 @@ if TYPE_CHECKING:
 __all__ = ["activation", "least_distance"]
 
 _REPLAYS = 10
-_FIRST_AGAIN, _CHANCE = 4, 0.01
-"""Four failures of four against none of ten with nominal inputs have a chance of 0.001 to be the same rate."""
+_FIRST_AGAIN, _FEWEST_AGAIN, _CHANCE = 4, 2, 0.005
+"""Four failures of four, and none of ten with nominal inputs, have a chance of 0.001 if the rates are the same."""
+_MOST_CONTROLS = 40
+"""Six failures of twenty, and none of forty with nominal inputs, have one of 0.0008."""
 _CONTROL_SEEDS = 1 << 20
 """Runs with nominal inputs have seeds that no other run of the step has."""
 _REGION_BUDGET = 80
@@ -97,7 +99,7 @@ class _System:
         self.points: list[PointRecord] = []
         self.logs: dict[frozenset[tuple[str, float]], str] = {}
         self.chance, self.others = 0, Counter[str]()
-        self._controls: tuple[int, int] | None = None
+        self._controls = 0, 0
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
         cases: list[TestCase] = []
@@ -129,13 +131,19 @@ class _System:
         return evaluations
 
     def _comes_again(self, point: Mapping[str, float]) -> bool:
-        failed, total = 0, 0
-        while total < _REPLAYS:
-            count = min(_FIRST_AGAIN if not total else _REPLAYS, _REPLAYS - total)
-            failed += sum(one.failed for one in self.run([point] * count, "again"))
-            total += count
-            if chance_of_difference(failed, total, *self.controls()) <= _CHANCE:
+        """Return whether a failure comes again more often at a point than in runs with nominal inputs.
+
+        The more often that was asked, the surer it has to be: all false answers together have a chance of a percent.
+        """
+        asked = self.chance + 1
+        failed = total = 0
+        for count, controls in ((_FIRST_AGAIN, _REPLAYS), (_REPLAYS, _REPLAYS), (2 * _REPLAYS, _MOST_CONTROLS)):
+            failed += sum(one.failed for one in self.run([point] * (count - total), "again"))
+            total = count
+            if chance_of_difference(failed, total, *self.controls(controls)) <= _CHANCE / (asked * (asked + 1)):
                 return True
+            if total >= _REPLAYS and failed < _FEWEST_AGAIN:
+                break
         return False
 
     def seen(self, axes: tuple[str, str]) -> list[Sample]:
@@ -149,12 +157,13 @@ class _System:
             *((*nominal, number < failed) for number in range(total)),
         ]
 
-    def controls(self) -> tuple[int, int]:
-        """Return how many runs with nominal inputs failed likewise, and how many there were."""
-        if self._controls is None:
-            seeds = range(_CONTROL_SEEDS, _CONTROL_SEEDS + _REPLAYS)
-            outcomes = self.runner.run([TestCase(seed=self.step.workspace.seed + seed) for seed in seeds])
-            self._controls = sum(one.failed_as(self.finding.signature) for one in outcomes), len(outcomes)
+    def controls(self, least: int = _REPLAYS) -> tuple[int, int]:
+        """Return how many runs with nominal inputs failed likewise, and how many there were; there are so many then."""
+        failed, total = self._controls
+        if total < least:
+            first = self.step.workspace.seed + _CONTROL_SEEDS
+            outcomes = self.runner.run([TestCase(seed=first + number) for number in range(total, least)])
+            self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
         return self._controls
 
     def needed(self, found: Mapping[str, float]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from riot_bus.findings.backtrack import BacktrackRecord
 from riot_bus.findings.records import (
     ActivationRecord,
     Artefact,
@@ -57,12 +58,14 @@ class FindingView:
         steps: Every step of the chain with its record, and those of other packages that have finished; only the test of
             what was found in runs of the whole system, as the others need the unit's own input.
         broken: Files that exist but cannot be used, with the reason; they count as missing.
+        backtrack: What nominal logs alone say of the way from the outside (`riot backchain`); None if it was not asked.
     """
 
     directory: Path
     finding: FindingRecord
     steps: tuple[tuple[ChainStep, Artefact | None], ...]
     broken: dict[str, str] = field(default_factory=dict)
+    backtrack: BacktrackRecord | None = None
 
     @property
     def minimal(self) -> MinimalRecord | None:
@@ -212,25 +215,25 @@ def load(directory: Path) -> FindingView:
     """
     broken: dict[str, str] = {}
 
-    def read(step: ChainStep) -> Artefact | None:
-        if not step.kind.exists(directory):
+    def read(kind: type[RecordT]) -> RecordT | None:
+        if not kind.exists(directory):
             return None
         try:
-            return step.kind.load(directory)
+            return kind.load(directory)
         except ConfigError as error:
-            broken[step.kind.FILE] = error.message
+            broken[kind.FILE] = error.message
             return None
 
     finding = FindingRecord.load(directory)
     steps: list[tuple[ChainStep, Artefact | None]] = [(STEPS[0], finding)]
-    steps += [(step, read(step)) for step in STEPS[1:] if not finding.whole_system]
+    steps += [(step, read(step.kind)) for step in STEPS[1:] if not finding.whole_system]
     for name in further_steps() if not finding.whole_system else ():
         try:
             step = find_step(name)
         except RiotError as error:
             broken[f"step {name}"] = error.message
             continue
-        record = read(step)
+        record = read(step.kind)
         if record is not None:
             steps.append((step, record))
-    return FindingView(directory, finding, tuple(steps), broken)
+    return FindingView(directory, finding, tuple(steps), broken, read(BacktrackRecord))

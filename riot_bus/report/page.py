@@ -13,6 +13,7 @@ from urllib.parse import quote
 import riot_bus
 from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import format as words
+from riot_bus.report.backtrack import lines as backtrack_lines
 from riot_bus.report.diagram import links
 from riot_bus.report.finding_view import EVIDENCE, FindingView, Severity, load
 from riot_bus.report.formats import write_file
@@ -145,6 +146,7 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "messages": _messages(view),
         "trees": _trees(view),
         "paths": _paths(view),
+        "backtrack": list(backtrack_lines(view.backtrack)) if view.backtrack else [],
         "nominal": nominal,
         "statements": statements(view),
         "gaps": not_tried(view, open_questions=open_questions),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,13 @@ from riot_bus.report.page import write_report
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
 from riot_bus.vocabulary.trial import Series
+from tests.tiers import scaled
 from tests.unit.chain.machine import (
     COUNT,
     SPEED,
     Bench,
     bench,
+    hangs,
     never_hangs,
     said,
     share,
@@ -103,13 +106,36 @@ def test_failures_of_another_kind_are_not_the_one_that_is_looked_for(tmp_path: P
     assert "failed otherwise: " in record.summary
 
 
+@pytest.mark.parametrize("seed", range(scaled(50, gate=4)))
+def test_no_system_is_activated_that_fails_by_itself(tmp_path: Path, slow: dict[str, Any], seed: int) -> None:
+    one = ready(
+        tmp_path,
+        slow,
+        ("panel:heat", 0.9),
+        ("panel:lever", 0.5),
+        system_fails=never_hangs,
+        system_wrong=lambda case: case.seed != 0 and share(case, seed) < 0.1,  # 0: the nominal run
+    )
+    record = activation(one.run(), one.folder, budget=60)
+    assert (record.found, record.region) == (None, None)
+
+
+def test_a_failure_that_comes_three_times_of_ten_is_activated(tmp_path: Path, slow: dict[str, Any]) -> None:
+    drawn = random.Random(1)
+    one = ready(tmp_path, slow, system_fails=lambda made: hangs(made) if drawn.random() < 0.3 else None)
+    record = activation(one.run(), one.folder, budget=100)
+    assert record.found is not None
+    assert record.found["panel:knob"] < 20
+    assert record.controls_failed == 0
+
+
 def test_a_system_that_fails_by_itself_as_often_is_not_activated(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(
         tmp_path, slow, ("panel:heat", 0.9), system_fails=never_hangs, system_wrong=lambda case: share(case) < 0.3
     )
     record = activation(one.run(), one.folder, budget=20)
     assert (record.found, record.replays, record.region) == (None, 0, None)
-    assert 0 < record.controls_failed < record.controls == 10
+    assert 0 < record.controls_failed < record.controls
     assert record.chance > 0
     assert "but no more often again than in runs with nominal inputs" in record.summary
 

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.findings.records import FindingRecord, RuleRecord
+from riot_bus.findings.records import ActivationRecord, FindingRecord, RuleRecord
+from riot_bus.report.backtrack import lines
 from riot_bus.report.page import write_report
 from riot_bus.report.regression import regression_name
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+from tests.unit.report.backtracks import RECORD
 
 SECTIONS = {
     "minimal.json": "minimal",
@@ -116,6 +118,30 @@ def test_whole_chain(finding: Path) -> None:
         assert told in text
     assert "The chain ended" not in text
     assert page.tags.count("svg") >= 5
+
+
+def test_what_logs_alone_say_is_told_as_riot_backchain_tells_it(finding: Path) -> None:
+    assert "backtrack" not in read(finding).ids
+    RECORD.save(finding)
+    page = read(finding)
+    assert not page.open
+    assert "backtrack" in page.ids
+    assert all(line.strip() in page.text for line in lines(RECORD))
+    (finding / RECORD.FILE).write_text("{")
+    assert f"{RECORD.FILE} cannot be used" in flat(read(finding))
+
+
+def test_what_else_runs_of_the_whole_system_showed_is_told(finding: Path) -> None:
+    more = {"controls": 10, "controls_failed": 1, "unneeded": ("/odom:z",), "others": {"crash in sim: SIGABRT": 3}}
+    ActivationRecord.load(finding).model_copy(update=more).save(finding)
+    text = flat(read(finding))
+    for told in (
+        "(1 of 10 runs with nominal values failed so)",
+        "does not need /odom:z",
+        "the whole system can also fail otherwise: crash in sim: SIGABRT",
+        "1 of 10 runs with nominal inputs failed so",
+    ):
+        assert told in text
 
 
 def test_what_a_maintainer_can_use_is_linked(finding: Path) -> None:
