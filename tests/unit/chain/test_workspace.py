@@ -54,8 +54,14 @@ def test_a_nominal_run_that_cannot_be_carried_out_is_tried_again(tmp_path: Path)
 
 
 def test_a_system_that_fails_in_a_nominal_run_has_to_be_mended(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="the system fails in a nominal run: hang of drive"):
+    with pytest.raises(ConfigError, match="the system fails in 3 of 3 nominal runs: hang of drive"):
         bench(tmp_path, system_fails=always).workspace.nominal_log()
+
+
+def test_a_nominal_run_that_fails_once_is_repeated_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    one = bench(tmp_path, system_fails=lambda made: None, system_wrong=lambda case: not case.again)
+    assert one.workspace.nominal_log().is_file()
+    assert "the system fails in 1 of 2 nominal runs: hang of drive" in caplog.text
 
 
 def test_a_named_log_has_to_be_there(tmp_path: Path) -> None:
