@@ -122,9 +122,9 @@ class _System:
 
     def search(self, points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
         """Run the system at each point; a failure counts if it comes again more often than with nominal inputs."""
-        evaluations = []
+        evaluations: list[Evaluation] = []
         for point, found in zip(points, self.run(points, "search"), strict=True):
-            if found.failed and not self._comes_again(point):
+            if found.failed and not any(one.failed for one in evaluations) and not self._comes_again(point):
                 self.chance += 1
                 found = replace(found, failed=False)
             evaluations.append(found)
@@ -151,7 +151,8 @@ class _System:
         x, y = axes
         failed, total = self.controls()
         nominal = (self.fields[x].nominal, self.fields[y].nominal)
-        asked = [point for point in self.points if point.phase != "region" and {x, y} <= point.values.keys()]
+        phases = ("search", "needed")  # the others are of the region, or one point again and again
+        asked = [point for point in self.points if point.phase in phases and {x, y} <= point.values.keys()]
         return [
             *((point.values[x], point.values[y], point.failed) for point in asked),
             *((*nominal, number < failed) for number in range(total)),
@@ -218,7 +219,6 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
     system = _System(step, folder, judged)
     fields = [_search_field(system.fields[name]) for name in permeable.permeable]
-
     result = activate(
         fields,
         system.search,
