@@ -74,7 +74,7 @@ def test_each_case_has_one_outcome_though_a_worker_is_killed_and_its_evidence_co
         failing = pool.execute(UnitTrial("raises", evidence=True), case_of(system, 0, bad), into=tmp_path / "evidence")
         assert failing.verdict is Verdict.FAIL, failing
         assert {"trial.json", "raises.stderr.txt"} <= {path.name for path in (tmp_path / "evidence").iterdir()}
-    assert not below(cluster.worker_processes())
+    assert wait_until(lambda: not below(cluster.worker_processes()), 30)  # workers are told, not waited for
     assert not [*(tmp_path / "trials").iterdir()]
 
 
