@@ -234,7 +234,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         found = system.needed(result.found)
         text = replace(result, found=found).text
         messages, replays = _replay(system, system.logs.get(frozenset(found.items())))
-        region = _region(system, sorted(_axes(permeable), key=lambda name: name not in found), found)
+        region = _region(system, _axes(permeable), found)
     controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
         found=found,
@@ -292,7 +292,9 @@ def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float
         return [one.failed for one in system.run(points, "region")]
 
     nominal = {name: system.fields[name].nominal for name in preferred}
-    axes, fixed = choose_axes(preferred, found, nominal, fails)
+    needed = sorted(preferred, key=lambda name: name not in found)
+    (one, two), fixed = choose_axes(needed, found, nominal, fails)
+    axes = (one, two) if preferred.index(one) < preferred.index(two) else (two, one)
     start = {name: found.get(name, nominal[name]) for name in axes}
 
     def ask(points: Sequence[Mapping[str, float]]) -> list[bool]:
