@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 __all__ = ["activation", "least_distance"]
 
 _REPLAYS = 10
-_FIRST_AGAIN, _FEWEST_AGAIN, _CHANCE = 4, 2, 0.005
-"""Four failures of four, and none of ten with nominal inputs, have a chance of 0.001 if the rates are the same."""
-_MOST_CONTROLS = 40
-"""Six failures of twenty, and none of forty with nominal inputs, have one of 0.0008."""
+_AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.005
+"""Runs at a failing point, and with nominal inputs, that are compared one pair after the other. Four failures of four
+against none of ten have a chance of 0.001 if the rates are the same, six of twenty against none of forty one of 0.0008.
+"""
 _CONTROL_SEEDS = 1 << 20
 """Runs with nominal inputs have seeds that no other run of the step has."""
 _REGION_BUDGET = 80
@@ -137,12 +137,12 @@ class _System:
         """
         asked = self.chance + 1
         failed = total = 0
-        for count, controls in ((_FIRST_AGAIN, _REPLAYS), (_REPLAYS, _REPLAYS), (2 * _REPLAYS, _MOST_CONTROLS)):
+        for number, (count, controls) in enumerate(_AGAIN):
             failed += sum(one.failed for one in self.run([point] * (count - total), "again"))
             total = count
             if chance_of_difference(failed, total, *self.controls(controls)) <= _CHANCE / (asked * (asked + 1)):
                 return True
-            if total >= _REPLAYS and failed < _FEWEST_AGAIN:
+            if number and failed < _FEWEST_AGAIN:
                 break
         return False
 
@@ -158,7 +158,7 @@ class _System:
             *((*nominal, number < failed) for number in range(total)),
         ]
 
-    def controls(self, least: int = _REPLAYS) -> tuple[int, int]:
+    def controls(self, least: int = _AGAIN[0][1]) -> tuple[int, int]:
         """Return how many runs with nominal inputs failed likewise, and how many there were; there are so many then."""
         failed, total = self._controls
         if total < least:
