@@ -9,11 +9,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
-__all__ = ["Failure", "finding_id", "group", "severity"]
+__all__ = ["Failure", "complexity", "finding_id", "group", "severity"]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
 _MOST_DETAILS = 5
@@ -57,6 +59,11 @@ class Failure:
         return self.violation.monitor != "mined" or self.rate.low > _MINED_ALARMS
 
     @property
+    def complexity(self) -> tuple[int, int]:
+        """How hard its case is to explain."""
+        return complexity(self.case.injections, self.modified)
+
+    @property
     def played(self) -> int:
         """Messages of the case that were played before the failure; 0 if that is not known."""
         return int(self.outcome.statistics.get("played", 0))
@@ -70,12 +77,16 @@ def _modified(case: TestCase, outcome: Outcome) -> int:
     return int(outcome.statistics.get("modified", len(case.injections)))
 
 
-def _complexity(case: TestCase, outcome: Outcome) -> tuple[int, int]:
+def complexity(injections: Iterable[Injection], modified: int) -> tuple[int, int]:
     """Return how hard a case is to explain, the simplest first.
 
     A rule speaks of values that fields have; what is no number has no limits, and a payload that is cut off no fields.
+
+    Args:
+        injections: Those of the case.
+        modified: How many messages they changed.
     """
-    return max(map(_strangeness, case.injections), default=0), _modified(case, outcome)
+    return max(map(_strangeness, injections), default=0), modified
 
 
 def _strangeness(injection: Injection) -> int:
@@ -106,16 +117,18 @@ def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, tri
     A failure keeps the simplest case: with plain values, if there is one, and the fewest modified messages. One that
     comes later waits as `simpler`.
     """
-    modified, complexity = _modified(case, outcome), _complexity(case, outcome)
+    modified = _modified(case, outcome)
     found = []
     for violation in {each.signature: each for each in outcome.violations}.values():
         known = failures.setdefault(violation.signature, Failure(violation, case, trial, outcome, modified))
-        simplest = _complexity(known.case, known.outcome)
+        simplest = known.complexity
         if known.simpler:
-            simplest = min(simplest, _complexity(*known.simpler[::2]))
-        if complexity < simplest and known.confirmed:
+            other, _, its = known.simpler
+            simplest = min(simplest, complexity(other.injections, _modified(other, its)))
+        is_simpler = complexity(case.injections, modified) < simplest
+        if is_simpler and known.confirmed:
             known.simpler = case, trial, outcome
-        elif complexity < simplest:
+        elif is_simpler:
             known.take(case, trial, outcome)
         known.occurrences += 1
         if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:

@@ -19,11 +19,12 @@ from riot_bus.campaign.observed import with_observed
 from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of
-from riot_bus.campaign.triage import Failure, finding_id, severity
+from riot_bus.campaign.triage import Failure, complexity, finding_id, severity
 from riot_bus.chain.external import system_log
 from riot_bus.chain.histories import shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
+from riot_bus.chain.testcases import injection_of
 from riot_bus.events import CampaignFinished, FindingWritten
 from riot_bus.findings.records import (
     CampaignRecord,
@@ -364,8 +365,10 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     if known is not None and known.fingerprint not in ("", workspace.fingerprint):
         _put_aside(folder, known.fingerprint)
         known, told = None, True
-    elif known is not None and failure.modified < known.modified and not MinimalRecord.exists(folder):
-        known = None  # a simpler case has been found since
+    elif known is not None and not MinimalRecord.exists(folder):
+        injections = [injection_of(row, str(folder)) for row in known.injections]
+        if failure.complexity < complexity(injections, known.modified):
+            known = None  # a simpler case has been found since
     if known is None:
         record = _write(step, subject, failure, folder)
     else:

@@ -18,6 +18,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import LogReader, read_log
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.chain.machine import (
@@ -100,6 +101,16 @@ def test_the_trial_counts_what_it_injects_and_the_simplest_failure_is_kept(
     failed = [store.get(str(row["key"])) for row in stored_trials(store.path) if row["verdict"] == "fail"]
     modified = [outcome.statistics["modified"] for outcome in failed if outcome]
     assert FindingRecord.load(folder).modified == min(modified)
+
+
+def test_a_finding_that_is_there_gets_a_case_with_plain_values_though_it_has_as_many_changes(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    (folder,) = campaign(one)
+    plain = FindingRecord.load(folder)
+    strange = Injection("command", fault="truncate", options=(("keep", 0.5),)).row()
+    plain.model_copy(update={"injections": (strange,), "modified": 1}).save(folder)
+    campaign(one)
+    assert FindingRecord.load(folder).injections == plain.injections
 
 
 def test_failures_are_told_apart_by_signature_the_frequent_first(tmp_path: Path) -> None:
