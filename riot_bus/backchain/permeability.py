@@ -113,19 +113,30 @@ class PermeabilityResult:
         return tuple(edge for edge in self.permeable() if edge.low <= 0)
 
     def confirmed_by(self, fresh: PermeabilityResult, together: PermeabilityResult) -> PermeabilityResult:
-        """Return the result of all runs in which what was doubtful is permeable only where other runs show it too.
+        """Return the result of all runs, in which an interval that holds 0 needs other runs that show the effect, too.
+
+        What is not permeable for want of them gets their p-value.
 
         Args:
             fresh: Result of other runs.
             together: Result of these runs and those.
         """
-        clear = set(self.permeable()) - set(self.doubtful())
-        sure = {(edge.external, edge.internal) for edge in (*clear, *fresh.permeable())}
-        edges = tuple(
-            replace(edge, permeable=edge.permeable and (edge.external, edge.internal) in sure)
-            for edge in together.edges
-        )
-        return replace(together, edges=edges)
+        clear = {_pair(edge) for edge in self.permeable() if edge.low > 0}
+        asked = {_pair(edge): edge for edge in fresh.edges}
+        known = {_pair(edge) for edge in self.permeable()}
+
+        def judged(edge: PermeabilityEdge) -> PermeabilityEdge:
+            pair, again = _pair(edge), asked.get(_pair(edge))
+            shown = (pair in clear and edge.low > 0) or (again is not None and again.permeable)
+            if not edge.permeable or (pair in known and shown):
+                return edge
+            return replace(edge, permeable=False, p_value=1.0 if again is None else again.p_value)
+
+        return replace(together, edges=tuple(map(judged, together.edges)))
+
+
+def _pair(edge: PermeabilityEdge) -> tuple[str, str]:
+    return edge.external, edge.internal
 
 
 @dataclass(slots=True)

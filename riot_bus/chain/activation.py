@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["activation", "least_distance"]
 
 _REPLAYS = 10
-_AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.005
+_AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
 """Runs at a failing point, and with nominal inputs, that are compared one pair after the other. Four failures of four
 against none of ten have a chance of 0.001 if the rates are the same, six of twenty against none of forty one of 0.0008.
 """
@@ -80,9 +80,18 @@ def least_distance(rule: Rule, observed: Mapping[str, Series], scale: Mapping[st
 
 
 class _System:
-    """Runs of the whole system with external fields held at given values."""
+    """Runs of the whole system with external fields held at given values.
 
-    def __init__(self, step: StepRun, folder: Path, judged: tuple[str, Baseline] | None = None) -> None:
+    Args:
+        step: The running step.
+        folder: The finding.
+        judged: The unit that is held against its nominal runs.
+        budget: Runs at most that failing points are asked again with.
+    """
+
+    def __init__(
+        self, step: StepRun, folder: Path, judged: tuple[str, Baseline] | None = None, *, budget: int = 200
+    ) -> None:
         workspace = step.workspace
         self.step = step
         self.folder = folder
@@ -100,6 +109,7 @@ class _System:
         self.logs: dict[frozenset[tuple[str, float]], str] = {}
         self.chance, self.others = 0, Counter[str]()
         self._controls = 0, 0
+        self._left = budget
 
     def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
         cases: list[TestCase] = []
@@ -134,10 +144,14 @@ class _System:
         """Return whether a failure comes again more often at a point than in runs with nominal inputs.
 
         The more often that was asked, the surer it has to be: all false answers together have a chance of a percent.
+        Where the runs for it are used up, nothing is shown any more.
         """
         asked = self.chance + 1
         failed = total = 0
         for number, (count, controls) in enumerate(_AGAIN):
+            self._left -= count - total
+            if self._left < 0:
+                break
             failed += sum(one.failed for one in self.run([point] * (count - total), "again"))
             total = count
             if chance_of_difference(failed, total, *self.controls(controls)) <= _CHANCE / (asked * (asked + 1)):
@@ -176,7 +190,7 @@ class _System:
         idle = [name for name, one in zip(names, alone, strict=True) if one.failed]
         while idle:
             kept = {name: value for name, value in found.items() if name not in idle}
-            if kept and self.run([kept], "needed")[0].failed:
+            if kept and self._comes_again(kept):
                 return kept
             del idle[0]  # the one that tells most
         return dict(found)
@@ -198,7 +212,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     Args:
         step: The running step.
         folder: The finding.
-        budget: Runs of the whole system for the search.
+        budget: Runs of the whole system for the search; as many at most ask failing points again.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
 
     Raises:
@@ -217,7 +231,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     judged, why = step.workspace.judged_in_system(FindingRecord.load(folder))
     if why:
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
-    system = _System(step, folder, judged)
+    system = _System(step, folder, judged, budget=max(budget, _AGAIN[-1][0]))
     fields = [_search_field(system.fields[name]) for name in permeable.permeable]
     result = activate(
         fields,

@@ -90,9 +90,9 @@ class ConsoleNarrator:
 
             columns = (
                 SpinnerColumn(),
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
-                TextColumn("{task.completed} {task.fields[note]}"),
+                TextColumn("{task.completed} {task.fields[note]}", markup=False),
                 TimeElapsedColumn(),
             )
             self._bar = Progress(*columns, console=self._console, transient=True)

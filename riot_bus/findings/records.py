@@ -668,7 +668,9 @@ class ActivationRecord(Artefact):
     unneeded: tuple[str, ...] = Field(default=(), description="searched fields that were left alone in the end")
     controls: int = Field(default=0, description="runs with nominal inputs, for comparison")
     controls_failed: int = 0
-    chance: int = Field(default=0, description="failures that came no more often again than with nominal inputs")
+    chance: int = Field(
+        default=0, description="failing points that were not shown to fail more often than nominal inputs"
+    )
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
 
     @property
@@ -680,8 +682,8 @@ class ActivationRecord(Artefact):
             nominal = f", {self.controls_failed} of {self.controls} with nominal inputs" if self.controls else ""
             parts.append(f"{self.replays_failed} of {replays} of {messages} fail{nominal}")
         if self.chance:
-            times = counted(self.chance, "time")
-            parts.append(f"it came {times} more, but no more often again than in runs with nominal inputs")
+            points = counted(self.chance, "other point" if self.found else "point")
+            parts.append(f"at {points} it came, but was not shown to come more often there than with nominal inputs")
         for signature, count in self.others.items():
             parts.append(f"{counted(count, 'run')} failed otherwise: {signature}")
         if self.region is not None:

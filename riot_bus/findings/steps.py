@@ -103,7 +103,7 @@ PERMEABILITY = ChainStep(
     "riot_bus.findings.records:PermeabilityRecord",
     "riot_bus.chain.permeability:permeability",
     (
-        StepOption("runs", 8, "Long runs of the whole system.", min=2),
+        StepOption("runs", 8, "Long runs of the whole system; half as many more if an effect may be chance.", min=2),
         StepOption("prune", True, "Leave out what cannot reach by the declared graph."),  # noqa: FBT003
     ),
     whole_system=True,
@@ -115,7 +115,7 @@ ACTIVATE = ChainStep(
     "riot_bus.findings.records:ActivationRecord",
     "riot_bus.chain.activation:activation",
     (
-        StepOption("budget", 200, "Runs of the whole system for the search.", min=1),
+        StepOption("budget", 200, "Runs of the whole system for the search; as many more at most to ask again.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
     ),
     whole_system=True,

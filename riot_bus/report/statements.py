@@ -219,10 +219,18 @@ def _outside(view: FindingView) -> list[Statement]:
         sure = f"95 %: {share_interval(low, high)} of replays fail" if activation.replays else "seen once"
         found.append(Statement("external inputs alone make the whole system fail", replays, sure))
     elif activation and activation.runs:
+        searched = f"{plural(activation.runs, 'run')} of the whole system"
+        if activation.chance:
+            nominal = (
+                f"{activation.controls_failed} of {plural(activation.controls, 'run')} with nominal inputs failed so"
+            )
+            searched += (
+                f"; it failed at {plural(activation.chance, 'point')}, but not for certain more often: {nominal}"
+            )
         found.append(
             Statement(
                 "no external inputs were found that make the whole system fail",
-                f"{plural(activation.runs, 'run')} of the whole system",
+                searched,
                 "a search that ended, not a proof",
             )
         )

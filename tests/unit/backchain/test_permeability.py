@@ -167,16 +167,20 @@ def test_no_runs_and_bad_numbers():
 
 
 def test_what_is_doubtful_is_permeable_only_where_other_runs_show_it_too():
-    def result(**edges):
+    def result(p_value, **edges):
         return PermeabilityResult(
             tuple(
-                PermeabilityEdge(name, "unit:y", 0.5, low, 0.9, 0.0, 0.01, permeable)
+                PermeabilityEdge(name, "unit:y", 0.5, low, 0.9, 0.0, p_value, permeable)
                 for name, (low, permeable) in edges.items()
             )
         )
 
-    first = result(clear=(0.1, True), chance=(0.0, True), weak=(0.0, True), none=(0.0, False))
-    fresh = result(clear=(0.0, False), chance=(0.0, False), weak=(0.0, True), none=(0.0, False))
-    together = result(clear=(0.1, True), chance=(0.1, True), weak=(0.1, True), none=(0.1, True))
+    first = result(0.01, clear=(0.1, True), chance=(0, True), weak=(0, True), faint=(0.1, True), none=(0, False))
+    fresh = result(0.3, clear=(0, False), chance=(0, False), weak=(0, True), faint=(0, False), none=(0, True))
+    together = result(0.02, clear=(0.1, True), chance=(0.1, True), weak=(0, True), faint=(0, True), none=(0.1, True))
     assert [edge.external for edge in first.doubtful()] == ["chance", "weak"]
-    assert names(first.confirmed_by(fresh, together)) == {"clear", "weak"}
+    judged = first.confirmed_by(fresh, together)
+    assert names(judged) == {"clear", "weak"}
+    assert {edge.external: edge.p_value for edge in judged.edges} == {
+        "clear": 0.02, "weak": 0.02, "chance": 0.3, "faint": 0.3, "none": 0.3
+    }  # fmt: skip
