@@ -18,15 +18,10 @@ FOUND = {
     "controller": {"mined finite of answer:output"},
     "tracker": {f"mined finite of answer:{field}" for field in "pvx"},
     "unscented": {"silent of unscented: nothing on answer"},
+    "ida_planner": {"hang of ida_planner: in on_query"},
 }
-RARELY = {
-    "ida_planner": {
-        "crash in ida_planner: on_query: path, runs = finder.find_path(start, end, grid)",
-        "hang of ida_planner: in on_query",
-    }
-}
-"""They need two fields of one message, or one cell of many, to have the right value: a campaign of this length comes
-upon one or the other."""
+RARELY = {"ida_planner": {"crash in ida_planner: on_query: path, runs = finder.find_path(start, end, grid)"}}
+"""Needs two fields of one message to have the right values: not every campaign of this length comes upon it."""
 
 
 def test_what_is_claimed_of_the_libraries_they_do_without_riot() -> None:
@@ -55,7 +50,6 @@ def test_a_campaign_finds_these_faults_and_claims_no_others(riot, tmp_path: Path
     found = {FindingRecord.load(tmp_path / "out/findings" / name).signature for name in record.findings}
     certain, rarely = FOUND.get(kind, set()), RARELY.get(kind, set())
     assert certain <= found <= certain | rarely, done.stdout + done.stderr
-    assert found or not rarely, done.stdout + done.stderr
-    assert done.returncode == (1 if found else 0), done.stdout + done.stderr
+    assert done.returncode == (1 if certain else 0), done.stdout + done.stderr
     assert not record.notes
     assert record.mined["held_out"] > 0
