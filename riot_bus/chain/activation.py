@@ -306,9 +306,7 @@ def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float
         return [one.failed for one in system.run(points, "region")]
 
     nominal = {name: system.fields[name].nominal for name in preferred}
-    needed = sorted(preferred, key=lambda name: name not in found)
-    (one, two), fixed = choose_axes(needed, found, nominal, fails)
-    axes = (one, two) if preferred.index(one) < preferred.index(two) else (two, one)
+    axes, fixed = choose_axes(preferred, found, nominal, fails)
     start = {name: found.get(name, nominal[name]) for name in axes}
 
     def ask(points: Sequence[Mapping[str, float]]) -> list[bool]:

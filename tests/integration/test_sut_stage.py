@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from pathlib import Path
 
@@ -36,8 +37,6 @@ time.sleep(3600)
 
 
 def free_port() -> int:
-    import socket
-
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -86,12 +85,14 @@ def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
     ],
 )
 def test_what_does_not_come_is_told_after_its_own_timeout(tmp_path: Path, ready: str, words: str) -> None:
-    port = free_port()
-    text = f"timeout = 5, {ready.replace('PORT', str(port))}"
-    with Launcher() as launcher, stage(tmp_path, launcher, text, "never", port) as one:
-        one.start("part", seed=0)
-        with pytest.raises(EnvironmentFaultError, match=words):
-            one.wait_subscribed("part", ["ask"])
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))  # nobody listens there, nor can another test
+        port: int = held.getsockname()[1]
+        text = f"timeout = 5, {ready.replace('PORT', str(port))}"
+        with Launcher() as launcher, stage(tmp_path, launcher, text, "never", port) as one:
+            one.start("part", seed=0)
+            with pytest.raises(EnvironmentFaultError, match=words):
+                one.wait_subscribed("part", ["ask"])
 
 
 TELLS = """
