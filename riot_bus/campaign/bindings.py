@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.groups import groups_of, parts_by_topic
-from riot_bus.campaign.targets import Target, targets_of
+from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.inject.dictionary import Dictionary
 from riot_bus.inject.dictionary_file import binds, eligible, plain_value
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
 
 __all__ = ["AppliesTo", "applied", "misfits", "never_applied"]
-
-_INDEX = re.compile(r"\[\d+\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +131,7 @@ def applied(
         holding = (each for each in every if (each.type == kind if kind else eligible(each.type, value)))
         tables[f"entry[{number}]"] = [(_name(each), each in chosen) for each in holding]
     for number, binding in enumerate(file.field):
-        pattern = _INDEX.sub("[*]", binding.path)
+        pattern = family_of(binding.path)
         bound = (each for each in every if binds(pattern, f"{each.topic}:{each.path}"))
         tables[f"field[{number}]"] = [(_name(each), each in chosen) for each in bound]
     dictionary = Dictionary()
@@ -153,7 +150,7 @@ def applied(
 
 
 def _name(target: Target) -> str:
-    return f"{target.topic}:{_INDEX.sub('[*]', target.path)}"
+    return f"{target.topic}:{family_of(target.path)}"
 
 
 def _sorted_out(rows: Iterable[tuple[str, bool]]) -> AppliesTo:

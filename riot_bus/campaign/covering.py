@@ -43,6 +43,8 @@ _TIMES = (2, 3, 4)
 _ALIKE, _TWO, _ROW = 0.25, 0.5, 0.25
 """Of the rest, shares of two fields in one message (with the same value, which few pairs have, or at all) and of
 messages in a row; what is left is elsewhere."""
+_ELSEWHERE = 0.75
+"""Share of the values of an array's elements that are tried in another element: most of them were in none before."""
 _IN_A_ROW = 3
 _WHILE = 0.5
 """Share of what is tried on one message that is put into a situation, if that has room: the rarer, the likelier."""
@@ -164,6 +166,9 @@ class Covering:
     def _vary(self) -> Variation | None:
         """Return something that has not failed alone, to be tried otherwise; None if there happens to be none."""
         one = self._random.choice(self._free[self._random.choice(list(self._free))])
+        if one.elements and self._random.random() < _ELSEWHERE:
+            (injection,) = one.injections
+            one = replace(one, injections=(replace(injection, field=self._random.choice(one.elements)),))
         varied = replace(one, again=True)
         if self._random.random() < _SEVERAL:
             if self._faults and self._random.random() < 0.5:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import may_change, samples_by_topic
+from riot_bus.campaign.targets import family_of, may_change, samples_by_topic, spread
 from riot_bus.inject.mutations import Mutation, mutate
 from riot_bus.types.capabilities import DescribesFields, ListsParts, MessagePart
 from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
@@ -25,7 +24,6 @@ __all__ = ["Group", "groups_of", "parts_by_topic"]
 _ELEMENTS = 4
 _MOST_PLACES = 16
 _MOST_BYTES = 1 << 26
-_INDEX = re.compile(r"\[\d+\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,15 +118,15 @@ def _parts(kind: MessageType) -> Sequence[MessagePart]:
 def _check(mutation: Mutation, part: MessagePart, kind: MessageType) -> None:
     if not mutation.own or not isinstance(kind, DescribesFields):
         return
-    known = {_INDEX.sub("[*]", field.path) for field in kind.fields()}
+    known = {family_of(field.path) for field in kind.fields()}
     for path, _ in mutation.at(part.path):
-        if _INDEX.sub("[*]", path) not in known:
+        if family_of(path) not in known:
             hint = did_you_mean(path, known)
             raise ConfigError(f"{kind.name} has no field {path!r}", where=mutation.source, hint=hint)
 
 
 def _places(path: str, kind: MessageType, payloads: Sequence[bytes]) -> Iterator[str]:
-    """Yield the path with numbers in place of `[*]`: the first few elements that there are in a sample."""
+    """Yield the path with numbers in place of `[*]`: a few elements, from the first to the last of a sample."""
     pending, found = [path], 0
     while pending and found < _MOST_PLACES:
         each = pending.pop(0)
@@ -138,7 +136,7 @@ def _places(path: str, kind: MessageType, payloads: Sequence[bytes]) -> Iterator
             yield each
             continue
         length = max((_length(kind, payload, head) for payload in payloads), default=0)
-        pending += [f"{head}[{index}]{tail}" for index in range(min(length, _ELEMENTS))]
+        pending += [f"{head}[{index}]{tail}" for index in spread(length, _ELEMENTS)]
 
 
 def _length(kind: MessageType, payload: bytes, path: str) -> int:

@@ -7,11 +7,10 @@ decide the draw, so campaigns resume and repeat.
 from __future__ import annotations
 
 import random
-import re
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.targets import Target, targets_of
+from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.campaign.variations import Variation
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -35,7 +34,6 @@ _SOME, _BURST, _LATE = 0.25, 20, 10.0
 """Share of a topic's messages that is missing at the begin; copies of a burst; gaps by which a late message is late."""
 _MOST_BYTES = 1 << 26
 """What long values may make messages longer by in a trial, all together."""
-_INDEX = re.compile(r"\[\d+\]")
 
 
 class Schedule:
@@ -64,7 +62,7 @@ class Schedule:
         for topic, fields in targets.items():
             for target in fields:
                 if self._values(target):
-                    family = _INDEX.sub("[*]", target.path)
+                    family = family_of(target.path)
                     self._families.setdefault(topic, {}).setdefault(family, []).append(target)
         self._groups = groups or {}
         self._topics = sorted({*self._families, *self._groups})
@@ -87,19 +85,25 @@ class Schedule:
     def items(self) -> list[Variation]:
         """Return each value of each field, and each mutation, as things to try once.
 
-        Of an array's elements a value is tried in one.
+        Of an array's elements a value is tried in any one.
         """
+        draw = random.Random(f"elements:{self._seed}")  # noqa: S311
         found = []
         for topic, families in self._families.items():
             for family, targets in families.items():
                 known = [self._values(target) for target in targets]
+                common = set.intersection(*({repr(each.value) for each in values} for values in known))
+                alike = len({target.type for target in targets}) == 1
                 for number in range(max(map(len, known))):
                     at = number % len(targets)
                     if number < len(known[at]):
                         value = known[at][number].value
                         most = _MOST_BYTES // max(1, len(value)) if isinstance(value, str | bytes) else None
-                        injection = Injection(topic, targets[at].path, value, seed=self._seed)
-                        found.append(Variation(topic, (injection,), f"{topic}:{family}", most=most))
+                        elements = targets[at].elements if alike and repr(value) in common else ()
+                        path = draw.choice(elements) if elements else targets[at].path
+                        injection = Injection(topic, path, value, seed=self._seed)
+                        about = f"{topic}:{family}"
+                        found.append(Variation(topic, (injection,), about, most=most, elements=elements))
         for topic, groups in self._groups.items():
             for family, group in groups.items():
                 found += [

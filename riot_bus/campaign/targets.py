@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import product
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.brittle import why_brittle
@@ -18,10 +20,13 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["Target", "may_change", "samples_by_topic", "targets_of"]
+__all__ = ["Target", "family_of", "may_change", "samples_by_topic", "spread", "targets_of"]
 
 _SAMPLES = 5
 _ELEMENTS = 4
+_PLACES = 64
+"""Elements of an array, or of arrays in arrays, that injections may get to: more make a campaign slow to prepare."""
+_INDEX = re.compile(r"\[(\d+)\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +35,7 @@ class Target:
 
     Attributes:
         told: Values that its definition tells.
+        elements: Paths of elements all over its array; none where it is in no array.
     """
 
     topic: str
@@ -37,6 +43,7 @@ class Target:
     type: str
     messages: int
     told: tuple[SuggestedValue, ...] = ()
+    elements: tuple[str, ...] = field(default=(), compare=False)
 
 
 def targets_of(
@@ -60,24 +67,72 @@ def targets_of(
         fields: dict[str, str] = {}
         told: dict[str, dict[object, SuggestedValue]] = {}
         kinds: dict[str, MessageType] = {}
+        elements: dict[str, tuple[str, ...]] = {}
+
+        def may(path: str, kind: MessageType, topic: str = topic) -> bool:
+            return may_change(topic, path, leave, include, kind=kind)
+
         for kind, payload in samples:
             try:
                 leaves = kind.leaves(payload, elements=_ELEMENTS)
             except PayloadError:
                 continue
+            lengths: dict[str, int] = {}
             for leaf in leaves:
+                if leaf.path.startswith("len("):
+                    continue
                 fields.setdefault(leaf.path, leaf.type)
                 kinds.setdefault(leaf.path, kind)
+                if (family := family_of(leaf.path)) not in elements:
+                    paths = _elements(kind, payload, leaf.path, lengths)
+                    elements[family] = tuple(each for each in paths if may(each, kind))
                 for entry in suggested_values(kind, payload, leaf.path):
                     told.setdefault(leaf.path, {}).setdefault(repr(entry.value), entry)
         chosen = [
-            Target(topic, path, type_name, count, tuple(told.get(path, {}).values()))
+            Target(topic, path, type_name, count, tuple(told.get(path, {}).values()), elements[family_of(path)])
             for path, type_name in fields.items()
-            if not path.startswith("len(") and may_change(topic, path, leave, include, kind=kinds[path])
+            if may(path, kinds[path])
         ]
         if chosen:
             targets[topic] = chosen
     return targets
+
+
+def family_of(path: str) -> str:
+    """Return a path with `[*]` for each index: what the elements of an array have in common."""
+    return _INDEX.sub("[*]", path)
+
+
+def spread(length: int, most: int) -> list[int]:
+    """Return `most` indices of an array at most, evenly from the first to the last."""
+    if length <= most:
+        return list(range(length))
+    return [round(number * (length - 1) / (most - 1)) for number in range(most)]
+
+
+def _elements(kind: MessageType, payload: bytes, path: str, lengths: dict[str, int]) -> list[str]:
+    """Return paths that go evenly over the arrays of a path; none where it leads through none.
+
+    Args:
+        kind: Type of the payload.
+        payload: A message.
+        path: A path.
+        lengths: Lengths of arrays that are known, to which others are added.
+    """
+    arrays = [path[: each.start()] for each in _INDEX.finditer(path)]
+    if not arrays:
+        return []
+    try:
+        lengths |= {each: int(kind.read(payload, f"len({each})")) for each in arrays if each not in lengths}
+    except PayloadError:  # what looks like an index is part of a quoted name
+        return []
+    most = max(2, round(_PLACES ** (1 / len(arrays))))
+    return [_at(path, each) for each in product(*(spread(lengths[array], most) for array in arrays))]
+
+
+def _at(path: str, indices: Iterable[int]) -> str:
+    left = iter(indices)
+    return _INDEX.sub(lambda _: f"[{next(left)}]", path)
 
 
 def samples_by_topic(

@@ -24,6 +24,7 @@ class Variation:
         again: Whether it is made of things that have been tried before.
         times: How often it happens in a trial.
         most: Messages that it may change in a trial, so that what it makes larger fits into memory; None for any.
+        elements: Paths of elements that may have the value in place of this one.
     """
 
     topic: str
@@ -34,6 +35,7 @@ class Variation:
     again: bool = False
     times: int = 1
     most: int | None = None
+    elements: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

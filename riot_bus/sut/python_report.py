@@ -24,8 +24,10 @@ _LIBRARIES = re.compile(r"/lib(?:64)?/python\d|[/\\](?:site|dist)-packages[/\\]|
 _LARGEST = 1 << 20
 _STACKS_S = 1.0
 _POLL = 0.005
-_WHOLE = re.compile(r" in (<module>|_run_module_as_main)\n$")
-"""Ends what is written of the main thread, which comes last."""
+_SAFE_S = 0.5
+"""Seconds for an answer of a main thread that comes back to Python."""
+_WHOLE = re.compile(r"( in (<module>|_run_module_as_main)|\nall threads)\n$")
+"""Ends what is written: the main thread comes last, or what the hook adds."""
 _STILL = 10
 """Polls without anything new after which the text is taken as it is: on a loaded machine it comes in pieces."""
 
@@ -117,19 +119,21 @@ class PythonReport:
 
     def stacks(self, pids: Iterable[int]) -> list[ThreadStack]:
         """Ask Python processes where their threads stand; nothing for processes without the hook."""
-        signals = {event["pid"]: str(event["signal"]) for event in self._read() if event.get("event") == "ready"}
+        ready = {event["pid"]: event for event in self._read() if event.get("event") == "ready"}
         found = []
         for pid in pids:
-            if pid in signals:
-                found += parse_stacks(self._ask(pid, int(signals[pid])))
+            if pid in ready:
+                number, safe = int(str(ready[pid]["signal"])), int(str(ready[pid].get("safe", 0)))
+                text = self._ask(pid, safe, _SAFE_S) if safe and _another_runs(pid) else ""
+                found += parse_stacks(text or self._ask(pid, number, _STACKS_S))
         return found
 
-    def _ask(self, pid: int, number: int) -> str:
+    def _ask(self, pid: int, number: int, seconds: float) -> str:
         path = Path(f"{self._stacks}.{pid}")
         before = path.stat().st_size if path.exists() else 0
         with suppress(ProcessLookupError, PermissionError):
             os.kill(pid, number)
-        deadline, text = time.monotonic() + _STACKS_S, ""
+        deadline, text = time.monotonic() + seconds, ""
         still = 0
         while time.monotonic() < deadline and still < (1 if _WHOLE.search(text) else _STILL):
             time.sleep(_POLL)
@@ -155,6 +159,20 @@ class PythonReport:
                     found.append(event)
         self._known = len(data), found
         return found
+
+
+def _another_runs(pid: int) -> bool:
+    """Return whether a thread but the main one runs: then nobody else may read its frames without asking Python.
+
+    `faulthandler` does so, and has been seen to end a process whose thread was deep in a recursion.
+    """
+    with suppress(OSError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            if thread.name != str(pid):
+                with suppress(OSError, IndexError):
+                    if (thread / "stat").read_bytes().rpartition(b")")[2].split()[0] in b"RD":
+                        return True
+    return False
 
 
 def _text_of(path: Path, *, begin: int) -> str:

@@ -14,8 +14,11 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import FrameType
     from typing import Any
 
+_DEEPEST = 100
+"""Frames of a thread that are told, as by `faulthandler`."""
 _FOLDER = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -69,11 +72,30 @@ def watch(events: str, stacks: str) -> None:
     # Called when the main thread has come to its end, before other threads are waited for; atexit comes after that.
     register = getattr(threading, "_register_atexit", atexit.register)
     register(lambda: _tell(events, event="main ended"))
-    number = signal.SIGRTMAX - 1
+    number, safe = signal.SIGRTMAX - 1, signal.SIGRTMAX - 2
     where = open(f"{stacks}.{os.getpid()}", "ab", buffering=0)  # noqa: SIM115 - it stays open
     faulthandler.register(number, file=where, all_threads=True)
     faulthandler.enable()
-    _tell(events, event="ready", signal=int(number))
+    try:
+        signal.signal(safe, lambda _, frame: where.write(_stacks(frame)))
+    except ValueError:  # this is not the main thread of a program that embeds Python
+        safe = number
+    _tell(events, event="ready", signal=int(number), safe=int(safe))
+
+
+def _stacks(main: FrameType | None) -> bytes:
+    """Return the stacks of all threads as `faulthandler` writes them, which reads those that run at its peril."""
+    import threading
+
+    parts = []
+    for thread, top in sys._current_frames().items():
+        frame = main if thread == threading.main_thread().ident else top
+        lines = [f"Thread 0x{thread:016x} (most recent call first):"]
+        while frame is not None and len(lines) <= _DEEPEST:
+            lines.append(f'  File "{frame.f_code.co_filename}", line {frame.f_lineno} in {frame.f_code.co_name}')
+            frame = frame.f_back
+        parts.append("\n".join(lines))
+    return ("\n\n".join([*parts, "all threads"]) + "\n").encode(errors="replace")
 
 
 def _chain() -> None:

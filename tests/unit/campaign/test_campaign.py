@@ -65,6 +65,21 @@ def test_schedule_depends_on_seed_and_trial_alone() -> None:
         assert 0 <= injection.first <= injection.last < len(LOG)
 
 
+def test_values_are_tried_all_over_an_array_and_then_in_its_other_elements() -> None:
+    log = [Message(10**9 + n, "scan", b'{"ranges": [%s]}' % b", ".join([b"1.5"] * 40)) for n in range(50)]
+    registry = TypeRegistry()
+    items = Schedule(targets_of(log, registry), load_dictionary(), seed=0).items()
+    covering = Covering(items, positions_of(log, registry), seed=0)
+    first = [str(item.injections[0].field) for item in items]
+    assert len(set(first)) > 10
+    seen = set()
+    for _ in range(100):
+        group = covering.next() or covering.further()
+        seen |= {str(placed.item.injections[0].field) for placed in group}
+        covering.take(group, Outcome(Verdict.PASS), nominal_outputs=50)
+    assert seen >= {f"ranges[{number}]" for number in range(40)} > set(first)
+
+
 def test_nothing_to_inject() -> None:
     with pytest.raises(ConfigError, match="no field"):
         Schedule({}, load_dictionary(), seed=0)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 
-from riot_bus.campaign.targets import may_change, samples_by_topic, targets_of
+from riot_bus.campaign.targets import may_change, samples_by_topic, spread, targets_of
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 from riot_bus_ros2.adapter import Ros2Adapter
@@ -18,6 +18,22 @@ def test_fields_of_all_samples_are_targets_and_lengths_are_not() -> None:
     (found,) = targets_of(messages, TypeRegistry()).values()
     assert {target.path for target in found} == {"a", "b", "list[0]", "list[1]"}
     assert {target.messages for target in found} == {2}
+
+
+def test_elements_go_from_the_first_to_the_last_less_what_is_left_alone() -> None:
+    payload = json.dumps({"ranges": [1.0] * 500, "rows": [[0] * 6] * 4, "a": 1, "odd[3]": 2}).encode()
+    (found,) = targets_of([message("t", payload)], TypeRegistry(), leave=["t:rows?3??5?"]).values()
+    elements = {target.path: target.elements for target in found}
+    assert elements["a"] == elements['["odd[3]"]'] == ()
+    assert elements["ranges[0]"] == elements["ranges[3]"]
+    assert (len(elements["ranges[0]"]), elements["ranges[0]"][0]) == (64, "ranges[0]")
+    assert elements["ranges[0]"][-1] == "ranges[499]"
+    assert len(elements["rows[0][0]"]) == 23
+    assert "rows[3][4]" in elements["rows[0][0]"]
+
+
+def test_indices_are_spread_evenly() -> None:
+    assert [spread(length, 4) for length in (0, 1, 4, 7, 100)] == [[], [0], [0, 1, 2, 3], [0, 2, 4, 6], [0, 33, 66, 99]]
 
 
 def test_what_cannot_be_read_has_no_targets() -> None:

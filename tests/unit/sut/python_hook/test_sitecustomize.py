@@ -8,6 +8,20 @@ from pathlib import Path
 from riot_bus.sut.python_report import MainEnd, PythonReport
 from riot_bus.zenoh.session import wait_until
 
+RECURSES = """
+import threading
+
+def search(depth):
+    return max(search(depth - 1) for _ in range(3)) if depth else 0
+
+def spin():
+    while True:
+        search(300)
+
+threading.Thread(target=spin, daemon=True).start()
+print("started", flush=True)
+threading.Event().wait()
+"""
 PROGRAM = """
 import os, sys, threading
 
@@ -27,8 +41,12 @@ leave()
 
 
 def start(tmp_path: Path, end: str, **environment: str) -> tuple[subprocess.Popen[str], PythonReport]:
+    return begin(tmp_path, PROGRAM.format(end=end), **environment)
+
+
+def begin(tmp_path: Path, text: str, **environment: str) -> tuple[subprocess.Popen[str], PythonReport]:
     program = tmp_path / "unit.py"
-    program.write_text(PROGRAM.format(end=end))
+    program.write_text(text)
     report = PythonReport(tmp_path)
     given = {**os.environ, **environment}
     process = subprocess.Popen(
@@ -60,6 +78,17 @@ def test_a_main_thread_that_goes_on_has_not_ended(tmp_path: Path) -> None:
         assert {stack.functions[-1] for stack in report.stacks([process.pid])} == {"worker", "<module>"}
         assert report.main_end([process.pid]) is None
         assert report.exit_call([process.pid]) is None
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_look_at_a_thread_that_recurses_does_not_end_the_process(tmp_path: Path) -> None:
+    process, report = begin(tmp_path, RECURSES)
+    try:
+        for _ in range(100):
+            assert {stack.functions[0] for stack in report.stacks([process.pid])} & {"search", "<genexpr>"}
+        assert process.poll() is None
     finally:
         process.kill()
         process.communicate()
