@@ -37,7 +37,7 @@ class DirectLinks:
     """
 
     def __init__(self, names: Sequence[str], folder: Path, *, cut: Sequence[str], services: Sequence[str]) -> None:
-        self.severed = False
+        self.severed = self._awaited = False
         self._cut = list(cut), list(services)
         self._names = list(names)
         self._paths = {name: folder / f"direct-{number}" for number, name in enumerate(names)}
@@ -71,8 +71,7 @@ class DirectLinks:
 
         One that breaks must not come back: what it carries would overtake what goes over the junction meanwhile.
         """
-        ids = self.ids
-        linked = wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
+        linked, self._awaited = _are_linked(segments), True
         self._unlink()
         if linked:
             widen({str(path) for path in self._paths.values()})
@@ -83,9 +82,12 @@ class DirectLinks:
         """Cut all links; return once the segments know; safe to call twice."""
         if self.severed:
             return
+        # Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it, as
+        # they are on one that is only just made.
+        if not self._awaited:
+            _are_linked(segments)
         for segment in segments:
-            # Zenoh 1.10.2 can panic when a link between routers closes while declarations are still under way on it.
-            segment.flush(self._ids[other] for other in self._names if other != segment.name)
+            segment.flush(other.zid for other in segments if other is not segment)
         self.severed = True
         self._unlink()
         hang_up({str(path) for path in self._paths.values()})
@@ -108,6 +110,12 @@ def are_possible(configs: Mapping[str, SessionConfig]) -> bool:
     """
     keys = {key for config in configs.values() for key in config}
     return not any(f"{key}/".startswith(f"{own}/") or own.startswith(f"{key}/") for key in keys for own in _OWN)
+
+
+def _are_linked(segments: Sequence[Segment]) -> bool:
+    """Return whether all segments are linked to one another, which is waited for."""
+    ids = {segment.zid for segment in segments}
+    return wait_until(lambda: all(ids <= segment.peers() | {segment.zid} for segment in segments), _WITHIN_S)
 
 
 def _new_id() -> str:

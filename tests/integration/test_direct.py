@@ -121,7 +121,6 @@ def test_a_user_who_decides_who_may_connect_has_no_links() -> None:
         assert bus.segment("a").zid not in bus.segment("b").peers()
 
 
-@pytest.mark.load  # under load Zenoh's routers still panic at times
 def test_when_a_segment_cannot_be_opened_the_others_part_before_they_close(capfd: pytest.CaptureFixture[str]) -> None:
     """Zenoh 1.10.2 panics in a router that is closed while it takes in that another one has left."""
     with socket.socket() as taken:
