@@ -23,14 +23,16 @@ from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from riot_bus.chain.workspace import StepRun
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["Moment", "Prediction", "explained", "predict", "predict_log"]
+__all__ = ["Moment", "Prediction", "alike", "column_of", "explained", "predict", "predict_log"]
 
 _TOLD = 20
 _RELIABLE = 0.95
@@ -197,20 +199,33 @@ def predict(
 
 
 def _judge(rule: Rule, rows: Sequence[Moment], found: Prediction, at_most: int) -> None:
-    names = rule.variables
-    alike: dict[tuple[bool, ...], list[int]] = {}
-    for number, row in enumerate(rows):
-        alike.setdefault(tuple(isinstance(row.values[name], (int, float)) for name in names), []).append(number)
+    columns = {name: column_of([row.values[name] for row in rows]) for name in rule.variables}
     failing: list[int] = []
-    for numbers in alike.values():  # a column that holds a text counts as texts in all of its rows
-        columns = {name: _column([rows[number].values[name] for number in numbers]) for name in names}
-        failing += [number for number, held in zip(numbers, rule.predict(columns), strict=True) if held]
+    for numbers in alike(columns, len(rows)):
+        held = rule.predict({name: column[numbers] for name, column in columns.items()})
+        failing += numbers[held].tolist()
     found.judged += len(rows)
     found.fails += len(failing)
     found.moments += [rows[number] for number in sorted(failing)][: at_most - len(found.moments)]
 
 
-def _column(values: Sequence[Scalar]) -> np.ndarray[Any, Any]:
+def alike(columns: Mapping[str, NDArray[Any]], count: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the rows whose columns hold numbers alike: one that holds a text counts as texts in all of its rows.
+
+    Args:
+        columns: One array of equal length per variable.
+        count: Their length.
+    """
+    mixed = [column for column in columns.values() if column.dtype == np.object_]
+    if not mixed:
+        yield np.arange(count)
+        return
+    numbers = np.array([[isinstance(value, int | float) for value in column.tolist()] for column in mixed])
+    for kind in np.unique(numbers, axis=1).T:
+        yield np.flatnonzero((numbers == kind[:, np.newaxis]).all(axis=0))
+
+
+def column_of(values: Sequence[Scalar]) -> NDArray[Any]:
     """Return values as an array, of floats where all are, else of objects: integers stay exact."""
     if all(type(value) is float for value in values):
         return np.array(values, dtype=np.float64)

@@ -9,22 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from riot_bus.cli import fleet_robots
-from riot_bus.cli.options import Format, Jobs, Out, OutputFormat, Seed, UnitName
+from riot_bus.cli.options import CatalogueFile, Format, Jobs, Out, OutputFormat, Seed, UnitName
 
 if TYPE_CHECKING:
     from riot_bus.fleet.catalogue import Catalogue
 
 __all__ = ["register"]
 
-Place = Annotated[
-    Path | None,
-    typer.Option(
-        "--catalogue",
-        metavar="FILE",
-        envvar="RIOT_CATALOGUE",
-        help="The catalogue. [default: riot/catalogue.sqlite in $XDG_DATA_HOME]",
-    ),
-]
 Words = Annotated[
     list[str] | None,
     typer.Argument(
@@ -51,7 +42,7 @@ def index(
         list[str], typer.Argument(metavar="PLACE...", help="Folders, logs, or URLs such as s3://b/logs.")
     ],
     *,
-    catalogue: Place = None,
+    catalogue: CatalogueFile = None,
     robot: Annotated[
         str | None,
         typer.Option(help="Whose the logs are that do not say so. [default: as the folder below PLACE is called]"),
@@ -97,7 +88,7 @@ def index(
 def list_logs(
     query: Words = None,
     *,
-    catalogue: Place = None,
+    catalogue: CatalogueFile = None,
     limit: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
     form: Format = OutputFormat.TEXT,
 ) -> None:
@@ -117,7 +108,7 @@ def list_logs(
 def show(
     log: Annotated[str, typer.Argument(help="Its number in the list, its path or URL, or how that ends.")],
     *,
-    catalogue: Place = None,
+    catalogue: CatalogueFile = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
     """Say all that the catalogue knows of one log: topics, types, counts, metadata of the run, what is wrong."""
@@ -134,7 +125,7 @@ def run(
     ],
     *,
     over: Annotated[str, typer.Option(metavar="QUERY", help="Which logs, as for riot fleet list; '' for all.")],
-    catalogue: Place = None,
+    catalogue: CatalogueFile = None,
     system: Annotated[
         Path | None,
         typer.Option("--system", "-s", envvar="RIOT_SYSTEM", help="System file. [default: the finding's]"),

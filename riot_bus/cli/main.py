@@ -25,6 +25,7 @@ COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
     "reports": ("report", "findings", "trials", "compare", "predict"),
     "backchain": ("backchain",),
+    "scan": ("scan",),
     "guard": ("guard",),
     "logs": ("info", "types", "export", "show"),
     "archives": ("import",),

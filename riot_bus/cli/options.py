@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "CatalogueFile",
     "EventFormat",
     "Executor",
     "Finding",
@@ -62,3 +63,12 @@ Salvage = Annotated[
     bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")
 ]
 Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds one.")]
+CatalogueFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--catalogue",
+        metavar="FILE",
+        envvar="RIOT_CATALOGUE",
+        help="The catalogue. [default: riot/catalogue.sqlite in $XDG_DATA_HOME]",
+    ),
+]

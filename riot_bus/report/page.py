@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import platform
 from collections.abc import Iterable, Sequence
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from pathlib import Path
+from typing import Any
 
-import riot_bus
 from riot_bus.findings.records import EdgeRecord, FieldRecord
 from riot_bus.report import format as words
 from riot_bus.report.backtrack import lines as backtrack_lines
@@ -20,17 +15,12 @@ from riot_bus.report.formats import write_file
 from riot_bus.report.plots import region_plots, rule_plot
 from riot_bus.report.regression import regression_name
 from riot_bus.report.statements import not_tried, statements
-from riot_bus.vocabulary.errors import MissingExtraError
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
+from riot_bus.report.templating import page_environment
 
 __all__ = ["PAGE", "HtmlReport", "write_report"]
 
 PAGE = "report.html"
 
-_TEMPLATES = Path(__file__).parent / "templates"
-_LONGEST = 20_000
 _ROWS = 60
 _TAIL = 6000
 _PATHS = 200
@@ -76,59 +66,12 @@ class HtmlReport:
         Raises:
             MissingExtraError: jinja2 or matplotlib is not installed.
         """
-        return _environment().get_template("report.html.j2").render(_context(view, self._open_questions))
-
-
-def _environment() -> Environment:
-    try:
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_finalize,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "interval": lambda one: words.share_interval(one.low, one.high),
-        "link": _link,
-        "number": words.number,
-        "plural": words.plural,
-        "seconds": words.seconds,
-        "share": words.share,
-        "short": lambda text, limit=200: words.clean(str(text), limit=limit),
-        "value": words.value,
-    }
-    return environment
-
-
-def _finalize(what: Any) -> Any:
-    """Keep what is printed visible and bounded, whichever record it comes from."""
-    from markupsafe import Markup
-
-    return (
-        words.clean(what, limit=_LONGEST, lines=True)
-        if isinstance(what, str) and not isinstance(what, Markup)
-        else what
-    )
-
-
-def _link(name: str) -> str | None:
-    """Return a reference to a file below the page, or nothing if the name leads elsewhere."""
-    path = PurePosixPath(name)
-    if not name or path.is_absolute() or ".." in path.parts or len(name) > 500:
-        return None
-    return "./" + quote(str(path), errors="replace")
+        return page_environment().get_template("report.html.j2").render(_context(view, self._open_questions))
 
 
 def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]:
     from markupsafe import Markup
 
-    css = (_TEMPLATES / "report.css").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii")
     plot = rule_plot(view.rule) if view.rule else None
     activation, nominal = view.activation, view.permeability.nominal if view.permeability else {}
     maps = (
@@ -138,8 +81,6 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "view": view,
         "finding": view.finding,
         "meaning": _MEANING[view.severity],
-        "css": Markup(css),  # noqa: S704 - our own file
-        "digest": digest,
         "links": links(view),
         "rule_plot": plot and {"svg": Markup(plot.svg), "caption": plot.caption},  # noqa: S704 - serialised from a tree
         "maps": [{"svg": Markup(one.svg), "caption": one.caption} for one in maps],  # noqa: S704 - as above
@@ -154,7 +95,6 @@ def _context(view: FindingView, open_questions: Sequence[str]) -> dict[str, Any]
         "files": [name for name in (*_SHARED, regression_name(view.finding)) if (view.directory / name).is_file()],
         "forms": [name for name in _FORMS if (view.directory / name).is_file()],
         "evidence": _evidence(view.directory),
-        "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
     }
 
 

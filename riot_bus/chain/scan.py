@@ -1,0 +1,310 @@
+"""How near a fleet's logs came to a rule: its distance at every moment, and the moments at which it was least."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from riot_bus.chain.logs import learn_types
+from riot_bus.chain.prediction import alike, column_of
+from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
+from riot_bus.fleet.near_misses import BINS, FleetScan, LogScan, NearMiss
+from riot_bus.fleet.places import copied
+from riot_bus.generalize.rule import Rule
+from riot_bus.log.foreign import bus_messages
+from riot_bus.log.info import log_info
+from riot_bus.log.reader import LogReader
+from riot_bus.log.tables.plan import log_registry
+from riot_bus.log.tables.table import column_parts
+from riot_bus.sut.context import open_system
+from riot_bus.types.latest import LatestFields, in_words, place_of
+from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.elements import quantity_of
+from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.order import order_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from riot_bus.fleet.entry import LogEntry
+    from riot_bus.log.tables.table import Column, Columns
+    from riot_bus.types.latest import FieldPlace
+    from riot_bus.vocabulary.trial import Progress, Scalar
+
+__all__ = ["ScanRule", "Scanner", "scan_logs"]
+
+_MEMORY = 1 << 27
+_ROWS = 4096
+_CANDIDATES = 64
+"""Moments for each near miss that are kept while a log is read: those of one approach are next to one another."""
+_APART_NS = 10**9
+"""Time between two near misses of a log: less is one approach."""
+
+
+class _Rows(NamedTuple):
+    """Moments at which all fields are known, and at how many others one was not."""
+
+    times: NDArray[np.int64]
+    columns: dict[str, NDArray[Any]]
+    unknown: int
+
+
+class ScanRule:
+    """A rule with what is needed to judge messages by it.
+
+    Args:
+        source: Folder of a finding, or a rule file such as its `rule.json`.
+
+    Attributes:
+        topics: Topic of each message of the log in which the rule's fields are named.
+        names: Its fields.
+        read: Topics that it reads.
+        text: The rule as text.
+
+    Raises:
+        ConfigError: There is no rule.
+    """
+
+    def __init__(self, source: Path) -> None:
+        folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
+        record = RuleRecord.load(folder)
+        self._rule, self._scale = Rule.from_json(record.rule), record.scale
+        self._system = Path(FindingRecord.load(folder).system_file) if FindingRecord.exists(folder) else None
+        minimal = MinimalRecord.load(folder).topics if MinimalRecord.exists(folder) else ()
+        self.topics: Sequence[str] = record.topics or minimal
+        self.names = self._rule.variables
+        orders = [order_of(name) for name in self.names]
+        ordered = [topic for order in orders if order for topic in (order.first, order.second)]
+        fields = [place_of(name, self.topics).topic for name in self.names if not order_of(name)]
+        self.read = tuple(dict.fromkeys([*fields, *ordered]))
+        self.text = self._rule.renamed(self.in_words).text()
+
+    def in_words(self, name: str) -> str:
+        """Return a field as people say it."""
+        return in_words(name, self.topics)
+
+    def registry(self, reader: LogReader | None = None) -> TypeRegistry:
+        """Return what knows the types of the finding's system, and of a log."""
+        if self._system is None:
+            return log_registry(reader) if reader else TypeRegistry(load_adapters())
+        registry = open_system(self._system).registry
+        if reader is not None:
+            learn_types(reader, registry)
+        return registry
+
+    def distance(self, columns: Mapping[str, NDArray[Any]], count: int) -> NDArray[np.float64]:
+        """Return how far each of some rows is from meeting the rule, in nominal spreads; at most 0 where it is met."""
+        found = np.empty(count)
+        for rows in alike(columns, count):
+            found[rows] = self._rule.distance({name: each[rows] for name, each in columns.items()}, self._scale)
+        return found
+
+
+class Scanner:
+    """Judges logs by one rule.
+
+    Args:
+        rule: The rule.
+        near: Moments of each log that are kept.
+    """
+
+    def __init__(self, rule: ScanRule, *, near: int = 3) -> None:
+        self._rule, self._near = rule, near
+
+    def scan(self, path: Path, *, place: str = "", robot: str = "") -> LogScan:
+        """Return what the rule says of a log, which may be longer than memory.
+
+        Args:
+            path: The log.
+            place: What it is called.
+            robot: Whose it is.
+
+        Raises:
+            ConfigError: The file is no log.
+        """
+        info = log_info(path, scan=False)
+        start, end = info.start or 0, info.end or 0
+        found = LogScan(place or str(path), robot, start=start)
+        profile = np.full(BINS, np.nan)
+        kept: list[NearMiss] = []
+        with LogReader(path) as reader:
+            try:
+                for rows in self._rows(reader):
+                    distance = self._rule.distance(rows.columns, len(rows.times))
+                    bins = np.minimum((rows.times - start) * BINS // max(1, end + 1 - start), BINS - 1)
+                    np.fmin.at(profile, bins, distance)
+                    kept = self._nearest(kept, rows, distance)
+                    found = replace(
+                        found,
+                        judged=found.judged + len(rows.times),
+                        unknown=found.unknown + rows.unknown,
+                        holds=found.holds + int(np.count_nonzero(distance <= 0)),
+                    )
+            except RiotError as error:  # such as a topic that the log does not have
+                found = replace(found, problem=error.message)
+            else:
+                problem = "" if found.judged else "the fields of the rule are never known together"
+                found = replace(found, problem=str(reader.loss) if reader.loss else problem)
+        nearest: list[NearMiss] = []
+        for one in kept:
+            if len(nearest) < self._near and all(abs(one.time - other.time) >= _APART_NS for other in nearest):
+                nearest.append(one)
+        return replace(found, nearest=tuple(nearest), profile=tuple(map(float, profile)))
+
+    def _rows(self, reader: LogReader) -> Iterator[_Rows]:
+        registry, topics = self._rule.registry(reader), self._rule.topics
+        if any(order_of(name) or quantity_of(place_of(name, topics).path) for name in self._rule.names):
+            return self._rows_of_messages(reader, registry)
+        places = {name: place_of(name, topics) for name in self._rule.names}
+        selectors = {name: f"{place.topic}:{place.path}" for name, place in places.items()}
+        parts = column_parts(reader, list(dict.fromkeys(selectors.values())), memory=_MEMORY, registry=registry)
+        last = topics[-1] if topics else None
+        return _rows_of_columns(parts, places, selectors, last)
+
+    def _rows_of_messages(self, reader: LogReader, registry: TypeRegistry) -> Iterator[_Rows]:
+        """Yield moments message by message, for what columns do not tell: orders, and quantities of arrays."""
+        names, topics = self._rule.names, self._rule.topics
+        latest = LatestFields(names, topics, registry=registry)
+        times: list[int] = []
+        values: dict[str, list[Scalar]] = {name: [] for name in names}
+        unknown = 0
+
+        def rows() -> _Rows:
+            return _Rows(np.array(times, np.int64), {name: column_of(some) for name, some in values.items()}, unknown)
+
+        for message in bus_messages(reader, registry):
+            told = latest.take(message)
+            if told is None:
+                continue
+            if len(told) < len(names):
+                unknown += not topics or registry.topic(message.key) == topics[-1]
+                continue
+            times.append(message.time)
+            for name, some in values.items():
+                some.append(told[name])
+            if len(times) == _ROWS:
+                yield rows()
+                times, values, unknown = [], {name: [] for name in names}, 0
+        yield rows()
+
+    def _nearest(self, kept: Sequence[NearMiss], rows: _Rows, distance: NDArray[np.float64]) -> list[NearMiss]:
+        """Return the nearest moments of those that are kept and some more; of equal ones the earliest."""
+        most = _CANDIDATES * self._near
+        limit = kept[-1].distance if len(kept) == most else np.inf
+        chosen = np.flatnonzero(distance <= limit)
+        # only the least of each second: all of a long approach would hide the next one
+        seconds = rows.times[chosen] // _APART_NS
+        order = np.lexsort((rows.times[chosen], distance[chosen], seconds))
+        chosen = chosen[order[np.flatnonzero(np.diff(seconds[order], prepend=-1))]]
+        chosen = chosen[np.argsort(distance[chosen], kind="stable")[:most]]
+        more = [
+            NearMiss(
+                float(distance[row]),
+                int(rows.times[row]),
+                {self._rule.in_words(name): _plain(column[row]) for name, column in rows.columns.items()},
+            )
+            for row in chosen.tolist()
+        ]
+        return sorted([*kept, *more], key=lambda one: (one.distance, one.time))[:most]
+
+
+def scan_logs(
+    source: Path, logs: Sequence[LogEntry], *, near: int = 3, within: float = 1.0, progress: Progress | None = None
+) -> FleetScan:
+    """Judge logs by a rule.
+
+    Args:
+        source: Folder of a finding, or a rule file.
+        logs: What a catalogue says of them; they may be anywhere.
+        near: Moments of each log that are told.
+        within: Distance below which a moment is a near miss, in nominal spreads of the rule's fields.
+        progress: Told after each log.
+
+    Raises:
+        ConfigError: There is no rule.
+    """
+    rule = ScanRule(source)
+    scanner = Scanner(rule, near=near)
+    found = []
+    for number, entry in enumerate(logs):
+        if not entry.readable:
+            scan = LogScan(entry.place, entry.robot, problem=entry.problem)
+        else:
+            try:
+                with copied(entry.place) as path:
+                    scan = scanner.scan(path, place=entry.place, robot=entry.robot)
+            except ConfigError as error:
+                scan = LogScan(entry.place, entry.robot, problem=error.message)
+        found.append(scan)
+        if progress is not None:
+            progress(number + 1, len(logs), entry.place[-60:])
+    return FleetScan(rule.text, within, tuple(sorted(found, key=lambda log: log.distance)))
+
+
+@dataclass(slots=True)
+class _Recent:
+    """Values of a field, with those of former parts that are still needed."""
+
+    values: NDArray[Any] = field(default_factory=lambda: np.zeros(0, bool))
+    valid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+
+    def take(self, values: NDArray[Any], valid: NDArray[np.bool_], *, keep: int) -> int:
+        """Add values behind the last few of those before; return how many these are."""
+        before = min(keep, len(self.valid))
+        self.values = np.concatenate([self.values[len(self.values) - before :], values]) if before else values
+        self.valid = np.concatenate([self.valid[len(self.valid) - before :], valid])
+        return before
+
+
+def _rows_of_columns(
+    parts: Iterator[Columns], places: Mapping[str, FieldPlace], selectors: Mapping[str, str], last: str | None
+) -> Iterator[_Rows]:
+    """Yield moments part by part: at each message of one of the topics, each field by the latest of its topic.
+
+    Args:
+        parts: Columns of the selectors, by time.
+        places: Of each name, which message of its topic it is of.
+        selectors: Of each name.
+        last: Topic whose messages count where a field is not known; None for all.
+    """
+    recent: dict[str, _Recent] = {name: _Recent() for name in places}
+    topics = list(dict.fromkeys(place.topic for place in places.values()))
+    for part in parts:
+        whole = {
+            topic: max((part[selectors[name]] for name, place in places.items() if place.topic == topic), key=len)
+            for topic in topics
+        }
+        times = np.concatenate([whole[topic].times for topic in topics])
+        order = np.concatenate([whole[topic].order for topic in topics])
+        of = np.repeat(np.arange(len(topics)), [len(whole[topic]) for topic in topics])
+        sorted_ = np.lexsort((order, times))
+        times, of = times[sorted_], of[sorted_]
+        known = np.ones(len(times), bool)
+        columns = {}
+        for name, place in places.items():
+            values, valid = _filled(part[selectors[name]], whole[place.topic])
+            before = recent[name].take(values, valid, keep=place.back + 1)
+            rows = np.cumsum(of == topics.index(place.topic)) - 1 + before - place.back
+            known &= (rows >= 0) & recent[name].valid[np.maximum(rows, 0)] if len(recent[name].valid) else False
+            columns[name] = rows
+        unknown = int(np.count_nonzero(~known & ((of == topics.index(last)) if last in topics else True)))
+        yield _Rows(times[known], {name: recent[name].values[rows[known]] for name, rows in columns.items()}, unknown)
+
+
+def _filled(column: Column, whole: Column) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Return a column's values, and where there are some, one for each message of its topic."""
+    if len(column) == len(whole):
+        return column.values, column.valid
+    values, valid = np.zeros(len(whole), column.values.dtype), np.zeros(len(whole), bool)
+    rows = np.searchsorted(whole.order, column.order)  # a topic of several types: some lack the field
+    values[rows], valid[rows] = column.values, column.valid
+    return values, valid
+
+
+def _plain(value: Any) -> Scalar:
+    plain: Scalar = value.item() if isinstance(value, np.generic) else value
+    return plain

@@ -1,0 +1,134 @@
+"""`riot scan`."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.options import CatalogueFile, Format, OutputFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.fleet.entry import LogEntry
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(scan)
+
+
+def scan(
+    places: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[PLACE]...", help="Logs, folders, or URLs such as s3://b/logs. [default: those of the catalogue]"
+        ),
+    ] = None,
+    *,
+    rule: Annotated[
+        Path, typer.Option("--rule", "-r", help="Folder of a finding, an output folder that holds one, or a rule.json.")
+    ] = Path("riot-out"),
+    over: Annotated[
+        str, typer.Option(metavar="QUERY", help="Which logs of the catalogue, as for riot fleet list; '' for all.")
+    ] = "",
+    catalogue: CatalogueFile = None,
+    near: Annotated[int, typer.Option(min=1, max=1000, help="Moments of each log that are told.")] = 3,
+    within: Annotated[
+        float, typer.Option(min=0, help="Distance below which a moment is a near miss, in nominal spreads.")
+    ] = 1.0,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write a page with a picture of each log.")
+    ] = None,
+    watch: Annotated[
+        bool, typer.Option("--watch", "-w", help="Look at live traffic instead, and warn before the rule is met.")
+    ] = False,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    cfg: Cfg = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say how near logs came to a finding's rule, by robot, the nearest first; or look at what a router passes on.
+
+    Exit code 1: the rule holds somewhere. 5: nothing could be judged.
+    """
+    from rich.console import Console
+
+    from riot_bus.chain.scan import scan_logs
+    from riot_bus.chain.workspace import open_finding
+    from riot_bus.cli.narrate import ConsoleNarrator
+    from riot_bus.events import StepProgress, StepStarted
+    from riot_bus.vocabulary.errors import InconclusiveError
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    source = rule if rule.is_file() else open_finding(rule)[0]
+    if watch:
+        _watch(source, endpoint, cfg or [], within, places)
+        return
+    logs = _logs(places or [], over, catalogue)
+    with ConsoleNarrator(Console(stderr=True)) as narrator:
+        narrator(StepStarted("scan"))
+        found = scan_logs(
+            source,
+            logs,
+            near=near,
+            within=within,
+            progress=lambda done, total, text: narrator(StepProgress("scan", done, total, text)),
+        )
+    if page is not None:
+        from riot_bus.report.fleet_page import write_fleet_page
+
+        write_fleet_page(found, page)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        for line in found.lines():
+            typer.echo(escape_control_chars(line))
+    if len(found.unjudged) == len(found.logs):
+        raise InconclusiveError("no log could be judged", where=str(rule), hint="each says why above")
+    if found.failing:
+        raise typer.Exit(1)
+
+
+def _watch(source: Path, endpoint: str, cfg: list[str], within: float, places: Sequence[str] | None) -> None:
+    from riot_bus.chain.watch import watch_rule
+    from riot_bus.control.component import client_cfg
+    from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    if places:
+        raise ConfigError("live traffic has no logs", where="--watch", hint=f"leave out {places[0]!r}, or --watch")
+
+    def say(line: str) -> None:
+        typer.echo(escape_control_chars(line))
+
+    found = watch_rule(source, endpoint, within=within, say=say, config=client_cfg(cfg))
+    say(found.summary())
+    if not found.judged:
+        raise InconclusiveError("nothing could be judged", where=endpoint, hint="are the types of its topics known?")
+    if found.met:
+        raise typer.Exit(1)
+
+
+def _logs(places: Sequence[str], over: str, catalogue: Path | None) -> list[LogEntry]:
+    """Return what is known of the logs: of those that are named, or else of those of the catalogue."""
+    from riot_bus.fleet.catalogue import Catalogue, default_catalogue
+    from riot_bus.fleet.index import index
+    from riot_bus.fleet.query import parse_query
+    from riot_bus.vocabulary.errors import ConfigError
+
+    with closing(Catalogue(None if places else catalogue or default_catalogue(), create=bool(places))) as known:
+        if places:
+            report = index(known, places)
+            if report.failures:
+                raise ConfigError("\n  ".join(["could not be looked at:", *report.failures[:10]]))
+        found = known.find(parse_query(over))
+    if not found:
+        raise ConfigError("no log matches", where="--over" if over else ", ".join(places) or str(catalogue))
+    return found

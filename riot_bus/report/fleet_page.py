@@ -1,0 +1,60 @@
+"""One self-contained page about how near a fleet's logs came to a rule."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from riot_bus.report.formats import write_file
+from riot_bus.report.templating import page_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.fleet.near_misses import FleetScan
+
+__all__ = ["write_fleet_page"]
+
+_WIDTH, _HEIGHT = 240.0, 36.0
+_HIGHEST = math.asinh(30.0)
+"""Upper end of a picture: beyond thirty spreads it makes no difference how many."""
+
+
+def write_fleet_page(scan: FleetScan, path: Path) -> Path:
+    """Write the page: robots and their logs, nearest first, each with its distance over time.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+    """
+    page = (
+        page_environment()
+        .get_template("fleet.html.j2")
+        .render(
+            scan=scan,
+            paths={log.place: _path(log.profile) for log in scan.logs},
+            width=_WIDTH,
+            height=_HEIGHT,
+            met=_place(0.0),
+            within=_place(scan.within),
+        )
+    )
+    return write_file(page, path)
+
+
+def _place(distance: float) -> float:
+    """Return where a distance stands in a picture, from the top; what meets the rule stands at the bottom."""
+    return _HEIGHT * (1 - min(1.0, math.asinh(max(0.0, distance)) / _HIGHEST)) * 0.9 + 0.05 * _HEIGHT
+
+
+def _path(profile: Sequence[float]) -> str:
+    """Return a distance over time as the data of an SVG path, with gaps where there is none."""
+    step, parts, pen = _WIDTH / max(1, len(profile)), [], "M"
+    for number, distance in enumerate(profile):
+        if math.isnan(distance):
+            pen = "M"
+            continue
+        y = _place(distance)
+        parts.append(f"{pen}{number * step:.1f} {y:.1f}H{(number + 1) * step:.1f}")
+        pen = "L"
+    return "".join(parts)

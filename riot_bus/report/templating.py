@@ -1,0 +1,79 @@
+"""What makes pages of templates."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import platform
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import riot_bus
+from riot_bus.report import format as words
+from riot_bus.vocabulary.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = ["page_environment"]
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_LONGEST = 20_000
+
+
+def page_environment() -> Environment:
+    """Return what makes pages of templates: one style, texts of others escaped and cut, no network.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+    """
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+        from markupsafe import Markup
+    except ImportError:
+        raise MissingExtraError("jinja2", "report") from None
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_finalize,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "interval": lambda one: words.share_interval(one.low, one.high),
+        "link": _link,
+        "number": words.number,
+        "plural": words.plural,
+        "seconds": words.seconds,
+        "share": words.share,
+        "short": lambda text, limit=200: words.clean(str(text), limit=limit),
+        "value": words.value,
+    }
+    css = (_TEMPLATES / "report.css").read_text(encoding="utf-8")
+    environment.globals |= {
+        "css": Markup(css),  # noqa: S704 - our own file
+        "digest": base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii"),
+        "versions": f"riot-bus {riot_bus.__version__}, Python {platform.python_version()}, {platform.system()}",
+    }
+    return environment
+
+
+def _finalize(what: Any) -> Any:
+    """Keep what is printed visible and bounded, whichever record it comes from."""
+    from markupsafe import Markup
+
+    return (
+        words.clean(what, limit=_LONGEST, lines=True)
+        if isinstance(what, str) and not isinstance(what, Markup)
+        else what
+    )
+
+
+def _link(name: str) -> str | None:
+    """Return a reference to a file below the page, or nothing if the name leads elsewhere."""
+    path = PurePosixPath(name)
+    if not name or path.is_absolute() or ".." in path.parts or len(name) > 500:
+        return None
+    return "./" + quote(str(path), errors="replace")

@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+import json
+
+from riot_bus.fleet.near_misses import FleetScan, LogScan
+
+
+def test_what_was_not_judged_is_told_once_for_each_reason() -> None:
+    logs = tuple(LogScan(f"{number}.mcap", problem="no topic 'a' in the log") for number in range(30))
+    found = FleetScan("x > 1", 1.0, (LogScan("good.mcap", judged=3), *logs))
+    lines = found.lines()
+    assert lines[-12:] == [
+        "  no topic 'a' in the log: 30 logs",
+        *(f"    {number}.mcap" for number in range(10)),
+        "    ... and 20 more",
+    ]
+    assert json.loads(json.dumps(found.to_json()))["logs"][1]["problem"] == "no topic 'a' in the log"
