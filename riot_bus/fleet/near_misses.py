@@ -136,9 +136,10 @@ class FleetScan:
         far = len(self.logs) - len(self.failing) - len(self.near) - len(self.unjudged)
         met = f"{len(self.failing)} meet" if len(self.failing) > 1 else f"{len(self.failing) or 'none'} meets"
         misses = "near miss" if len(self.near) == 1 else "near misses"
+        spreads = f"{self.within:g} nominal spread{'' if self.within == 1 else 's'} of its fields"
         return (
-            f"{counted(len(self.logs), 'log')}: {met} the rule, {len(self.near)} {misses} (nearer than {self.within:g} "
-            f"nominal spread{'' if self.within == 1 else 's'} of its fields), {far} farther away, {len(self.unjudged)} not judged"
+            f"{counted(len(self.logs), 'log')}: {met} the rule, {len(self.near)} {misses} (nearer than {spreads}), "
+            f"{far} farther away, {len(self.unjudged)} not judged"
         )
 
     def lines(self) -> list[str]:
