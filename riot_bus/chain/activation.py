@@ -15,7 +15,7 @@ from riot_bus.backchain.axes import choose_axes
 from riot_bus.backchain.encoding import SearchField
 from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.backchain.region import Region, map_region
-from riot_bus.chain.external import ExternalField, external_fields
+from riot_bus.chain.external import ExternalField, driving_log, external_fields
 from riot_bus.chain.logs import internal_name
 from riot_bus.findings.records import (
     ActivationRecord,
@@ -28,9 +28,11 @@ from riot_bus.findings.records import (
     RuleRecord,
 )
 from riot_bus.generalize.rule import Rule
+from riot_bus.inject.apply import inject_log
 from riot_bus.log.reader import read_log
 from riot_bus.plugins import SEARCHES
 from riot_bus.statistics.rates import chance_of_difference, proportion
+from riot_bus.sut.system_trial import write_log
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun
     from riot_bus.sut.baseline import Baseline
+    from riot_bus.vocabulary.message import Message
 
 __all__ = ["activation", "least_distance"]
 
@@ -85,12 +88,19 @@ class _System:
     Args:
         step: The running step.
         folder: The finding.
+        driving: What is played to it, with these fields changed; nothing where external components drive it.
         judged: The unit that is held against its nominal runs.
         budget: Runs at most that failing points are asked again with.
     """
 
     def __init__(
-        self, step: StepRun, folder: Path, judged: tuple[str, Baseline] | None = None, *, budget: int = 200
+        self,
+        step: StepRun,
+        folder: Path,
+        driving: tuple[Message, ...],
+        judged: tuple[str, Baseline] | None = None,
+        *,
+        budget: int = 200,
     ) -> None:
         workspace = step.workspace
         self.step = step
@@ -105,8 +115,9 @@ class _System:
             judged=judged,
             timed=False,
         )
+        self.driving = driving
         self.points: list[PointRecord] = []
-        self.logs: dict[frozenset[tuple[str, float]], str] = {}
+        self.failing: dict[frozenset[tuple[str, float]], tuple[TestCase, str | None]] = {}
         self.chance, self.others = 0, Counter[str]()
         self._controls = 0, 0
         self._left = budget
@@ -118,15 +129,16 @@ class _System:
                 Injection(self.fields[name].topic, self.fields[name].path, self._value(name, value))
                 for name, value in sorted(point.items())
             )
-            cases.append(TestCase(injections=injections, seed=self.step.workspace.seed + len(self.points) + len(cases)))
+            seed = self.step.workspace.seed + len(self.points) + len(cases)
+            cases.append(TestCase(self.driving, injections, seed))
         evaluations = []
-        for point, outcome in zip(points, self.runner.run(cases), strict=True):
+        for point, case, outcome in zip(points, cases, self.runner.run(cases), strict=True):
             evaluation = self._judge(outcome)
             self.points.append(
                 PointRecord(values=dict(point), distance=evaluation.distance, failed=evaluation.failed, phase=phase)
             )
-            if evaluation.failed and outcome.log is not None:
-                self.logs.setdefault(frozenset(point.items()), outcome.log)
+            if evaluation.failed:
+                self.failing.setdefault(frozenset(point.items()), (case, outcome.log))
             evaluations.append(evaluation)
         return evaluations
 
@@ -177,7 +189,8 @@ class _System:
         failed, total = self._controls
         if total < least:
             first = self.step.workspace.seed + _CONTROL_SEEDS
-            outcomes = self.runner.run([TestCase(seed=first + number) for number in range(total, least)])
+            cases = [TestCase(self.driving, seed=first + number) for number in range(total, least)]
+            outcomes = self.runner.run(cases)
             self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
         return self._controls
 
@@ -228,10 +241,11 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
             where=str(folder),
             hint="this finding stays at unit level; more runs (--runs) may show weaker effects",
         )
-    judged, why = step.workspace.judged_in_system(FindingRecord.load(folder))
+    driving = driving_log(step.workspace, step.workspace.context.file.system.trial_run)
+    judged, why = step.workspace.judged_in_system(FindingRecord.load(folder), driving)
     if why:
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
-    system = _System(step, folder, judged, budget=max(budget, _AGAIN[-1][0]))
+    system = _System(step, folder, driving, judged, budget=max(budget, _AGAIN[-1][0]))
     fields = [_search_field(system.fields[name]) for name in permeable.permeable]
     result = activate(
         fields,
@@ -247,7 +261,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     if result.found is not None:
         found = system.needed(result.found)
         text = replace(result, found=found).text
-        messages, replays = _replay(system, system.logs.get(frozenset(found.items())))
+        messages, replays = _replay(system, *system.failing.get(frozenset(found.items()), (None, None)))
         region = _region(system, _axes(permeable), found)
     controls_failed, controls = system.controls() if result.found is not None or system.chance else (0, 0)
     return ActivationRecord(
@@ -265,6 +279,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         controls_failed=controls_failed,
         chance=system.chance,
         others=dict(system.others.most_common()),
+        played=bool(driving),
     )
 
 
@@ -273,12 +288,16 @@ def _search_field(field: ExternalField) -> SearchField:
     return SearchField(field.name, field.nominal, field.spread, low, high, integer=field.integer)
 
 
-def _replay(system: _System, log: str | None) -> tuple[int, int]:
+def _replay(system: _System, case: TestCase | None, log: str | None) -> tuple[int, int]:
     """Play the external messages alone to fresh runs; return how many they are and how often the failure came."""
     target = system.folder / "activation.mcap"
-    if log is None:
+    if case is not None and case.messages:
+        context, file = system.step.workspace.context, system.step.workspace.context.file
+        external, _ = inject_log(case.messages, case.injections, registry=context.registry, seed=case.seed)
+        write_log(target, external, context=context, metadata={"system": file.system.name, "seed": str(case.seed)})
+    elif log is None:
         return 0, 0
-    if Path(log).is_file():
+    elif Path(log).is_file():
         shutil.copyfile(log, target)
     external = read_log(target)
     cases = [TestCase(external, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]

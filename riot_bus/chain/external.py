@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.sut.system import SystemFile
+    from riot_bus.sut.system import RunPace, SystemFile
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["ExternalField", "external_fields", "external_messages", "message_rate", "system_log"]
+__all__ = ["ExternalField", "driving_log", "external_fields", "external_messages", "message_rate", "system_log"]
 
 _REACH = 2500.0
 
@@ -75,10 +75,29 @@ def external_messages(workspace: Workspace) -> list[Message]:
     return [one for one in log if any(registry.matches(topic, one.key) for topic in file.external.topics)]
 
 
-def system_log(workspace: Workspace) -> tuple[Message, ...]:
-    """Return what comes from outside in a run as short as those that search the whole system.
+def driving_log(workspace: Workspace, pace: RunPace) -> tuple[Message, ...]:
+    """Return what is played to the system in a nominal run; nothing where riot.toml names external components.
 
-    It is the begin of the nominal log, which has the speed of `nominal_run`, as long as a `trial_run` is.
+    Args:
+        workspace: The system.
+        pace: How long the run lasts, and how fast it is.
+
+    Raises:
+        ConfigError: There are no external components, and nothing external in the nominal log.
+    """
+    if any(component.external for component in workspace.context.file.components.values()):
+        return ()
+    messages = system_log(workspace, pace.duration)
+    begin, slower = messages[0].time, workspace.context.file.system.nominal_run.speed / pace.speed
+    return tuple(one.with_(time=begin + round((one.time - begin) * slower)) for one in messages)
+
+
+def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Message, ...]:
+    """Return what comes from outside in the begin of the nominal log, which has the speed of `nominal_run`.
+
+    Args:
+        workspace: The system.
+        duration: Seconds of the system's own time; by default those of a `trial_run`.
 
     Raises:
         ConfigError: Nothing comes from outside, or external components share the system's segment.
@@ -90,7 +109,8 @@ def system_log(workspace: Workspace) -> tuple[Message, ...]:
         raise ConfigError(
             f"the nominal log holds nothing on {', '.join(file.external.topics)}", where=f"{file.path}: [external]"
         )
-    end = messages[0].time + round(file.system.trial_run.duration / file.system.nominal_run.speed * 1e9)
+    seconds = (file.system.trial_run.duration if duration is None else duration) / file.system.nominal_run.speed
+    end = messages[0].time + round(seconds * 1e9)
     return tuple(message for message in messages if message.time <= end)
 
 

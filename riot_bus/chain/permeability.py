@@ -6,7 +6,7 @@ import zlib
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
-from riot_bus.chain.external import ExternalField, external_fields, message_rate
+from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.topic_graphs import declared_graph
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord, RuleRecord
@@ -74,6 +74,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
     rate = _slowest_internal(workspace, topics)
+    driving = driving_log(workspace, file.system.perturbed_run)
     runner = step.system_runner(
         observe=(*internals, *sorted({field.topic for field in driven})), pace=file.system.perturbed_run
     )
@@ -88,7 +89,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             ]
             cases = [
                 TestCase(
-                    injections=tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
+                    driving,
+                    tuple(Injection(field.topic, field.path, signal) for field, signal in plan.items()),
                     seed=workspace.seed + start + number,
                 )
                 for number, plan in enumerate(plans)
@@ -114,6 +116,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         nominal={field.name: (field.nominal, field.spread) for field in driven},
         tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
         system=finding.system,
+        played=bool(driving),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from riot_bus.chain.external import driving_log
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
@@ -73,10 +74,11 @@ def reproduce(
             step = "riot test --whole-system" if finding.whole_system else "riot activate"
             raise ConfigError(f"no {path.name}", where=str(folder), hint=f"run `{step}` first")
         messages = read_log(path)
-        judged, why = workspace.judged_in_system(finding)
+        pace = workspace.context.file.system.trial_run
+        judged, why = workspace.judged_in_system(finding, driving_log(workspace, pace))
         if why:
             raise InconclusiveError(f"not tested in the whole system: {why}", where=str(folder))
-        runner = workspace.runners.system(workspace.context.file.system.trial_run, judged=judged)
+        runner = workspace.runners.system(pace, judged=judged)
         shown = () if finding.whole_system else _replays(folder)
         noise = Noise.after(*shown) if shown else noise_of(finding)
     else:

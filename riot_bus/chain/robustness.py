@@ -20,7 +20,7 @@ from riot_bus.campaign.schedule import Schedule, message_faults, positions_of
 from riot_bus.campaign.situations import situations_of
 from riot_bus.campaign.targets import targets_of
 from riot_bus.campaign.triage import Failure, complexity, finding_id, severity
-from riot_bus.chain.external import system_log
+from riot_bus.chain.external import driving_log, system_log
 from riot_bus.chain.histories import shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
@@ -341,7 +341,8 @@ def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside,
         baseline = workspace.runners.baseline(unit, lambda: subject.log)
         return step.unit_runner(unit, unjudged=True), baseline, baseline.untold
     pace = workspace.context.file.system.trial_run
-    baseline = workspace.runners.in_system(unit, lambda: workspace.unit_log(unit), pace)
+    driving = driving_log(workspace, pace)
+    baseline = workspace.runners.in_system(unit, lambda: workspace.unit_log(unit), pace, driving)
     judged = (unit, baseline) if baseline.trials else None
     others = f"of components other than {unit}: whether they fall silent, hang or grow"
     mute = () if judged else tuple(f"whether {unit} still works after a run: {why}" for why in baseline.mute)

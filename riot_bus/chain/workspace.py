@@ -275,11 +275,14 @@ class Workspace:
         recorded = (self.out / "nominal.mcap").is_file()
         return self.unit_log(name) if recorded or file.unit[name].log or file.system.nominal else ()
 
-    def judged_in_system(self, finding: FindingRecord) -> tuple[tuple[str, Baseline] | None, str]:
+    def judged_in_system(
+        self, finding: FindingRecord, driving: tuple[Message, ...]
+    ) -> tuple[tuple[str, Baseline] | None, str]:
         """Return what tells a finding in runs of the whole system, and why nothing can; both may be nothing.
 
         Args:
             finding: The finding. Its unit is measured in nominal runs if its monitor asks for that.
+            driving: What is played to the system in these; see `chain.external.driving_log`.
 
         Raises:
             EnvironmentFaultError: The system does not start.
@@ -287,7 +290,7 @@ class Workspace:
         if not needs_baseline(finding.monitor):
             return None, ""
         unit, pace = finding.unit, self.context.file.system.trial_run
-        baseline = self.runners.in_system(unit, lambda: self.unit_log(unit), pace)
+        baseline = self.runners.in_system(unit, lambda: self.unit_log(unit), pace, driving)
         return (unit, baseline), why_not_told(baseline, finding.monitor, finding.signature)
 
     @property

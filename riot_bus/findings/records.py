@@ -599,6 +599,9 @@ class EdgeRecord(_Model):
     p_value: float
 
 
+_PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
+
+
 class PermeabilityRecord(Artefact):
     """Which external fields reach the relevant ones, and how strongly."""
 
@@ -610,6 +613,7 @@ class PermeabilityRecord(Artefact):
     nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
     tree: list[dict[str, Any]] = []
     system: str = "the system"
+    played: bool = Field(default=False, description=_PLAYED)
 
     @property
     def summary(self) -> str:
@@ -617,7 +621,8 @@ class PermeabilityRecord(Artefact):
         names = ", ".join(self.permeable) or "none"
         fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
         idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
-        return f"{fields} in {runs} of {self.system} -> {names}{idle}"
+        played = ", the outside played from the nominal log" if self.played else ""
+        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}"
 
     @property
     def permeable(self) -> tuple[str, ...]:
@@ -672,6 +677,7 @@ class ActivationRecord(Artefact):
         default=0, description="failing points that were not shown to fail more often than nominal inputs"
     )
     others: dict[str, int] = Field(default={}, description="runs with other failures, by signature")
+    played: bool = Field(default=False, description=_PLAYED)
 
     @property
     def summary(self) -> str:
@@ -686,6 +692,8 @@ class ActivationRecord(Artefact):
             parts.append(f"at {points} it came, but was not shown to come more often there than with nominal inputs")
         for signature, count in self.others.items():
             parts.append(f"{counted(count, 'run')} failed otherwise: {signature}")
+        if self.played:
+            parts.append("the outside was played from the nominal log")
         if self.region is not None:
             one = self.region
             bounds = f"{one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.context import Context
     from riot_bus.sut.local import Pool
     from riot_bus.sut.system import RunPace
+    from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["measure_in_system", "needs_baseline", "why_not_told"]
@@ -35,7 +36,9 @@ def needs_baseline(monitor: str) -> bool:
     return monitor in _KINDS
 
 
-def measure_in_system(context: Context, unit: str, pool: Pool, alone: Baseline, pace: RunPace) -> Baseline:
+def measure_in_system(
+    context: Context, unit: str, pool: Pool, alone: Baseline, pace: RunPace, driving: tuple[Message, ...]
+) -> Baseline:
     """Return what a unit does in nominal runs of the whole system.
 
     Args:
@@ -44,6 +47,7 @@ def measure_in_system(context: Context, unit: str, pool: Pool, alone: Baseline, 
         pool: Executes the runs.
         alone: What the unit does in nominal trials of its own, with which it has its probe in common.
         pace: How long external components run, and how fast.
+        driving: What is played to it instead, if there are none.
 
     Raises:
         EnvironmentFaultError: The system does not start.
@@ -56,14 +60,15 @@ def measure_in_system(context: Context, unit: str, pool: Pool, alone: Baseline, 
     expected = {topic: count for topic, count in alone.probe_answers.items() if topic in answers}
     start = Baseline(probe=alone.probe, ordered=alone.ordered, log_answers=answers, probe_answers=expected)
     runs = pool.map(
-        SystemTrial(pace, unit=unit, baseline=start, nominal=True), [TestCase(seed=number) for number in range(_RUNS)]
+        SystemTrial(pace, unit=unit, baseline=start, nominal=True),
+        [TestCase(driving, seed=number) for number in range(_RUNS)],
     )
     if wrong := _not_passed(runs):
         return Baseline(mute=(wrong,))
     found = in_system_of(alone, answers, [nominal_of(one) for one in runs], context=context, idle=_idle(runs))
     judged = pool.map(
         SystemTrial(pace, unit=unit, baseline=found),
-        [TestCase(seed=number) for number in range(_RUNS, 2 * _RUNS)],
+        [TestCase(driving, seed=number) for number in range(_RUNS, 2 * _RUNS)],
     )
     if wrong := _not_passed([one for one in judged if not one.judged]):
         return Baseline(mute=(wrong,))

@@ -67,13 +67,16 @@ class RunnerFactory(Protocol):
         """Return what a unit does in nominal trials, which are run for it once; arguments as of `unit`."""
         ...
 
-    def in_system(self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace) -> Baseline:
+    def in_system(
+        self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
+    ) -> Baseline:
         """Return what a unit does in nominal runs of the whole system, which are carried out for it once.
 
         Args:
             unit: Its name.
             log: Returns its nominal log.
             pace: How long external components run, and how fast.
+            driving: What is played to the system instead, if there are none.
         """
         ...
 
@@ -183,13 +186,18 @@ class LocalRunners:
                 )
             return self._baselines[unit]
 
-    def in_system(self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace) -> Baseline:
+    def in_system(
+        self, unit: str, log: Callable[[], Sequence[Message]], pace: RunPace, driving: tuple[Message, ...]
+    ) -> Baseline:
         """Return what a unit does in nominal runs of the whole system; see `RunnerFactory.in_system`."""
         alone, key = self.baseline(unit, log), (unit, pace.model_dump_json())
         with self._measuring:
             if key not in self._in_system:
                 self._in_system[key] = self._measured(
-                    unit, key[1], alone.log, lambda: measure_in_system(self._context, unit, self._pool, alone, pace)
+                    unit,
+                    key[1],
+                    alone.log,
+                    lambda: measure_in_system(self._context, unit, self._pool, alone, pace, driving),
                 )
             return self._in_system[key]
 

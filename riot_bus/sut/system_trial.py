@@ -30,7 +30,7 @@ from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.pipeline.event import Event
@@ -167,7 +167,7 @@ class SystemTrial:
                 probe.begin()
             if case.messages:
                 messages, _ = inject_log(case.messages, case.injections, registry=registry, seed=case.seed)
-                self._play(messages, stage)
+                self._play(messages, stage, tap.observe)
             else:
                 self._drive(outside, inside, stage, case.seed)
             driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
@@ -184,7 +184,7 @@ class SystemTrial:
             view = stage.view(others, settled=rested, waited=_SETTLE_TIMEOUT)
             components = [*view.components, *driven.components]
             view = replace(view, components=components, stalled=[*view.stalled, *driven.stalled])
-            external = case.messages or tuple(sorted(tap.messages, key=lambda message: message.time))
+            external = tuple(sorted(tap.messages, key=lambda message: message.time))
             inner = tuple(seen)
             alone = probe.end(settled=settled) if probe else None
         judged = judge(view, context.monitors)
@@ -233,7 +233,7 @@ class SystemTrial:
                 hint="its command has {duration} in it, so it is expected to end by itself",
             )
 
-    def _play(self, messages: Sequence[Message], stage: TrialSetup) -> None:
+    def _play(self, messages: Sequence[Message], stage: TrialSetup, observe: Callable[[Message], None]) -> None:
         file, registry = stage.context.file, stage.context.registry
         segments = {
             topic: file.segment_of(component)
@@ -246,6 +246,7 @@ class SystemTrial:
 
         def publish(message: Message) -> None:
             qos = Qos(message.qos.priority, "block", message.qos.express)
+            observe(message)
             stage.bus.put(segments.get(registry.topic(message.key), elsewhere), message.with_(qos=qos))
 
         def stop() -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, MinimalRecord, PermeabilityRecord, RuleRecord
 
-pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.e2e, pytest.mark.nightly, pytest.mark.timeout(1800)]
 
 PRESS = Path(__file__).resolve().parents[1] / "systems" / "press" / "riot.toml"
 
@@ -31,3 +32,29 @@ def test_press_is_taken_from_a_hang_to_the_knob(riot, tmp_path: Path) -> None:
     assert activation.found is not None
     assert activation.found["press/panel:knob"] < 20
     assert activation.replays_failed >= 9
+
+
+def test_a_log_of_the_panel_is_enough(riot, tmp_path: Path) -> None:
+    for file in PRESS.parent.iterdir():
+        if file.is_file():
+            shutil.copy(file, tmp_path)
+    done = riot("test", "--system", tmp_path / "riot.toml", "--out", tmp_path / "first", "--trials", 1, timeout=300)
+    assert done.returncode in (0, 1), done.stderr
+    shutil.copy(tmp_path / "first/nominal.mcap", tmp_path)
+    text = (tmp_path / "riot.toml").read_text()
+    begin, end = text.index("[components.panel]"), text.index("[components.governor]")
+    alone = (text[:begin] + text[end:]).replace('"shop", "machine"]', '"machine"]\nnominal = "nominal.mcap"')
+    (tmp_path / "riot.toml").write_text(alone)
+    options = ("--trials", 40, "--format", "json")
+    done = riot("analyze", "--system", tmp_path / "riot.toml", "--out", tmp_path / "out", *options, timeout=1400)
+    assert done.returncode == 1, done.stderr
+    (found,) = json.loads(done.stdout)["findings"]
+    permeability, activation = (
+        record.load(Path(found["finding"])) for record in (PermeabilityRecord, ActivationRecord)
+    )
+    assert permeability.permeable == ("press/panel:knob",)
+    assert activation.found is not None
+    assert activation.found["press/panel:knob"] < 20
+    assert (activation.replays_failed, activation.controls_failed) == (activation.replays, 0)
+    assert permeability.played
+    assert activation.played

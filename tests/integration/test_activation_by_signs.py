@@ -81,7 +81,7 @@ def test_a_unit_that_ends_or_falls_silent_does_so_in_the_whole_system(
     monkeypatch.setattr(activation, "_REPLAYS", 1)
     with Workspace(write(tmp_path, fault), tmp_path / "out", jobs=2) as workspace:
         folder, pace = find(workspace, fault), workspace.context.file.system.trial_run
-        nominal = workspace.runners.in_system("pump", lambda: workspace.unit_log("pump"), pace)
+        nominal = workspace.runners.in_system("pump", lambda: workspace.unit_log("pump"), pace, ())
         assert (nominal.trials, nominal.alarms, nominal.mute) == (4, (), ())
         assert nominal.probe_answers == {"pump/state": 16}
         assert (nominal.main_ends, nominal.ends) == (False, False)

@@ -65,6 +65,17 @@ topics = ["panel"]
 
 [unit.drive]
 """
+LOGGED = SYSTEM.replace(
+    """[components.panel]
+command = ["panel"]
+segment = "shop"
+external = true
+outputs = ["panel"]
+
+""",
+    "",
+).replace('name = "machine"', 'name = "machine"\nnominal = "nominal.mcap"')
+"""The same machine, of whose panel there is nothing but a log."""
 MODE, SPEED = "command:mode", "command:speed"
 HANG = Violation("hang", "drive", "hang of drive", "still busy")
 OTHER = Violation("crash", "drive", "crash in drive: x.py:1 in f", "ValueError: 1")
@@ -190,7 +201,7 @@ class Machine:
     def baseline(self, unit: str, log: object) -> Baseline:
         return UNKNOWN
 
-    def in_system(self, unit: str, log: object, pace: RunPace) -> Baseline:
+    def in_system(self, unit: str, log: object, pace: RunPace, driving: Sequence[Message]) -> Baseline:
         return self.known
 
     def keep_evidence(
@@ -323,6 +334,15 @@ def rated(one: Bench, failed: int, total: int) -> None:
     rate = ProportionRecord(value=failed / total, low=0, high=1, count=failed, total=total)
     none = ProportionRecord(value=0, low=0, high=1, count=0, total=4)
     FindingRecord.load(one.folder).model_copy(update={"rate": rate, "nominal": none}).save(one.folder)
+
+
+def write_nominal(folder: Path) -> None:
+    """Write the log that `LOGGED` names."""
+    readings = panel(0)
+    with LogWriter(folder / "nominal.mcap") as writer:
+        for pair in zip(readings, commands(readings), strict=True):
+            for message in pair:
+                writer.write(message)
 
 
 def write_fields(one: Bench, *names: str) -> None:

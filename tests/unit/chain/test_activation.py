@@ -26,6 +26,7 @@ from riot_bus.vocabulary.trial import Series
 from tests.tiers import scaled
 from tests.unit.chain.machine import (
     COUNT,
+    LOGGED,
     SPEED,
     Bench,
     bench,
@@ -35,6 +36,7 @@ from tests.unit.chain.machine import (
     share,
     write_fields,
     write_minimal,
+    write_nominal,
     write_permeability,
 )
 
@@ -79,6 +81,19 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     assert record.trials == len(record.points) + record.replays + record.controls
     assert record.summary.startswith(f"activated after {record.runs} runs with panel:knob = ")
     assert "; 10 of 10 replays of 60 external messages fail, 0 of 10 with nominal inputs; region " in record.summary
+
+
+def test_a_log_of_the_outside_is_changed_until_the_system_fails(tmp_path: Path, slow: dict[str, Any]) -> None:
+    write_nominal(tmp_path)
+    one = ready(tmp_path, slow, system=LOGGED)
+    record = activation(one.run(), one.folder, budget=60)
+    assert record.found is not None
+    assert record.found["panel:knob"] < 20
+    assert (record.messages, record.replays, record.replays_failed) == (COUNT, 10, 10)
+    assert (record.controls, record.controls_failed) == (10, 0)
+    assert "; the outside was played from the nominal log; region " in record.summary
+    knobs = {said(message)["knob"] for message in read_log(one.folder / "activation.mcap")}
+    assert knobs == {record.found["panel:knob"]}
 
 
 def test_one_permeable_field_has_no_region(tmp_path: Path, slow: dict[str, Any]) -> None:
@@ -169,7 +184,7 @@ def test_integer_fields_get_integers(tmp_path: Path, slow: dict[str, Any]) -> No
     from riot_bus.chain.external import ExternalField
 
     one = ready(tmp_path, slow)
-    system = _System(one.run(), one.folder)
+    system = _System(one.run(), one.folder, ())
     whole = ExternalField("panel:knob", "panel", "knob", "int32", 0, 1, 0, 1, (0, 9), 1)
     system.fields["panel:knob"] = whole
     assert (system._value("panel:knob", 2.6), system._value("panel:lever", 0.6)) == (3, 0.6)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.external import external_fields, message_rate
+from riot_bus.chain.external import driving_log, external_fields, message_rate
 from riot_bus.log.writer import LogWriter
+from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
-from tests.unit.chain.machine import SYSTEM, bench
+from tests.unit.chain.machine import LOGGED as LOGGED_ALONE
+from tests.unit.chain.machine import SYSTEM, bench, write_nominal
 
 LOGGED = SYSTEM.replace('name = "machine"', 'name = "machine"\nnominal = "nominal.mcap"')
 
@@ -47,6 +49,19 @@ def test_riot_toml_has_to_name_what_is_external(tmp_path: Path) -> None:
     system = SYSTEM[: SYSTEM.index("[external]")] + "[unit.drive]\n"
     with pytest.raises(ConfigError, match="no external topics"):
         external_fields(bench(tmp_path, system).workspace)
+
+
+def test_a_log_drives_the_system_where_no_component_does_at_the_pace_of_the_run(tmp_path: Path) -> None:
+    system = LOGGED_ALONE.replace(
+        'name = "machine"\n', 'name = "machine"\nnominal_run = { duration = 60, speed = 2 }\n'
+    )
+    write_nominal(tmp_path)
+    workspace = bench(tmp_path, system).workspace
+    driving = driving_log(workspace, RunPace(duration=3.0, speed=4.0))
+    assert {message.key for message in driving} == {"panel"}
+    assert len(driving) == 31  # 1.5 s of the log, which has twice the speed, at 20 messages a second
+    assert (driving[-1].time - driving[0].time) / 1e9 == pytest.approx(0.75)
+    assert driving_log(bench(tmp_path, LOGGED).workspace, RunPace(duration=3.0)) == ()
 
 
 def test_one_message_has_no_rate() -> None:

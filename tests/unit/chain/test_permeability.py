@@ -9,7 +9,18 @@ from riot_bus.findings.records import PermeabilityRecord
 from riot_bus.findings.steps import find_step
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import Signal
-from tests.unit.chain.machine import MODE, SPEED, SYSTEM, bench, share, write_fields, write_minimal
+from tests.unit.chain.machine import (
+    COUNT,
+    LOGGED,
+    MODE,
+    SPEED,
+    SYSTEM,
+    bench,
+    share,
+    write_fields,
+    write_minimal,
+    write_nominal,
+)
 
 OFF = SYSTEM.replace('inputs = ["panel"]', "inputs = []")
 """The same machine, whose riot.toml forgets to say what the governor reads."""
@@ -31,6 +42,20 @@ def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path
     assert len(driven) == 8
     assert all(isinstance(injection.value, Signal) for case in driven for injection in case.injections)
     assert len({case.seed for case in driven}) == 8
+
+
+def test_a_log_of_the_outside_is_enough(tmp_path: Path) -> None:
+    write_nominal(tmp_path)
+    one = bench(tmp_path, LOGGED)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert (record.permeable, record.runs, record.played) == (("panel:knob",), 8, True)
+    played = "the outside played from the nominal log"
+    assert record.summary == f"3 external fields in 8 runs of machine, {played} -> panel:knob"
+    driven = [case for case in one.machine.executed if case.injections]
+    assert {len(case.messages) for case in driven} == {COUNT}
+    assert {message.key for message in driven[0].messages} == {"panel"}
 
 
 def test_what_may_be_chance_has_to_show_again_in_fresh_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from riot_bus.findings.records import (
     AlternativeRecord,
     FieldsRecord,
     MinimalRecord,
+    PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
     SimplifiedRecord,
@@ -80,3 +81,9 @@ def test_what_besides_values_matters_is_told_with_its_trials(tmp_path: Path) -> 
     assert not any("is not known" in gap for gap in not_tried(view))
     FieldsRecord.load(tmp_path).model_copy(update={"structure": (), "structure_asked": 0}).save(tmp_path)
     assert any("Whether keys, the order of messages" in gap for gap in not_tried(load(tmp_path)))
+
+
+def test_a_log_in_place_of_the_outside_is_told(finding: Path) -> None:
+    assert not any("How the outside answers" in gap for gap in not_tried(load(finding)))
+    PermeabilityRecord.load(finding).model_copy(update={"played": True}).save(finding)
+    assert any("How the outside answers" in gap for gap in not_tried(load(finding)))
