@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Literal
 
-from riot_bus.backchain.permeability import FieldDrive, PermeabilityResult, Run, analyse
+import numpy as np
+
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.topic_graphs import declared_graph
@@ -18,7 +22,7 @@ from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Series, TestCase
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
@@ -32,6 +36,11 @@ _ALPHA_AGAIN = 0.05
 """In further runs, of which only what has been found already is asked."""
 _FEWEST_AGAIN = 4
 _DRAWS = 399
+_BETWEEN = 3
+"""Runs in which fields are constant, as a multiple of the long ones: each tells one value."""
+_SUMMARIES: dict[str, Callable[[Sequence[float]], Any]] = {"mean": np.mean, "spread": np.std, "last": itemgetter(-1)}
+"""What of an internal field is told of a run as a whole."""
+_UNTOLD = "no internal field had values by which it could be told"
 
 
 def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = True) -> PermeabilityRecord:
@@ -40,7 +49,9 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     Args:
         step: The running step.
         folder: The finding.
-        runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance.
+        runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance, and
+            three times as many in which fields are constant, if some tell nothing within runs, such as those of a
+            message that is sent once, or if nothing reaches an internal field.
         prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
 
     Raises:
@@ -109,9 +120,34 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         fresh = perturbed(range(runs, runs + max(_FEWEST_AGAIN, runs // 2)))
         done += fresh
         result = result.confirmed_by(analysed(fresh, _ALPHA_AGAIN), analysed(done, _ALPHA))
+    edges = {(edge.external, edge.internal): _edge(edge, "within runs") for edge in result.edges}
+    told, reached = {external for external, _ in edges}, {edge.internal for edge in result.permeable()}
+    numeric = {name for run in done for name, series in run.outputs.items() if series.values}
+    constant = [field for field in driven if numeric - reached or (numeric and field.name not in told)]
+    count = _BETWEEN * runs if constant else 0
+    if constant:
+        signals = {field: _signal(field, 0.0, seed=workspace.seed, run=-1, hold=1) for field in constant}
+        cases = [
+            TestCase(
+                driving,
+                tuple(_constant(field, signal.value(number)) for field, signal in signals.items()),
+                workspace.seed + len(done) + number,
+            )
+            for number in range(count)
+        ]
+        outcomes: list[Outcome] = []
+        for start in range(0, count, runner.parallelism):
+            outcomes += runner.run(cases[start : start + runner.parallelism])
+            step.progress(len(outcomes), count, f"{counted(len(constant), 'external field')} constant in each run")
+        for edge in _between(signals, outcomes, sorted(numeric), seed=workspace.seed):
+            pair = edge.external, edge.internal
+            if pair not in edges or edge.permeable:
+                edges[pair] = edge
+    told = {external for external, _ in edges}
     return PermeabilityRecord(
-        edges=_edges(result),
-        runs=len(done),
+        edges=tuple(sorted(edges.values(), key=_rank)),
+        runs=len(done) + count,
+        untested={field.name: _UNTOLD for field in driven if field.name not in told},
         pruned=pruned,
         nominal={field.name: (field.nominal, field.spread) for field in driven},
         tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
@@ -131,10 +167,11 @@ def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
     return min(message_rate(some) for some in times.values())
 
 
-def _signal(field: ExternalField, rate: float, *, seed: int, run: int) -> Signal:
+def _signal(field: ExternalField, rate: float, *, seed: int, run: int, hold: int | None = None) -> Signal:
     """Return a signal over the field's nominal range, held for about five samples of the internal series."""
     half = (field.high - field.low) / 2 or field.spread
-    hold = max(1, round(_HOLD * field.rate / rate)) if rate else _HOLD
+    if hold is None:
+        hold = max(1, round(_HOLD * field.rate / rate)) if rate else _HOLD
     own = zlib.crc32(f"{seed}:{run}:{field.name}".encode())
     return Signal((field.high + field.low) / 2, half, hold=hold, seed=own, integer=field.integer)
 
@@ -149,17 +186,55 @@ def _run(plan: Mapping[ExternalField, Signal], outcome: Outcome, internals: Sequ
     return Run(inputs, {name: outcome.observed[name] for name in internals})
 
 
-def _edges(result: PermeabilityResult) -> tuple[EdgeRecord, ...]:
-    return tuple(
-        EdgeRecord(
-            external=edge.external,
-            internal=edge.internal,
-            permeable=edge.permeable,
-            strength=edge.strength,
-            low=edge.low,
-            high=edge.high,
-            lag_s=edge.lag_s,
-            p_value=edge.p_value,
-        )
-        for edge in result.edges
+def _constant(field: ExternalField, value: float) -> Injection:
+    return Injection(field.topic, field.path, round(value) if field.integer else value)
+
+
+def _between(
+    signals: Mapping[ExternalField, Signal], outcomes: Sequence[Outcome], internals: Sequence[str], *, seed: int
+) -> list[EdgeRecord]:
+    """Return what fields do that had one value in each run: to the mean, the spread and the last of internal fields.
+
+    Args:
+        signals: Of each field; the value in run i is that of message i.
+        outcomes: Of the runs.
+        internals: The internal fields.
+        seed: Seed of the redraws.
+    """
+    count = range(len(outcomes))
+    inputs = {
+        field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
+        for field, signal in signals.items()
+    }
+    found: dict[tuple[str, str], EdgeRecord] = {}
+    for summary in _SUMMARIES.values():
+        outputs = {}
+        for name in internals:
+            seen = [(float(run), outcomes[run].observed[name].values) for run in count]
+            kept = [(run, float(summary(values))) for run, values in seen if values]
+            outputs[name] = Series(tuple(run for run, _ in kept), tuple(value for _, value in kept))
+        # each summary is one more chance to be found by chance
+        alpha = _ALPHA / len(_SUMMARIES)
+        for edge in analyse([Run(inputs, outputs)], lags=1, alpha=alpha, draws=_DRAWS, seed=seed).edges:
+            known = found.get((edge.external, edge.internal))
+            if known is None or (edge.permeable, edge.strength) > (known.permeable, known.strength):
+                found[edge.external, edge.internal] = _edge(edge, "between runs")
+    return list(found.values())
+
+
+def _edge(edge: PermeabilityEdge, design: Literal["within runs", "between runs"]) -> EdgeRecord:
+    return EdgeRecord(
+        external=edge.external,
+        internal=edge.internal,
+        permeable=edge.permeable,
+        strength=edge.strength,
+        low=edge.low,
+        high=edge.high,
+        lag_s=edge.lag_s if design == "within runs" else 0.0,
+        p_value=edge.p_value,
+        design=design,
     )
+
+
+def _rank(edge: EdgeRecord) -> tuple[object, ...]:
+    return edge.internal, not edge.permeable, -edge.strength, edge.p_value, edge.external

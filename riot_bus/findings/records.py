@@ -597,6 +597,9 @@ class EdgeRecord(_Model):
     high: float
     lag_s: float
     p_value: float
+    design: Literal["within runs", "between runs"] = Field(
+        default="within runs", description="whether it had many values in each run, or one"
+    )
 
 
 _PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
@@ -610,6 +613,7 @@ class PermeabilityRecord(Artefact):
     edges: tuple[EdgeRecord, ...]
     runs: int
     pruned: tuple[str, ...] = ()
+    untested: dict[str, str] = Field(default={}, description="external fields of which nothing can be told, and why")
     nominal: dict[str, tuple[float, float]] = Field(default={}, description="center and spread per external field")
     tree: list[dict[str, Any]] = []
     system: str = "the system"
@@ -622,7 +626,9 @@ class PermeabilityRecord(Artefact):
         fields, runs = counted(len(self.nominal), "external field"), counted(self.runs, "run")
         idle = f" ({counted(len(self.pruned), 'field')} not driven: no way from there)" if self.pruned else ""
         played = ", the outside played from the nominal log" if self.played else ""
-        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}"
+        why = "; ".join(dict.fromkeys(self.untested.values()))
+        untold = f" ({counted(len(self.untested), 'field')} not tested: {why})" if self.untested else ""
+        return f"{fields} in {runs} of {self.system}{played} -> {names}{idle}{untold}"
 
     @property
     def permeable(self) -> tuple[str, ...]:

@@ -272,6 +272,10 @@ def not_tried(view: FindingView, *, open_questions: Sequence[str] = ()) -> list[
             f"{plural(len(view.permeability.pruned), 'external field')} not driven, for want of a path to the unit "
             "on the bus: " + ", ".join(clean(name, limit=80) for name in view.permeability.pruned[:12])
         )
+    if view.permeability and view.permeability.untested:
+        names = ", ".join(clean(name, limit=80) for name in list(view.permeability.untested)[:12])
+        why = "; ".join(dict.fromkeys(clean(one, limit=200) for one in view.permeability.untested.values()))
+        gaps.append(f"{plural(len(view.permeability.untested), 'external field')} not tested ({why}): {names}")
     if (view.permeability and view.permeability.played) or (view.activation and view.activation.played):
         gaps.append(
             "How the outside answers: it was played from the nominal log, so what the system does had no effect on it."

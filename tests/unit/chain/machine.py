@@ -178,6 +178,7 @@ class Machine:
         broken: Whether a trial cannot be carried out.
         system_fails: As `fails`, in runs of the whole system.
         system_wrong: As `wrong`, likewise.
+        governor: What the governor makes of what the panel says.
         known: What the drive does in nominal runs of the whole system.
         judged: The units that runs of the whole system judge, in the order in which their runners were asked for.
     """
@@ -189,6 +190,7 @@ class Machine:
     broken: Callable[[TestCase], bool] = never
     system_fails: Callable[[Sequence[Message]], int | None] = hangs
     system_wrong: Callable[[TestCase], bool] = never
+    governor: Callable[[Sequence[Message]], list[Message]] = commands
     known: Baseline = field(default_factory=lambda: Baseline(trials=4))
     executed: list[TestCase] = field(default_factory=list)
     judged: list[str] = field(default_factory=list)
@@ -233,12 +235,11 @@ class Machine:
     def drive(self, case: TestCase, observe: Sequence[str], record: Path | None) -> Outcome:
         given = case.messages or panel(case.seed)
         readings, _ = inject_log(given, case.injections, registry=TypeRegistry(), seed=case.seed)
-        made = commands(readings)
+        made = self.governor(readings)
         if record is not None:
             with LogWriter(record, metadata={"seed": str(case.seed)}) as writer:
-                for pair in zip(readings, made, strict=True):
-                    for message in pair:
-                        writer.write(message)
+                for message in sorted([*readings, *made], key=lambda message: message.time):
+                    writer.write(message)
         observed = {name: series(name, [*readings, *made], case.seed) for name in observe}
         failed = (self.system_fails(made) is not None) != self.system_wrong(case)
         found = self.outcome(case, failed, observed=observed)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,10 @@ import pytest
 from riot_bus.chain.permeability import permeability
 from riot_bus.findings.records import PermeabilityRecord
 from riot_bus.findings.steps import find_step
+from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import (
     COUNT,
     LOGGED,
@@ -16,6 +19,8 @@ from tests.unit.chain.machine import (
     SPEED,
     SYSTEM,
     bench,
+    commands,
+    panel,
     share,
     write_fields,
     write_minimal,
@@ -56,6 +61,59 @@ def test_a_log_of_the_outside_is_enough(tmp_path: Path) -> None:
     driven = [case for case in one.machine.executed if case.injections]
     assert {len(case.messages) for case in driven} == {COUNT}
     assert {message.key for message in driven[0].messages} == {"panel"}
+
+
+def latching(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that keeps to the first reading."""
+    return [each.with_(time=reading.time + 1000) for reading in readings for each in commands(readings[:1])]
+
+
+def once(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that gets one reading, at its begin."""
+    return (
+        latching(readings)
+        if len(readings) > 1
+        else [
+            each.with_(time=each.time + number * 50_000_000) for number in range(COUNT) for each in commands(readings)
+        ]
+    )
+
+
+def test_an_input_of_which_only_the_first_value_counts_is_found_between_runs(tmp_path: Path) -> None:
+    one = bench(tmp_path, governor=latching)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert record.permeable == ("panel:knob",)
+    assert {edge.external: edge.design for edge in record.edges if edge.permeable} == {"panel:knob": "between runs"}
+    assert (record.runs, record.untested) == (32, {})
+    assert record.summary == "3 external fields in 32 runs of machine -> panel:knob"
+
+
+def test_an_input_that_comes_once_is_found_between_runs(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for message in [panel(0)[0], *once(panel(0)[:1])]:
+            writer.write(message)
+    one = bench(tmp_path, LOGGED, governor=once)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert record.permeable == ("panel:knob",)
+    assert {edge.external for edge in record.edges} == {"panel:knob", "panel:lever", "panel:heat"}
+    assert {edge.design for edge in record.edges} == {"between runs"}
+
+
+def test_of_inner_fields_without_numbers_nothing_is_told_and_that_is_said(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one)
+    write_fields(one, MODE)
+    record = permeability(one.run(), one.folder)
+    assert (record.permeable, record.edges, record.runs) == ((), (), 8)
+    assert set(record.untested) == {"panel:knob", "panel:lever", "panel:heat"}
+    assert record.summary == (
+        "3 external fields in 8 runs of machine -> none (3 fields not tested: "
+        "no internal field had values by which it could be told)"
+    )
 
 
 def test_what_may_be_chance_has_to_show_again_in_fresh_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
