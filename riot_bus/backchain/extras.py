@@ -33,11 +33,12 @@ def strong_components(count: int, arrows: Sequence[tuple[int, int]]) -> list[int
     return labels
 
 
-def student_reach(freedom: int) -> float:
-    """Return the half width of a 95 % interval in standard errors (Student's t).
+def student_reach(freedom: int, *, confidence: float = 0.95) -> float:
+    """Return the half width of an interval in standard errors (Student's t).
 
     Args:
         freedom: Degrees of freedom, at least 1.
+        confidence: That of the interval.
 
     Raises:
         MissingExtraError: scipy is not installed.
@@ -46,4 +47,4 @@ def student_reach(freedom: int) -> float:
         from scipy.special import stdtrit
     except ImportError:
         raise MissingExtraError("scipy", "analysis") from None
-    return float(stdtrit(freedom, 0.975))
+    return float(stdtrit(freedom, (1 + confidence) / 2))

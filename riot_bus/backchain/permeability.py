@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from riot_bus.backchain.extras import student_reach
 from riot_bus.backchain.fir import Floats, LagColumns, RunColumns, lag_grid, standardise
 from riot_bus.backchain.responses import CHANNELS, Effect, residuals
 from riot_bus.backchain.strength import estimate
@@ -28,11 +29,14 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.injection import Signal
     from riot_bus.vocabulary.trial import Progress, Series
 
-__all__ = ["Effect", "FieldDrive", "PermeabilityEdge", "PermeabilityResult", "Run", "Skipped", "analyse"]
+__all__ = ["Effect", "FieldDrive", "PermeabilityEdge", "PermeabilityResult", "Run", "Skipped", "analyse", "may_latch"]
 
 _MIN_SAMPLES = 8
 _ROUNDS = 8
 _CLEAR = 0.5
+_FEWEST, _SUSPICION = 4, 0.002
+"""Runs that tell of a field's first value, and the chance that one without any effect is suspected: further runs are
+asked for it, which cost more than all others together."""
 _LARGEST = 1e3
 
 
@@ -192,6 +196,28 @@ def analyse(
         if progress is not None:
             progress(done + 1, len(internals), f"permeability of {internal}")
     return PermeabilityResult(tuple(edges), tuple(skipped), alpha=alpha, runs=len(runs))
+
+
+def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
+    """Return whether the first value of a field in each run seems to decide the mean of an internal field.
+
+    That costs no further runs, and shows nothing: so few runs only tell what is worth asking.
+
+    Args:
+        runs: The multiplexed runs.
+        external: The external field.
+        internal: The internal field.
+    """
+    pairs = [
+        (run.inputs[external].series.values[0], float(np.mean(run.outputs[internal].values)))
+        for run in runs
+        if external in run.inputs and run.inputs[external].series.values and run.outputs[internal].values
+    ]
+    if len(pairs) < _FEWEST or not np.isfinite(pairs).all() or not np.ptp(pairs, axis=0).all():
+        return False
+    freedom, correlation = len(pairs) - 2, abs(float(np.corrcoef(np.array(pairs).T)[0, 1]))
+    reach = student_reach(freedom, confidence=1 - _SUSPICION)
+    return bool(correlation * np.sqrt(freedom) >= reach * np.sqrt(max(0.0, 1 - correlation**2)))
 
 
 def _usable(runs: Sequence[Run], internal: str) -> _Output:

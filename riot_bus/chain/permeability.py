@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse, may_latch
 from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
 from riot_bus.chain.logs import internal_name
 from riot_bus.chain.topic_graphs import declared_graph
@@ -51,7 +51,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         folder: The finding.
         runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance, and
             three times as many in which fields are constant, if some tell nothing within runs, such as those of a
-            message that is sent once, or if nothing reaches an internal field.
+            message that is sent once, if nothing reaches an internal field, or if only the first value of a field
+            seems to count.
         prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
 
     Raises:
@@ -123,7 +124,13 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     edges = {(edge.external, edge.internal): _edge(edge, "within runs") for edge in result.edges}
     told, reached = {external for external, _ in edges}, {edge.internal for edge in result.permeable()}
     numeric = {name for run in done for name, series in run.outputs.items() if series.values}
-    constant = [field for field in driven if numeric - reached or (numeric and field.name not in told)]
+    constant = [
+        field
+        for field in driven
+        if numeric - reached
+        or (numeric and field.name not in told)
+        or any(may_latch(done, field.name, name) for name in numeric if not _is_permeable(edges, field.name, name))
+    ]
     count = _BETWEEN * runs if constant else 0
     if constant:
         signals = {field: _signal(field, 0.0, seed=workspace.seed, run=-1, hold=1) for field in constant}
@@ -184,6 +191,10 @@ def _run(plan: Mapping[ExternalField, Signal], outcome: Outcome, internals: Sequ
             Series(times, tuple(signal.value(index) for index in range(len(times)))), signal
         )
     return Run(inputs, {name: outcome.observed[name] for name in internals})
+
+
+def _is_permeable(edges: Mapping[tuple[str, str], EdgeRecord], external: str, internal: str) -> bool:
+    return (external, internal) in edges and edges[external, internal].permeable
 
 
 def _constant(field: ExternalField, value: float) -> Injection:
