@@ -30,10 +30,11 @@ TRUE = {
     ("/odom:twist.twist.linear.x", "/map_updates:x"),
     ("/odom:twist.twist.linear.y", "/map_updates:y"),
 }
+CHOOSES, TAKES = "        if self._left == 0:\n", "        if on_site(goal.x, goal.y):\n            self._goal ="
 CHANGES = {
-    "once": ("rover/operator_.py", "        if self._left == 0:\n", "        if tick:\n            return\n        if self._left == 0:\n"),
-    "latched": ("rover/mapper.py", "        if on_site(goal.x, goal.y):\n            self._goal", "        if self._goal is None:\n            self._goal"),
-}  # fmt: skip
+    "once": ("rover/operator_.py", CHOOSES, "        if tick:\n            return\n" + CHOOSES),
+    "latched": ("rover/mapper.py", TAKES, "        if self._goal is None:\n            self._goal ="),
+}
 WAYS = ("repeated", *CHANGES, "logged")
 
 

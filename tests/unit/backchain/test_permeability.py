@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from riot_bus.backchain.fir import LagColumns, RunColumns, lag_grid, standardise
-from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse, may_latch
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
 
@@ -124,6 +124,22 @@ def test_one_value_per_run_is_a_single_run_with_one_sample_per_system_run():
     output = np.asarray(drives["ext2"].series.values) + 0.5 * rng.normal(size=96)
     result = analyse([Run(drives, {"unit:y": Series(times, tuple(output.tolist()))})], lags=1)
     assert names(result) == {"ext2"}
+
+
+def test_a_field_whose_first_value_counts_is_suspected_and_few_others_are():
+    def response(held, rng):
+        return held[0][0] + 0.3 * held[1] + 0.1 * rng.normal(size=SAMPLES)
+
+    suspected = [
+        (at, may_latch(make_runs(8, response, seed=seed), f"ext{at}", "unit:y"))
+        for seed in range(40)
+        for at in range(8)
+    ]
+    assert all(one for at, one in suspected if at == 0)
+    assert sum(one for at, one in suspected if at) <= 5  # of 280, each with a chance of 0.002
+    assert not may_latch(make_runs(3, response), "ext0", "unit:y")
+    assert not may_latch(make_runs(8, lambda held, rng: np.full(SAMPLES, 5.0)), "ext0", "unit:y")
+    assert not may_latch([Run({}, {"unit:y": Series((0.0,), (1.0,))})] * 8, "ext0", "unit:y")
 
 
 def test_integer_signals_and_deterministic_answers():
