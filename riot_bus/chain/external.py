@@ -26,14 +26,14 @@ _REACH = 2500.0
 
 @dataclass(frozen=True, slots=True)
 class ExternalField:
-    """One numeric field of an external topic.
+    """One numeric or boolean field of an external topic.
 
     Attributes:
         nominal: Median in the nominal log.
         spread: Standard deviation there; for a constant field a tenth of its size, or 1.
-        low: Smallest nominal value.
-        high: Largest nominal value.
-        range: Values that may be tried, from riot.toml or 2,500 spreads around the nominal value.
+        low: Smallest nominal value; of a constant field a spread below it; of a boolean one 0.
+        high: Largest nominal value, likewise; 1.
+        range: Values that may be tried, from riot.toml or 2,500 spreads around the nominal value, within its type.
         rate: Messages per second of its topic in the nominal log.
     """
 
@@ -51,7 +51,7 @@ class ExternalField:
     @property
     def integer(self) -> bool:
         """Whether the field holds whole numbers."""
-        return "int" in self.type
+        return "int" in self.type or self.type == "bool"
 
 
 def message_rate(times: Iterable[int]) -> float:
@@ -115,7 +115,7 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
 
 
 def external_fields(workspace: Workspace) -> list[ExternalField]:
-    """List all numeric external fields, with their behaviour in the nominal log.
+    """List all numeric and boolean external fields, with their behaviour in the nominal log.
 
     Raises:
         ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
@@ -124,13 +124,13 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
     messages = external_messages(workspace)
     targets = targets_of(messages, registry, leave=file.external.exclude)
     targets = {
-        topic: [target for target in fields if target.type not in ("string", "bytes", "bool")]
+        topic: [target for target in fields if target.type not in ("string", "bytes")]
         for topic, fields in targets.items()
     }
     if not any(targets.values()):
         present = {registry.topic(one.key) for one in workspace.nominal_messages()}
         raise ConfigError(
-            f"the nominal log holds no numeric field of {', '.join(file.external.topics)}",
+            f"the nominal log holds no numeric or boolean field of {', '.join(file.external.topics)}",
             where=str(workspace.nominal_log()),
             hint=did_you_mean(file.external.topics[0], present),
         )
@@ -161,8 +161,23 @@ def _described(
     spread = pstdev(numbers)
     if spread <= 1e-9 * max(1.0, abs(nominal)):
         spread = abs(nominal) / 10 or 1.0
+    low, high = (min(numbers), max(numbers)) if len(set(numbers)) > 1 else (nominal - spread, nominal + spread)
+    if type_name == "bool":
+        low, high, spread = 0.0, 1.0, 0.5
+    least, most = _limits(type_name)
     chosen = (nominal - _REACH * spread, nominal + _REACH * spread)
     for pattern, limits in file.external.ranges.items():
         if fnmatchcase(name, pattern):
             chosen = limits
-    return ExternalField(name, topic, path, type_name, nominal, spread, min(numbers), max(numbers), chosen, rate)
+    low, high, first, last = (min(max(value, least), most) for value in (low, high, *chosen))
+    return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
+
+
+def _limits(type_name: str) -> tuple[float, float]:
+    """Return the least and the largest value of a type."""
+    if type_name == "bool":
+        return 0.0, 1.0
+    if "int" not in type_name:
+        return -math.inf, math.inf
+    bits = int(type_name.partition("int")[2])
+    return (0.0, 2.0**bits - 1) if type_name[0] == "u" else (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1)

@@ -176,7 +176,7 @@ def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
 
 def _signal(field: ExternalField, rate: float, *, seed: int, run: int, hold: int | None = None) -> Signal:
     """Return a signal over the field's nominal range, held for about five samples of the internal series."""
-    half = (field.high - field.low) / 2 or field.spread
+    half = (field.high - field.low) / 2
     if hold is None:
         hold = max(1, round(_HOLD * field.rate / rate)) if rate else _HOLD
     own = zlib.crc32(f"{seed}:{run}:{field.name}".encode())

@@ -64,7 +64,7 @@ def fit_value(value: Scalar, before: Scalar) -> Scalar:
             return float(value)
         return float(value) if isinstance(value, int) and abs(value) < 2**1023 else value
     if isinstance(before, bool):
-        return bool(value) if isinstance(value, int) else value
+        return bool(value) if isinstance(value, int) or value in (0.0, 1.0) else value
     if isinstance(before, int) and isinstance(value, float) and value.is_integer():
         return int(value)
     return value

@@ -27,11 +27,24 @@ def test_fields_come_with_what_they_did_in_the_nominal_log(tmp_path: Path) -> No
     rows = [{"knob": knob, "still": 20, "zero": 0, "lever": 1.0, "name": "x", "on": True} for knob in (1.0, 3.0, 5.0)]
     log(tmp_path, [*rows, {"knob": float("nan"), "still": 20, "zero": 0}])
     fields = {field.path: field for field in external_fields(bench(tmp_path, system).workspace)}
-    assert set(fields) == {"knob", "still", "zero"}
+    assert set(fields) == {"knob", "still", "zero", "on"}
+    assert (fields["on"].low, fields["on"].high, fields["on"].range, fields["on"].integer) == (0, 1, (0, 1), True)
     knob, still, zero = fields["knob"], fields["still"], fields["zero"]
     assert (knob.nominal, knob.low, knob.high, knob.range, knob.rate) == (3.0, 1.0, 5.0, (-1000, 1000), 2.0)
     assert (still.spread, still.range, still.integer) == (2.0, (20 - 5000, 20 + 5000), True)
+    assert (still.low, still.high) == (18, 22)
     assert (zero.spread, knob.integer) == (1.0, False)
+
+
+def test_values_stay_within_their_type(tmp_path: Path) -> None:
+    types = '[system]\nname = "machine"\nnominal = "nominal.mcap"\ntypes = { "/level" = "std_msgs/msg/UInt8" }'
+    system = SYSTEM.replace('[system]\nname = "machine"', types).replace('topics = ["panel"]', 'topics = ["/level"]')
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for number in range(3):
+            writer.write(Message(10**18 + number, "/level", bytes([0, 1, 0, 0, 254]), encoding="cdr"))
+    (level,) = external_fields(bench(tmp_path, system).workspace)
+    assert (level.type, level.nominal, level.range) == ("uint8", 254, (0, 255))
+    assert (level.low, level.high) == (254 - 25.4, 255)
 
 
 def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
@@ -41,7 +54,7 @@ def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
 
 def test_a_log_without_external_topics_suggests_what_it_has(tmp_path: Path) -> None:
     log(tmp_path, [{"knob": 1.0}], "panels")
-    with pytest.raises(ConfigError, match=r"no numeric field of panel[^?]*'panels'\?"):
+    with pytest.raises(ConfigError, match=r"no numeric or boolean field of panel[^?]*'panels'\?"):
         external_fields(bench(tmp_path, LOGGED).workspace)
 
 

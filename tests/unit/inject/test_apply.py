@@ -5,7 +5,7 @@ import pytest
 from riot_bus.inject import apply
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import RiotError
-from riot_bus.vocabulary.injection import Injection
+from riot_bus.vocabulary.injection import Injection, Signal
 from riot_bus.vocabulary.message import Message
 
 
@@ -39,3 +39,11 @@ def test_which_messages_each_injection_changed() -> None:
     reached: list[list[int]] = []
     apply.inject_log(log, injections, registry=TypeRegistry(), reached=reached)
     assert reached == [[0, 1, 3], [], [], [], [3]]
+
+
+def test_a_signal_of_whole_numbers_sets_a_boolean() -> None:
+    log = [Message(10**18 + number, "a", b'{"on": true}', encoding="application/json") for number in range(40)]
+    signal = Signal(0.5, 0.5, hold=1, seed=3, integer=True)
+    changed, _ = inject_log(log, [Injection("a", "on", signal)], registry=TypeRegistry())
+    assert {message.payload for message in changed} == {b'{"on": true}', b'{"on": false}'}
+    assert [message.payload == b'{"on": true}' for message in changed] == [signal.value(n) == 1.0 for n in range(40)]
