@@ -44,6 +44,6 @@ def test_which_messages_each_injection_changed() -> None:
 def test_a_signal_of_whole_numbers_sets_a_boolean() -> None:
     log = [Message(10**18 + number, "a", b'{"on": true}', encoding="application/json") for number in range(40)]
     signal = Signal(0.5, 0.5, hold=1, seed=3, integer=True)
-    changed, _ = inject_log(log, [Injection("a", "on", signal)], registry=TypeRegistry())
+    changed, _ = apply.inject_log(log, [Injection("a", "on", signal)], registry=TypeRegistry())
     assert {message.payload for message in changed} == {b'{"on": true}', b'{"on": false}'}
     assert [message.payload == b'{"on": true}' for message in changed] == [signal.value(n) == 1.0 for n in range(40)]
