@@ -196,7 +196,7 @@ def _outside(view: FindingView) -> list[Statement]:
             Statement(
                 f"{clean(edge.external)} reaches {clean(edge.internal)}",
                 f"{plural(view.permeability.runs, 'run')} of the whole system with random inputs; "
-                f"explains {share(edge.strength)} of the variance",
+                f"explains {share(edge.strength)} of the variance {edge.design}",
                 f"p = {number(edge.p_value)}; strength 95 %: {share_interval(edge.low, edge.high)}",
             )
             for edge in reaching[:20]
