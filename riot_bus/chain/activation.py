@@ -237,7 +237,9 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     permeable = PermeabilityRecord.load(folder)
     if not permeable.permeable:
         raise InconclusiveError(
-            "no external field reaches the relevant ones, so the outside cannot be searched",
+            "no external field was found to reach the relevant ones, so the outside cannot be searched"
+            if permeable.edges
+            else "of no external field could be told whether it reaches the relevant ones",
             where=str(folder),
             hint="this finding stays at unit level; more runs (--runs) may show weaker effects",
         )

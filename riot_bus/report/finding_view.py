@@ -182,6 +182,8 @@ class FindingView:
             return [TextPart("; one run of the whole system failed through "), *names, TextPart(f", but {told}")]
         if self.permeability is None:
             return [TextPart("; whether the outside world can cause this has not been tested yet")]
+        if not self.permeability.edges:
+            return [TextPart("; of no external field could be told whether it reaches it")]
         if not self.permeability.permeable:
             return [TextPart("; none of the external fields that were tested reaches it")]
         reached = [TextPart("; the outside world influences it through "), *names]

@@ -201,7 +201,7 @@ def _outside(view: FindingView) -> list[Statement]:
             )
             for edge in reaching[:20]
         ]
-        if not reaching:
+        if view.permeability.edges and not reaching:
             found.append(
                 Statement(
                     "no external field that was tested reaches a relevant one",

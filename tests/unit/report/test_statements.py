@@ -8,6 +8,7 @@ import pytest
 
 from riot_bus.findings.records import (
     AbsentRecord,
+    ActivationRecord,
     AlternativeRecord,
     FieldsRecord,
     MinimalRecord,
@@ -81,6 +82,22 @@ def test_what_besides_values_matters_is_told_with_its_trials(tmp_path: Path) -> 
     assert not any("is not known" in gap for gap in not_tried(view))
     FieldsRecord.load(tmp_path).model_copy(update={"structure": (), "structure_asked": 0}).save(tmp_path)
     assert any("Whether keys, the order of messages" in gap for gap in not_tried(load(tmp_path)))
+
+
+def test_what_was_not_tested_is_not_called_absent(finding: Path) -> None:
+    untested = {"/joy:axes[0]": "no internal field had values by which it could be told"}
+    for edges, claimed in (((), False), (PermeabilityRecord.load(finding).edges, True)):
+        silent = tuple(edge.model_copy(update={"permeable": False}) for edge in edges)
+        record = PermeabilityRecord.load(finding).model_copy(update={"edges": silent, "untested": untested})
+        record.save(finding)
+        (finding / ActivationRecord.FILE).unlink(missing_ok=True)
+        view = load(finding)
+        absent = "no external field that was tested reaches a relevant one"
+        assert any(one.claim == absent for one in statements(view)) == claimed
+        told = "".join(part.text for part in view.verdict())
+        assert ("none of the external fields that were tested reaches it" in told) == claimed
+        assert ("of no external field could be told whether it reaches it" in told) == (not claimed)
+        assert any("1 external field not tested (no internal field had values" in gap for gap in not_tried(view))
 
 
 def test_a_log_in_place_of_the_outside_is_told(finding: Path) -> None:

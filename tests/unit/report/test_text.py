@@ -76,10 +76,16 @@ def test_what_was_found_in_runs_of_the_whole_system_is_told_as_such(finding: Pat
 def test_nothing_permeable(finding: Path) -> None:
     (finding / "activation.json").unlink()
     path = finding / "permeability.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"edges": []}))
-    first = summary(finding).splitlines()[0]
-    assert "[unit only]" in first
-    assert first.endswith("none of the external fields that were tested reaches it.")
+    record = json.loads(path.read_text())
+    edges = [edge | {"permeable": False} for edge in record["edges"]]
+    for given, words in (
+        (edges, "none of the external fields that were tested reaches it."),
+        ([], "of no external field could be told whether it reaches it."),
+    ):
+        path.write_text(json.dumps(record | {"edges": given}))
+        first = summary(finding).splitlines()[0]
+        assert "[unit only]" in first
+        assert first.endswith(words)
 
 
 def test_terminal_is_safe(finding: Path) -> None:
