@@ -567,8 +567,12 @@ class RuleRecord(Artefact):
     def summary(self) -> str:
         """The rule, and how well it predicts."""
         failing = self.recall.total
+        # a rule about yes and no has so few cases that being right in all of them says little
+        few = self.types and set(self.types.values()) == {"bool"}
+        cases = f" of its {2 ** len(self.types)} cases" if few else ""
         if 0 < failing < self.checks and self.balanced_accuracy is not None:
-            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {counted(self.checks, 'fresh check')}"
+            checks = counted(self.checks, "fresh check")
+            accuracy = f"balanced accuracy {self.balanced_accuracy:.3f} on {checks}{cases}"
         elif self.checks:
             accuracy = f"half tested: {failing} of {counted(self.checks, 'fresh check')} failed"
         else:

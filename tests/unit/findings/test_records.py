@@ -13,6 +13,7 @@ from riot_bus.findings.records import (
     FindingRecord,
     PermeabilityRecord,
     ProportionRecord,
+    RuleRecord,
 )
 from riot_bus.vocabulary.errors import ConfigError
 
@@ -100,3 +101,15 @@ def test_findings_are_ranked_by_the_crash_scale_then_by_ease() -> None:
     ]
     mixed = [ranked[place] for place in (3, 0, 4, 2, 1)]
     assert sorted(mixed, key=lambda one: one.rank) == ranked
+
+
+def test_a_rule_about_yes_and_no_says_how_few_cases_it_has() -> None:
+    sure = ProportionRecord(value=1, low=0.9, high=1, count=30, total=30)
+    rule = RuleRecord(
+        text="/a before /b", rule={}, precision=sure, recall=sure, balanced_accuracy=1.0, checks=60, scale={}
+    )
+    assert "1.000 on 60 fresh checks, 0 trials" in rule.summary
+    yes = rule.model_copy(update={"types": {"/a before /b": "bool"}})
+    assert "1.000 on 60 fresh checks of its 2 cases, 0 trials" in yes.summary
+    mixed = rule.model_copy(update={"types": {"/a before /b": "bool", "/b:x": "int32"}})
+    assert "of its" not in mixed.summary
