@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import StepRun, Workspace
-    from riot_bus.vocabulary.trial import Outcome
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome, Runner
 
 __all__ = ["permeability"]
 
@@ -132,24 +133,10 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         or any(may_latch(done, field.name, name) for name in numeric if not _is_permeable(edges, field.name, name))
     ]
     count = _BETWEEN * runs if constant else 0
-    if constant:
-        signals = {field: _signal(field, 0.0, seed=workspace.seed, run=-1, hold=1) for field in constant}
-        cases = [
-            TestCase(
-                driving,
-                tuple(_constant(field, signal.value(number)) for field, signal in signals.items()),
-                workspace.seed + len(done) + number,
-            )
-            for number in range(count)
-        ]
-        outcomes: list[Outcome] = []
-        for start in range(0, count, runner.parallelism):
-            outcomes += runner.run(cases[start : start + runner.parallelism])
-            step.progress(len(outcomes), count, f"{counted(len(constant), 'external field')} constant in each run")
-        for edge in _between(signals, outcomes, sorted(numeric), seed=workspace.seed):
-            pair = edge.external, edge.internal
-            if pair not in edges or edge.permeable:
-                edges[pair] = edge
+    for edge in _constant_in_runs(step, runner, driving, constant, sorted(numeric), first=len(done), count=count):
+        pair = edge.external, edge.internal
+        if pair not in edges or edge.permeable:
+            edges[pair] = edge
     told = {external for external, _ in edges}
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),
@@ -195,6 +182,44 @@ def _run(plan: Mapping[ExternalField, Signal], outcome: Outcome, internals: Sequ
 
 def _is_permeable(edges: Mapping[tuple[str, str], EdgeRecord], external: str, internal: str) -> bool:
     return (external, internal) in edges and edges[external, internal].permeable
+
+
+def _constant_in_runs(
+    step: StepRun,
+    runner: Runner,
+    driving: tuple[Message, ...],
+    fields: Sequence[ExternalField],
+    internals: Sequence[str],
+    *,
+    first: int,
+    count: int,
+) -> list[EdgeRecord]:
+    """Return what fields do to internal ones in further runs, in each of which they have one value.
+
+    Args:
+        step: The running step.
+        runner: Executes runs of the whole system.
+        driving: What is played to it; nothing where external components drive it.
+        fields: The external fields.
+        internals: The internal fields.
+        first: Runs that there were before.
+        count: Further runs.
+    """
+    seed = step.workspace.seed
+    signals = {field: _signal(field, 0.0, seed=seed, run=-1, hold=1) for field in fields}
+    cases = [
+        TestCase(
+            driving,
+            tuple(_constant(field, signal.value(number)) for field, signal in signals.items()),
+            seed + first + number,
+        )
+        for number in range(count)
+    ]
+    outcomes: list[Outcome] = []
+    for start in range(0, count, runner.parallelism):
+        outcomes += runner.run(cases[start : start + runner.parallelism])
+        step.progress(len(outcomes), count, f"{counted(len(fields), 'external field')} constant in each run")
+    return _between(signals, outcomes, internals, seed=seed) if outcomes else []
 
 
 def _constant(field: ExternalField, value: float) -> Injection:
