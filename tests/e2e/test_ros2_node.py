@@ -33,7 +33,7 @@ def test_an_rclpy_node_is_taken_through_the_whole_chain(riot, tmp_path: Path, mo
     folder = Path(found["finding"])
     finding = FindingRecord.load(folder)
     assert (finding.component, finding.monitor) == ("lamp", "crash")
-    assert "lamp.py" in finding.signature
+    assert all("lamp.py" in line for line in finding.details)
     assert "on_state" in finding.signature
     assert len(MinimalRecord.load(folder).kept) == 1
     fields = {field.name: field.kind for field in FieldsRecord.load(folder).fields}
