@@ -24,7 +24,7 @@ from riot_bus.sut.context import open_system
 from riot_bus.types.latest import LatestFields, in_words, place_of
 from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.elements import quantity_of
-from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.errors import RiotError
 from riot_bus.vocabulary.order import order_of
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def scan_logs(
             try:
                 with copied(entry.place) as path:
                     scan = scanner.scan(path, place=entry.place, robot=entry.robot)
-            except ConfigError as error:
+            except RiotError as error:  # one log that cannot be had is no reason to give up on all others
                 scan = LogScan(entry.place, entry.robot, problem=error.message)
         found.append(scan)
         if progress is not None:

@@ -69,7 +69,8 @@ def scan(
 
     source = rule if rule.is_file() else open_finding(rule)[0]
     if watch:
-        _watch(source, endpoint, cfg or [], within, places)
+        given = {"PLACE": places, "--over": over, "--page": page, "--format": form is not OutputFormat.TEXT}
+        _watch(source, endpoint, cfg or [], within, [name for name, value in given.items() if value])
         return
     logs = _logs(places or [], over, catalogue)
     with ConsoleNarrator(Console(stderr=True)) as narrator:
@@ -96,14 +97,14 @@ def scan(
         raise typer.Exit(1)
 
 
-def _watch(source: Path, endpoint: str, cfg: list[str], within: float, places: Sequence[str] | None) -> None:
+def _watch(source: Path, endpoint: str, cfg: list[str], within: float, unfit: Sequence[str]) -> None:
     from riot_bus.chain.watch import watch_rule
     from riot_bus.control.component import client_cfg
     from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
     from riot_bus.vocabulary.redaction import escape_control_chars
 
-    if places:
-        raise ConfigError("live traffic has no logs", where="--watch", hint=f"leave out {places[0]!r}, or --watch")
+    if unfit:
+        raise ConfigError(f"{', '.join(unfit)} cannot be used with --watch", where="--watch", hint="they are for logs")
 
     def say(line: str) -> None:
         typer.echo(escape_control_chars(line))

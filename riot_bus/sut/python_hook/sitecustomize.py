@@ -76,8 +76,16 @@ def watch(events: str, stacks: str) -> None:
     where = open(f"{stacks}.{os.getpid()}", "ab", buffering=0)  # noqa: SIM115 - it stays open
     faulthandler.register(number, file=where, all_threads=True)
     faulthandler.enable()
+
+    def answer(_: int, frame: FrameType | None) -> None:
+        # the main thread, in the midst of which this runs, must see nothing of it
+        try:  # noqa: SIM105 - nothing more is imported than must be
+            where.write(_stacks(frame))
+        except Exception:  # noqa: S110
+            pass
+
     try:
-        signal.signal(safe, lambda _, frame: where.write(_stacks(frame)))
+        signal.signal(safe, answer)
     except ValueError:  # this is not the main thread of a program that embeds Python
         safe = number
     _tell(events, event="ready", signal=int(number), safe=int(safe))

@@ -69,6 +69,13 @@ def test_where_nothing_can_be_judged_no_answer_is_given(fleet: Path) -> None:
     assert code(scan(fleet / "other.mcap", "--watch", "--rule", fleet / "rule/rule.json")) == 2
 
 
+@pytest.mark.parametrize("words", [("--page", "x.html"), ("--over", "robot=r1"), ("--format", "json")])
+def test_what_is_for_logs_is_refused_for_live_traffic(fleet: Path, words: tuple[str, str]) -> None:
+    done = scan("--watch", "--rule", fleet / "rule/rule.json", *words)
+    assert code(done) == 2
+    assert words[0] in str(done.exception)
+
+
 def test_the_page_shows_each_log_and_obeys_none(fleet: Path) -> None:
     write_log(fleet / "logs/r2/<script>x.mcap", [message(0, "b", x=1)])
     page = fleet / "fleet.html"

@@ -94,6 +94,18 @@ def test_a_look_at_a_thread_that_recurses_does_not_end_the_process(tmp_path: Pat
         process.communicate()
 
 
+def test_a_component_that_closes_all_files_does_not_see_that_it_is_looked_at(tmp_path: Path) -> None:
+    text = RECURSES.replace("threading.Event().wait()", "import os, time; os.closerange(3, 200); time.sleep(600)")
+    process, report = begin(tmp_path, text)
+    try:
+        for _ in range(3):
+            report.stacks([process.pid])
+        assert process.poll() is None
+    finally:
+        process.kill()
+        process.communicate()
+
+
 def test_who_ended_the_process_is_told(tmp_path: Path) -> None:
     process, report = start(tmp_path, "os._exit(0)")
     process.communicate(timeout=10)
