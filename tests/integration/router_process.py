@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
-
-from riot_bus.zenoh.session import free_endpoint
 
 RIOT = [sys.executable, "-m", "riot_bus"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
@@ -20,9 +20,12 @@ class RouterProcess:
 
     Args:
         arguments: Options.
-        endpoints: Where segments listen, by name; by default two on free ports.
+        endpoints: Where segments listen, by name; by default two on ports of the system's choice.
         cwd: Working folder.
         environment: Further variables.
+
+    Raises:
+        AssertionError: It ended before it was ready.
     """
 
     def __init__(
@@ -33,8 +36,8 @@ class RouterProcess:
         segments: bool = True,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        self.endpoints = endpoints or {"system": free_endpoint(), "unit": free_endpoint()}
-        named = [f"--segment={name}={endpoint}" for name, endpoint in self.endpoints.items()] if segments else []
+        asked = endpoints or dict.fromkeys(("system", "unit"), "tcp/127.0.0.1:0")
+        named = [f"--segment={name}={endpoint}" for name, endpoint in asked.items()] if segments else []
         self.process = subprocess.Popen(
             [*RIOT, "router", *named, *arguments],
             stdout=subprocess.PIPE,
@@ -45,6 +48,8 @@ class RouterProcess:
         )
         assert self.process.stdout is not None
         self.ready = self.process.stdout.readline().strip()
+        assert self.ready, self.process.communicate(timeout=60)
+        self.endpoints = _endpoints(self.ready)
 
     def end(self, number: int) -> tuple[int, str, str]:
         self.process.send_signal(number)
@@ -57,6 +62,13 @@ class RouterProcess:
     def __exit__(self, *error: object) -> None:
         self.process.kill()
         self.process.communicate(timeout=60)
+
+
+def _endpoints(ready: str) -> dict[str, str]:
+    """Return where each segment listens first, by name, from what a router says when it is ready, as text or JSON."""
+    if ready.startswith("{"):
+        return {name: str(found[0]) for name, found in json.loads(ready)["endpoints"].items()}
+    return dict(re.findall(r"segment (\S+) (\w+/[^\s,;]+)", ready))
 
 
 def riot(

@@ -344,11 +344,10 @@ def test_a_segment_is_listened_to_when_the_program_behind_is_connected(stack: Ex
 
 
 def test_it_goes_on_with_a_router_that_was_killed_and_started_again(stack: ExitStack) -> None:
-    endpoints = {"system": free_endpoint(), "unit": free_endpoint()}
-    first = stack.enter_context(RouterProcess(endpoints=endpoints))
+    first = stack.enter_context(RouterProcess())
     ground = stack.enter_context(UdpEnd())
     links = ["system/fc=udpin:127.0.0.1:0", f"unit/gcs=udpout:127.0.0.1:{ground.port}"]
-    bridge = stack.enter_context(MavlinkBridgeProcess(endpoints, links))
+    bridge = stack.enter_context(MavlinkBridgeProcess(first.endpoints, links))
     vehicle = stack.enter_context(UdpEnd(bridge.address("fc")))
 
     def crossed() -> bool:
@@ -361,7 +360,7 @@ def test_it_goes_on_with_a_router_that_was_killed_and_started_again(stack: ExitS
     while ground.get(1.0) is not None:
         pass  # it was sent before
     assert not crossed()
-    stack.enter_context(RouterProcess(endpoints=endpoints))
+    stack.enter_context(RouterProcess(endpoints=first.endpoints))
     assert wait_until(crossed, 60)
     bridge.end()
 

@@ -17,7 +17,7 @@ from zenoh.ext import CacheConfig, HistoryConfig, MissDetectionConfig
 
 from riot_bus.control.remote import ask
 from riot_bus.zenoh.client import open_client
-from riot_bus.zenoh.session import free_endpoint, wait_until
+from riot_bus.zenoh.session import wait_until
 from tests.integration.fault_tools import assert_rows_balance
 from tests.integration.router_process import RouterProcess
 from tests.tiers import scaled
@@ -177,15 +177,13 @@ def test_the_documented_rule_keeps_peers_from_stopping_zenoh(tmp_path: Path) -> 
     page = (Path(__file__).parents[2] / "docs/router.md").read_text()
     section = page.partition("### What one peer can do")[2].partition("\n### ")[0]
     toml = textwrap.dedent("\n".join(line for line in section.splitlines() if line.startswith("    ") or not line))
-    endpoint = free_endpoint()
-    (tmp_path / "riot.toml").write_text(toml.replace("tcp/127.0.0.1:7447", endpoint))
+    (tmp_path / "riot.toml").write_text(toml.replace("tcp/127.0.0.1:7447", "tcp/127.0.0.1:0"))
     over = threading.Event()
     with (
         RouterProcess("--intercept=cut/**", cwd=tmp_path, segments=False) as router,
-        open_client(endpoint) as asker,
-        open_client(endpoint) as declarer,
+        open_client(router.endpoints["system"]) as asker,
+        open_client(router.endpoints["system"]) as declarer,
     ):
-        assert router.ready.startswith("ready:"), router.end(15)
 
         def declare() -> None:
             for number in itertools.takewhile(lambda _: not over.is_set(), itertools.count()):
@@ -204,7 +202,7 @@ def test_the_documented_rule_keeps_peers_from_stopping_zenoh(tmp_path: Path) -> 
             thread.join()
 
         def seen() -> bool:  # riot itself still sees who is there
-            found = ask(endpoint, None, "graph")["components"]
+            found = ask(router.endpoints["system"], None, "graph")["components"]
             return "system" in {each["segment"] for each in found}
 
         assert wait_until(seen, 60, interval=0.1)
