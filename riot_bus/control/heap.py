@@ -42,6 +42,7 @@ def calm_collector() -> None:
     Messages that wait to be recorded and keys that are new look to it like a program that grows: it would search
     everything again and again, a fifth of a busy router's time, and meanwhile no message passes.
     """
+    gc.enable()  # the command line loads without it
     gc.freeze()
     gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])
 
