@@ -14,14 +14,14 @@ import re
 from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.types.model import MessageType
@@ -34,7 +34,7 @@ _INDEX = re.compile(r"\[\d+\]")
 _MOST_INPUT = 1e15
 """Squares and products of larger inputs may overflow where numbers have single precision."""
 _MOST_ELEMENTS = 1 << 16
-_MOST_KNOWN = 1 << 16
+_MOST_KNOWN, _MOST_JUDGED = 1 << 12, 1 << 16
 _ROOM, _SAME = 3.0, 1e-6
 """Bounds are so many times what nominal trials differ by away from them, and at least this share of the size. With six
 trials, normal noise is then more than nine standard deviations from its mean."""
@@ -47,9 +47,31 @@ _STALE_NS = 10 * 10**9
 _NORM_NOMINAL, _NORM_ALLOWED = 1e-3, 1e-2
 
 
-_known: dict[tuple[int, bytes], tuple[MessageType | None, bool]] = {}
-"""Types, and whether payloads of them hold exceptional values, by the type's identity (types of others need not be
-hashable) and the payload's checksum: the inputs of one trial are nearly those of another."""
+_T = TypeVar("_T")
+
+
+class _ByPayload(Generic[_T]):
+    """Keeps what was worked out of payloads: the messages of one trial are nearly those of another.
+
+    By the type's identity, as types of others need not be hashable, and the payload's checksum.
+
+    Args:
+        make: Works it out.
+        most: Payloads of which it is kept.
+    """
+
+    def __init__(self, make: Callable[[MessageType | None, bytes], _T], *, most: int) -> None:
+        self._make, self._most = make, most
+        self._known: dict[tuple[int, bytes], tuple[MessageType | None, _T]] = {}
+
+    def __call__(self, message: Message, registry: TypeRegistry) -> _T:
+        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+        key = id(kind), blake2b(message.payload, digest_size=16).digest()
+        if key not in self._known:
+            if len(self._known) >= self._most:
+                self._known.clear()
+            self._known[key] = kind, self._make(kind, message.payload)  # the type is kept, and so its identity
+        return self._known[key][1]
 
 
 class _Answer(NamedTuple):
@@ -278,25 +300,32 @@ def _apart(columns: Sequence[Sequence[Sequence[float]]], gap: float) -> bool:
 def _answers(outputs: Sequence[Message], registry: TypeRegistry) -> _Answers:
     found: _Answers = {}
     for message in outputs:
-        if message.kind != "put":
-            continue
-        kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-        try:
-            leaves = () if kind is None else kind.leaves(message.payload)
-        except PayloadError:
-            leaves = ()
-        numbers = {
-            leaf.path: float(leaf.value)
-            for leaf in leaves
-            if isinstance(leaf.value, int | float) and not isinstance(leaf.value, bool)
-        }
-        odd = {
-            _INDEX.sub("[*]", path): f"{path} = {value!r}"
-            for path, value in reversed(numbers.items())  # the first element is told
-            if not math.isfinite(value)
-        }
-        found.setdefault(registry.topic(message.key), []).append(_Answer(message.time, numbers, odd))
+        if message.kind == "put":
+            answer = _Answer(message.time, *_numbers(message, registry))
+            found.setdefault(registry.topic(message.key), []).append(answer)
     return found
+
+
+def _numbers_of(kind: MessageType | None, payload: bytes) -> tuple[Mapping[str, float], Mapping[str, str]]:
+    """Return `numbers` and `odd` of an `_Answer`."""
+    try:
+        leaves = () if kind is None else kind.leaves(payload)
+    except PayloadError:
+        leaves = ()
+    numbers = {
+        leaf.path: float(leaf.value)
+        for leaf in leaves
+        if isinstance(leaf.value, int | float) and not isinstance(leaf.value, bool)
+    }
+    odd = {
+        _INDEX.sub("[*]", path): f"{path} = {value!r}"
+        for path, value in reversed(numbers.items())  # the first element is told
+        if not math.isfinite(value)
+    }
+    return numbers, odd
+
+
+_numbers = _ByPayload(_numbers_of, most=_MOST_KNOWN)
 
 
 def _norm(numbers: Mapping[str, float], parent: str) -> float | None:
@@ -313,23 +342,16 @@ def _range(values: Sequence[float]) -> float:
     return max(values) - min(values)
 
 
-def _is_exceptional(message: Message, registry: TypeRegistry) -> bool:
-    """Return whether an output may rightly be infinite because of this input, or it cannot be taken apart."""
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-    key = id(kind), blake2b(message.payload, digest_size=16).digest()
-    if key not in _known:
-        if len(_known) >= _MOST_KNOWN:
-            _known.clear()
-        _known[key] = kind, _holds_large(kind, message.payload)
-    return _known[key][1]
-
-
 def _holds_large(kind: MessageType | None, payload: bytes) -> bool:
+    """Return whether an output may rightly be infinite because of this input, or it cannot be taken apart."""
     try:
         leaves = () if kind is None else kind.leaves(payload, elements=_MOST_ELEMENTS)
     except PayloadError:
         leaves = ()
     return not leaves or any(_is_large(leaf.value) for leaf in leaves)
+
+
+_is_exceptional = _ByPayload(_holds_large, most=_MOST_JUDGED)
 
 
 def _is_large(value: Any) -> bool:

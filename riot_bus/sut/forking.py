@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence, Set
@@ -20,8 +19,7 @@ _READ_AT_START = ("PYTHON", "LD_")
 _OF_A_TRIAL = "RIOT_TRIAL_"
 
 
-@dataclass(frozen=True, slots=True)
-class Fork:
+class Fork(NamedTuple):
     """How a component is forked.
 
     Attributes:

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -124,7 +124,7 @@ class Launcher:
         """
         stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
-        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": asdict(fork) if fork else None}
+        request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": fork._asdict() if fork else None}
         request["limits"] = dict(limits) if limits else None
         with self._lock:
             self._send(request)

@@ -73,7 +73,8 @@ class PersistentTrial:
         if outcome.verdict is not Verdict.FAIL or fresh.verdict is not Verdict.PASS or not before:
             return fresh
         seen = [[each.monitor, each.component, each.signature, each.detail] for each in outcome.violations]
-        return replace(fresh, statistics={**fresh.statistics, "history": {"violations": seen, "before": before}})
+        history = {"violations": seen, "before": [each.digest() for each in before]}
+        return replace(fresh, statistics={**fresh.statistics, "history": history})
 
 
 def end_kept(place: TrialPlace) -> None:
@@ -91,12 +92,12 @@ class LiveUnit:
         place: Where it runs.
 
     Attributes:
-        before: Digests of the cases that it had before the last one.
+        before: The cases that it had before the last one.
     """
 
     def __init__(self, trial: PersistentTrial, case: TestCase, place: TrialPlace) -> None:
-        self.before: list[str] = []
-        self._had: list[str] = []
+        self.before: list[TestCase] = []
+        self._had: list[TestCase] = []
         self._kind, self._trial = trial, UnitTrial(trial.unit, trial.baseline)
         self._place, self._file = place, place.context.file
         self._name = component_of(self._file, trial.unit)
@@ -146,7 +147,7 @@ class LiveUnit:
             EnvironmentFaultError: The machine is too busy to tell.
         """
         self.before = list(self._had)
-        self._had.append(case.digest())
+        self._had.append(case)
         if self.before:
             self._reset()
             self._stage.renew()
