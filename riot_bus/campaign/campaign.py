@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from riot_bus.campaign.confirm import repeat_in_order
 from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.history import AfterOthers, add_history
-from riot_bus.campaign.triage import Failure, group
+from riot_bus.campaign.triage import Failure, group, plainer
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -135,15 +135,23 @@ class _Campaign:
         failure.case, failure.rate = repeat_in_order(failure.case, signature, self.runner)
 
     def simplify(self, failure: Failure) -> None:
-        """Let the simplest case stand for a failure if it fails as often."""
-        if failure.simpler is None or failure.rate is None:
-            return
-        case, trial, outcome = failure.simpler
+        """Let the simplest case stand for a failure if it fails as often, without what it does not need to."""
+        if failure.simpler is not None:
+            self._replace(failure, *failure.simpler)
+            failure.simpler = None
+        for case in plainer(failure.case):
+            (outcome,) = self.runner.run([case])
+            if outcome.failed_as(failure.violation.signature) and self._replace(failure, case, failure.trial, outcome):
+                break
+
+    def _replace(self, failure: Failure, case: TestCase, trial: int, outcome: Outcome) -> bool:
+        """Let another case stand for a failure if it fails as often; return whether it does."""
         case, rate = repeat_in_order(case, failure.violation.signature, self.runner)
-        if rate.rate >= failure.rate.rate:
+        as_often = failure.rate is None or rate.rate >= failure.rate.rate
+        if as_often:
             failure.take(case, trial, outcome)
             failure.rate = rate
-        failure.simpler = None
+        return as_often
 
     def check_nominal(self, log: tuple[Message, ...], seed: int) -> int:
         """Try the nominal log, more often if it fails; return the number of trials."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from riot_bus.statistics.rates import Proportion
     from riot_bus.vocabulary.injection import Injection
     from riot_bus.vocabulary.trial import Outcome, TestCase, Violation
 
-__all__ = ["Failure", "complexity", "finding_id", "group", "severity"]
+__all__ = ["Failure", "complexity", "finding_id", "group", "plainer", "severity"]
 
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
 _MOST_DETAILS = 5
@@ -87,6 +87,12 @@ def complexity(injections: Iterable[Injection], modified: int) -> tuple[int, int
         modified: How many messages they changed.
     """
     return max(map(_strangeness, injections), default=0), modified
+
+
+def plainer(case: TestCase) -> Iterator[TestCase]:
+    """Yield a case without its stranger injections, the plainest first: one with plain values may do the same alone."""
+    for most in sorted(set(map(_strangeness, case.injections)))[:-1]:
+        yield replace(case, injections=tuple(each for each in case.injections if _strangeness(each) <= most))
 
 
 def _strangeness(injection: Injection) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.features import Array, Feature
+from riot_bus.generalize.literals import compare
 from riot_bus.generalize.margins import WRAPS
 from riot_bus.generalize.numbers import between, number_bits, step
 from riot_bus.generalize.rule import Rule
@@ -19,7 +20,7 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["inversions", "probe_threshold", "widen"]
+__all__ = ["inversions", "probe_threshold", "widen", "without"]
 
 Number = int | float
 
@@ -29,21 +30,22 @@ LONGEST_TEXT = 1 << 16
 def widen(table: Table, learnt: Learnt) -> Learnt:
     """Return the rule with each threshold's interval between the samples that this literal alone decides about.
 
-    The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold).
+    The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold), and
+    samples may lie within one that was found where another literal holds.
     """
     columns = columns_of(table.variables, table.assignments)
     failed = np.array(table.failed, dtype=bool)
     terms = [list(term) for term in learnt.terms]
+    bits = learnt.bits
+    none, every = np.zeros(len(failed), dtype=bool), np.ones(len(failed), dtype=bool)
     for row, term in enumerate(terms):
-        other_terms = Rule(tuple(tuple(map(concrete, term)) for index, term in enumerate(terms) if index != row))
-        elsewhere = other_terms.predict(columns)
+        others = [_all(other, columns, every) for index, other in enumerate(terms) if index != row]
+        elsewhere = np.any([none, *others], axis=0)
         for place, candidate in enumerate(term):
             if candidate.operator not in ("<", ">"):
                 continue
-            rest = Rule((tuple(concrete(other) for index, other in enumerate(term) if index != place),)).predict(
-                columns
-            )
-            holds = concrete(candidate).holds(columns)
+            rest = _all([other for index, other in enumerate(term) if index != place], columns, every)
+            holds = _as_learnt(candidate, columns)
             values = candidate.feature.values(columns)
             assert values is not None  # only numbers have thresholds
             inner = values[rest & failed & holds & ~elsewhere].tolist()
@@ -51,8 +53,21 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
             outer = [value for value in outer if value == value]  # without NaN
             if inner and outer:
                 inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
-                term[place] = replace(candidate, outside=outside, inside=inside)
-    return replace(learnt, terms=_without_idle(terms, columns))
+                term[place] = candidate.between(outside, inside)
+                bits += term[place].bits - candidate.bits
+    return replace(learnt, terms=_without_idle(terms, columns), bits=bits)
+
+
+def _all(term: Sequence[Candidate], columns: Mapping[str, Array], every: Array) -> Array:
+    return np.asarray(np.all([every, *(_as_learnt(one, columns) for one in term)], axis=0))
+
+
+def _as_learnt(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
+    """Return where a literal holds, as the learner took it: a threshold lies at the inner end of its interval."""
+    values = candidate.feature.values(columns)
+    if candidate.operator not in ("<", ">") or values is None:
+        return concrete(candidate).holds(columns)
+    return compare(values, f"{candidate.operator}=", candidate.inside)
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
@@ -108,7 +123,7 @@ def probe_threshold(
     columns = columns_of(table.variables, options)
     values = candidate.feature.values(columns)
     assert values is not None  # only numbers have thresholds
-    free = _only(learnt, place).predict(columns)
+    free = without(learnt, place).predict(columns)
     reached = [
         (value, option)
         for value, option, ok in zip(values.tolist(), options, free, strict=True)
@@ -140,7 +155,7 @@ def _scale(value: Number) -> float:
     return math.copysign(math.log2(1 + abs(value)), value)
 
 
-def _only(learnt: Learnt, place: tuple[int, int]) -> Rule:
+def without(learnt: Learnt, place: tuple[int, int]) -> Rule:
     """Return where this literal alone decides: the rest of its term holds. Other terms are checked by the caller."""
     term = learnt.terms[place[0]]
     return Rule((tuple(concrete(other) for index, other in enumerate(term) if index != place[1]),))
@@ -170,7 +185,7 @@ def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.
     """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term."""
     candidate = learnt.terms[place[0]][place[1]]
     values = table.values(candidate.feature)
-    usable = _only(learnt, place).predict(columns_of(table.variables, table.assignments))
+    usable = without(learnt, place).predict(columns_of(table.variables, table.assignments))
     rows = np.flatnonzero(usable).tolist()
     edge = [row for row in rows if values[row] in (candidate.inside, candidate.outside)]
     others = [row for row in rows if row not in edge]

@@ -162,6 +162,7 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
     failed = np.array(table.failed, dtype=bool)
     candidates, masks = table.candidates()
     best = learn(candidates, masks, failed)
+    widened = [widen(table, best)]
     if _doubtful(best):
         columns = columns_of(table.variables, table.assignments)
         literals = {candidate: None for term in best.terms for candidate in term}
@@ -169,8 +170,8 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
         for literal in list(literals)[:CONDITIONS]:
             more, held = table.conditional(concrete(literal).holds(columns))
             candidates, masks = [*candidates, *more], np.vstack([masks, held])
-        best = learn(candidates, masks, failed)
-    return widen(table, best), candidates, masks
+        widened.append(widen(table, learn(candidates, masks, failed)))
+    return min(widened, key=lambda one: one.bits), candidates, masks
 
 
 def _doubtful(best: Learnt) -> bool:
@@ -207,6 +208,7 @@ class _Search:
         self.share = 0.0
         self.sought = self.cast = False
         self.turns: dict[object, int] = {}
+        self.mirrored: set[object] = set()
         self.anchors: list[dict[str, Setting]] = []
         self.decks: dict[object, list[dict[str, Setting]]] = {}
 
@@ -305,7 +307,7 @@ class _Search:
             if not settled:
                 narrow = self.random.sample(narrow, min(1, len(narrow)))
             self.ask(questions, "committee")
-            self.ask(narrow, "threshold")
+            self.ask([*narrow, *(self._mirrored(best) if settled else ())], "threshold")
             if not settled or not questions or not narrow:
                 self.ask([self._alone(self.random.choice(self.anchors)), self._explore()], "explore")
 
@@ -378,6 +380,24 @@ class _Search:
                 if question is not None and not self._known(question):
                     self.turns[key] = turn + 1
                     found.append(question)
+        return found
+
+    def _mirrored(self, best: Learnt) -> list[Assignment]:
+        """Return for each threshold of one number, once, a failing trial with the sign changed: it tells x from |x|."""
+        columns = columns_of(self.variables, self.table.assignments)
+        found: list[Assignment] = []
+        for term, rule in zip(best.terms, best.rule.terms, strict=True):
+            rows = np.flatnonzero(np.array(self.table.failed, dtype=bool) & Rule((rule,)).predict(columns)).tolist()
+            for candidate in term:
+                (name, *_), key = candidate.feature.args, (candidate.feature, candidate.operator)
+                if candidate.feature.kind != "raw" or candidate.operator not in ("<", ">") or key in self.mirrored:
+                    continue
+                self.mirrored.add(key)
+                base = self.table.assignments[self.random.choice(rows)] if rows else self.anchors[0]
+                value = row_of(self.variables, base)[name]
+                moved = changed(self.variables, base, {name: -value}) if isinstance(value, int | float) else None
+                if moved is not None and not self._known(moved):
+                    found.append(moved)
         return found
 
     def _pool(self) -> list[Assignment]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,16 @@ class Candidate:
     bits: float
     outside: Scalar | None = None
     inside: Value = None
+
+    def between(self, outside: int | float, inside: int | float) -> Candidate:
+        """Return the literal with another interval for its threshold."""
+        new = replace(self, outside=outside, inside=inside)
+        return replace(new, bits=self.bits + new._interval_bits() - self._interval_bits())
+
+    def _interval_bits(self) -> float:
+        assert isinstance(self.outside, int | float)
+        assert isinstance(self.inside, int | float)
+        return _interval_bits(*sorted((float(self.outside), float(self.inside))))
 
 
 def concrete(candidate: Candidate) -> Literal:

@@ -2,8 +2,9 @@
 
 The stated distribution of validation: half of the cases lie near a limit of the rule (one step to half of the limit's
 size beside it on either side, the same with the sign changed, between the last passing and the first failing trial),
-half are drawn from the nominal range, the dictionary, and over the whole type. Trials are taken half where the rule
-predicts a failure and half where not; rates are weighted back by how often either occurs in the distribution.
+at least half of them where the rest of its term holds, so that this limit decides; half are drawn from the nominal
+range, the dictionary, and over the whole type. Trials are taken half where the rule predicts a failure and half where
+not; rates are weighted back by how often either occurs in the distribution.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 
 from riot_bus.generalize.beam import Learnt
 from riot_bus.generalize.numbers import between, step
-from riot_bus.generalize.refine import inversions
-from riot_bus.generalize.sampling import Assignment, Sampler, changed, row_of
+from riot_bus.generalize.refine import inversions, without
+from riot_bus.generalize.sampling import Assignment, Sampler, changed, columns_of, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.statistics.rates import exact_interval
 from riot_bus.vocabulary.elements import Setting
@@ -25,6 +26,9 @@ from riot_bus.vocabulary.elements import Setting
 __all__ = ["Estimate", "Scores", "near_limits", "scores"]
 
 Number = int | float
+
+_DECIDED, _KNOWN = 0.5, 0.8
+"""Shares of cases that are made of known ones in which one limit decides, and of known ones at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +99,17 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
         chance: Source of randomness.
         count: How many cases to try to make.
     """
-    literals = [candidate for term in learnt.terms for candidate in term]
+    places = [(row, column) for row, term in enumerate(learnt.terms) for column in range(len(term))]
+    columns = columns_of(table.variables, table.assignments)
+    decided = {place: np.flatnonzero(without(learnt, place).predict(columns)).tolist() for place in places}
     found: list[Assignment] = []
-    for _ in range(count if literals else 0):
-        base = chance.choice(table.assignments) if chance.random() < 0.7 else sampler.assignment(chance)
-        candidate = chance.choice(literals)
+    for _ in range(count if places else 0):
+        place, way = chance.choice(places), chance.random()
+        if way < _DECIDED and decided[place]:
+            base: Assignment = table.assignments[chance.choice(decided[place])]
+        else:
+            base = chance.choice(table.assignments) if way < _KNOWN else sampler.assignment(chance)
+        candidate = learnt.terms[place[0]][place[1]]
         moved = changed(table.variables, base, _move(candidate, base, sampler, chance))
         if moved is not None:
             found.append(moved)

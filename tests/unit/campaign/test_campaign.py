@@ -16,6 +16,7 @@ from riot_bus.campaign.triage import finding_id
 from riot_bus.inject.dictionary import Dictionary, load_dictionary
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violation
 
@@ -107,6 +108,25 @@ def test_campaign_groups_by_signature_and_keeps_the_simplest() -> None:
     assert (failure.rate.hits, failure.rate.total) == (4, 4)
     assert failure.nominal is not None
     assert (failure.nominal.hits, failure.nominal.total) == (0, 4)
+
+
+CUT, NAN, BAD = Injection("cmd", fault="truncate"), Injection("cmd", "speed", math.nan), Injection("cmd", "speed", -1.0)
+
+
+@pytest.mark.parametrize(("together", "kept"), [((CUT, NAN, BAD), (BAD,)), ((CUT, NAN), (CUT, NAN))])
+def test_plain_values_stand_for_a_failure_where_they_do_the_same_alone(
+    together: tuple[Injection, ...], kept: tuple[Injection, ...]
+) -> None:
+    class Together(Schedule):
+        def injections(self, trial: int) -> tuple[Injection, ...]:
+            return together
+
+    pure = Pure(lambda case: failing(case) if injected(case) or CUT in case.injections else Outcome(Verdict.PASS))
+    fields = targets_of(LOG, TypeRegistry())
+    result = run_campaign(LOG, Together(fields, load_dictionary(), seed=0), pure, seed=0, trials=1)
+    (failure,) = result.failures.values()
+    assert failure.case.injections == kept
+    assert failure.modified == len(kept)
 
 
 def test_all_violations_of_a_trial_count() -> None:

@@ -5,6 +5,7 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from riot_bus.generalize.beam import Learnt
@@ -12,6 +13,7 @@ from riot_bus.generalize.features import Feature
 from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.refine import probe_threshold, widen
 from riot_bus.generalize.rule import Rule
+from riot_bus.generalize.rules import learn_from
 from riot_bus.generalize.sampling import Assignment, Variable, columns_of
 from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.vocabulary.trial import Scalar
@@ -199,3 +201,26 @@ def test_a_literal_that_decides_nothing_is_left_out_and_a_size_that_is_no_matter
     found = widen(table, learnt(table, [threshold(Feature("raw", ("x",)), ">", 50, 150), size, idle]))
     assert {candidate.feature for term in found.terms for candidate in term} == {Feature("raw", ("x",))}
     assert [candidate.operator for candidate in found.terms[0]] == [">", "<"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_rule_says_of_the_samples_what_the_learner_counted(seed: int) -> None:
+    """Thresholds that are found where another literal holds must not let in samples for which it does not."""
+    chance = random.Random(seed)
+    limit = 10 ** chance.uniform(0, 8)
+
+    def fails(row: Assignment) -> bool:
+        return row["m"] == 1 and row["on"] is True and not row["x"] <= limit  # type: ignore[operator]
+
+    def size() -> float:
+        large = 10.0 ** chance.uniform(0, 12) * chance.choice((1, 1, 1, -1))
+        return chance.choice((chance.uniform(-15, 15), large, math.nan, 0.0))
+
+    rows: list[Assignment] = [
+        {"x": size(), "m": chance.choice((0, 1, 1, 2, 3)), "on": chance.random() < 0.8}
+        for _ in range(chance.choice((20, 60, 150)))
+    ]
+    table = table_of({"x": 1e7, "m": 1, "on": True}, rows, fails)
+    found, _, _ = learn_from(table)
+    said = found.rule.predict(columns_of(table.variables, rows))
+    assert int((said != np.array(table.failed)).sum()) == found.mistakes

@@ -10,6 +10,7 @@ import pytest
 
 from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
+from riot_bus.inject.dictionary import load_dictionary
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from tests.tiers import scaled
@@ -260,3 +261,20 @@ def test_what_the_trials_cannot_tell_apart_is_told() -> None:
 def test_proportions_have_exact_bounds() -> None:
     assert proportion(30, 30).low == pytest.approx(0.8843, abs=1e-4)
     assert proportion(0, 0).high == 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_limit_on_one_side_is_told_from_one_on_both(seed: int) -> None:
+    """Where few trials meet the rest of the rule, chance alone seldom changes the sign of the value in it."""
+    dictionary = tuple(each.value for each in load_dictionary().values_for("float64", "cmd:x"))
+    variables = [
+        Variable("x", "float64", 1e7, passing=(5.0,), nominal=tuple(n * 0.5 for n in range(30)), dictionary=dictionary),
+        Variable("m", "int64", 1, passing=(3,), nominal=(0, 1)),
+        Variable("on", "bool", True, passing=(False,), nominal=(True, False)),
+    ]
+
+    def fails(values: Values) -> bool:
+        return values["on"] is True and values["m"] == 1 and abs(values["x"]) > 1e6
+
+    found = learn_rule(variables, lambda asked: list(map(fails, asked)), seed=seed, parallelism=2)
+    assert sorted(found.rule.text().split(" and ")) == ["abs(x) > 1000000", "m == 1", "on == True"]

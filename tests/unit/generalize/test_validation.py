@@ -75,3 +75,14 @@ def test_other_values_are_near_a_category() -> None:
     cases = near_limits(table, rule, Sampler([variable]), random.Random(1), 100)
     assert len({case["s"] for case in cases}) > 10
     assert near_limits(table, Learnt(((),), 0.0, 0), Sampler([variable]), random.Random(1), 100) == []
+
+
+def test_limits_are_looked_at_where_the_rest_of_the_rule_holds() -> None:
+    size, mode = Variable("x", "int32", 5000), Variable("m", "int32", 7)
+    table = Table([size, mode])
+    rows = [{"x": x, "m": m} for x in (900, 1100) for m in range(40)]
+    table.add(rows, [row["x"] > 1000 and row["m"] == 7 for row in rows])
+    limit = Candidate(Feature("raw", ("x",)), ">", 1.0, 900, 1100)
+    rule = Learnt(((limit, Candidate(Feature("raw", ("m",)), "==", 1.0, inside=7)),), 1.0, 0)
+    cases = near_limits(table, rule, Sampler([size, mode]), random.Random(1), 400)
+    assert sum(case["m"] == 7 for case in cases) > 100
