@@ -29,7 +29,7 @@ from riot_bus.generalize.features import features_of
 from riot_bus.generalize.minimize import minimize
 from riot_bus.generalize.relevance import FieldSpace, relevant_fields
 from riot_bus.generalize.rules import Variable, learn_rule
-from riot_bus.generalize.sampling import columns_of, interesting
+from riot_bus.generalize.sampling import columns_of, interesting, scalars_of
 from riot_bus.vocabulary.trial import Scalar
 
 Row = dict[str, Any]
@@ -192,8 +192,9 @@ def tree_accuracy(shape: Shape, variables: list[Variable], seed: int, budget: in
     from sklearn.tree import DecisionTreeClassifier
 
     chance = random.Random(seed)
-    samples = [{v.name: chance.choice(interesting(v)) for v in variables} for _ in range(budget)]
-    features = features_of({v.name: v.type for v in variables})
+    known = {v.name: [v.failing, *v.nominal] if "[" in v.type else interesting(v) for v in variables}
+    samples = [{name: chance.choice(values) for name, values in known.items()} for _ in range(budget)]
+    features = features_of({v.name: v.type for v in scalars_of(variables)})
     values = sorted({str(s[v.name]) for v in variables if v.type == "string" for s in samples})
 
     def matrix(rows: Any) -> Any:
