@@ -79,6 +79,7 @@ class _Campaign:
     explorer: Runner
     found: Callable[[Failure], object]
     ordered: bool
+    types: Mapping[tuple[str, str], str]
     failures: dict[str, Failure] = field(default_factory=dict)
     failing: int = 0
     notes: dict[str, int] = field(default_factory=dict)
@@ -118,7 +119,10 @@ class _Campaign:
                 add_history(self.after_others, case, outcome, asked=self.asked)
             if outcome.verdict is Verdict.FAIL:
                 self.failing += 1
-                fresh |= {each.violation.signature: each for each in group(self.failures, case, outcome, trial=trial)}
+                fresh |= {
+                    each.violation.signature: each
+                    for each in group(self.failures, case, outcome, trial=trial, types=self.types)
+                }
         for failure in [each for each in fresh.values() if not each.confirmed]:
             self.confirm(failure)
             if failure.confirmed:
@@ -139,7 +143,7 @@ class _Campaign:
         if failure.simpler is not None:
             self._replace(failure, *failure.simpler)
             failure.simpler = None
-        for case in plainer(failure.case):
+        for case in plainer(failure):
             (outcome,) = self.runner.run([case])
             if outcome.failed_as(failure.violation.signature) and self._replace(failure, case, failure.trial, outcome):
                 break
@@ -228,7 +232,7 @@ def run_campaign(
         EnvironmentFaultError: Trials of the nominal log cannot be judged.
     """
     log = tuple(messages)
-    work = _Campaign(runner, explorer or runner, found, ordered)
+    work = _Campaign(runner, explorer or runner, found, ordered, schedule.types)
     nominal = work.check_nominal(log, seed)
     done, started = 0, time.monotonic()
     hopeless = work.failing == nominal

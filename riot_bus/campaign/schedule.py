@@ -45,6 +45,9 @@ class Schedule:
         seed: Seed of the campaign.
         groups: Mutations by topic and family, from `groups_of`; all of a family weigh as much as another one's.
 
+    Attributes:
+        types: Types of the fields, by topic and path.
+
     Raises:
         ConfigError: Nothing can be injected.
     """
@@ -58,6 +61,7 @@ class Schedule:
         groups: Mapping[str, Mapping[str, Sequence[Group]]] | None = None,
     ) -> None:
         self._dictionary = dictionary
+        self.types = {(topic, each.path): each.type for topic, fields in targets.items() for each in fields}
         self._families: dict[str, dict[str, list[Target]]] = {}
         for topic, fields in targets.items():
             for target in fields:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Failure", "complexity", "finding_id", "group", "plainer", "severity"]
 
+Types = Mapping[tuple[str, str], str]
+
 _SEVERITY = {"hang": "restart", "crash": "abort", "exit": "abort", "limit": "abort"}
 _MOST_DETAILS = 5
+_MOST_OTHERS = 8
 _MINED_ALARMS = 0.01
 """Rules that are mined from nominal trials may fire by chance in so many of them (docs/verdicts.md)."""
 
@@ -36,6 +40,8 @@ class Failure:
         nominal: How often trials of the nominal log failed so.
         details: What was told of them, each once.
         simpler: A simpler case that failed so later, its trial and outcome.
+        others: Some other cases that failed so.
+        types: Types of the fields that injections change.
     """
 
     violation: Violation
@@ -50,6 +56,8 @@ class Failure:
     simpler: tuple[TestCase, int, Outcome] | None = None
     attempts: int = 0
     tried: set[int] = field(default_factory=set)
+    others: list[TestCase] = field(default_factory=list)
+    types: Types = field(default_factory=dict)
 
     @property
     def confirmed(self) -> bool:
@@ -61,7 +69,7 @@ class Failure:
     @property
     def complexity(self) -> tuple[int, int]:
         """How hard its case is to explain."""
-        return complexity(self.case.injections, self.modified)
+        return complexity(self.case.injections, self.modified, self.types)
 
     @property
     def played(self) -> int:
@@ -77,7 +85,7 @@ def _modified(case: TestCase, outcome: Outcome) -> int:
     return int(outcome.statistics.get("modified", len(case.injections)))
 
 
-def complexity(injections: Iterable[Injection], modified: int) -> tuple[int, int]:
+def complexity(injections: Iterable[Injection], modified: int, types: Types) -> tuple[int, int]:
     """Return how hard a case is to explain, the simplest first.
 
     A rule speaks of values that fields have; what is no number has no limits, and a payload that is cut off no fields.
@@ -85,21 +93,33 @@ def complexity(injections: Iterable[Injection], modified: int) -> tuple[int, int
     Args:
         injections: Those of the case.
         modified: How many messages they changed.
+        types: Types of fields, by topic and path.
     """
-    return max(map(_strangeness, injections), default=0), modified
+    return max((_strangeness(each, types) for each in injections), default=0), modified
 
 
-def plainer(case: TestCase) -> Iterator[TestCase]:
-    """Yield a case without its stranger injections, the plainest first: one with plain values may do the same alone."""
-    for most in sorted(set(map(_strangeness, case.injections)))[:-1]:
-        yield replace(case, injections=tuple(each for each in case.injections if _strangeness(each) <= most))
+def plainer(failure: Failure) -> Iterator[TestCase]:
+    """Yield cases of a failure without their stranger injections: plain values among them may do the same alone.
+
+    First its own case, the plainest first, then of other ones what is plainer than that.
+    """
+    least = failure.complexity[0]
+    for case in (failure.case, *failure.others) if least else ():
+        strangeness = [_strangeness(each, failure.types) for each in case.injections]
+        for most in sorted(set(strangeness))[: None if case is failure.case else 1]:
+            if most < least:
+                kept = (each for each, one in zip(case.injections, strangeness, strict=True) if one <= most)
+                yield replace(case, injections=tuple(kept))
 
 
-def _strangeness(injection: Injection) -> int:
+def _strangeness(injection: Injection, types: Types) -> int:
+    value = injection.value
     if injection.fault != "set":
         return {"truncate": 3, "omit": 2}.get(injection.fault, 0)
-    strange = injection.value is None or (isinstance(injection.value, float) and not math.isfinite(injection.value))
-    return int(strange)
+    known = types.get((injection.topic, injection.field or ""))
+    if known is not None and isinstance(value, str | bytes) != (known in ("string", "bytes")):
+        return 2  # it has another type, and so no value that the field may have
+    return int(value is None or (isinstance(value, float) and not math.isfinite(value)))
 
 
 def severity(violation: Violation) -> str:
@@ -117,7 +137,7 @@ def finding_id(violation: Violation) -> str:
     return f"{words[:40]}-{hashlib.sha256(violation.signature.encode()).hexdigest()[:6]}"
 
 
-def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, trial: int) -> list[Failure]:
+def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, trial: int, types: Types) -> list[Failure]:
     """Add a failing outcome to the failures of all its signatures; return these.
 
     A failure keeps the simplest case: with plain values, if there is one, and the fewest modified messages. One that
@@ -126,16 +146,20 @@ def group(failures: dict[str, Failure], case: TestCase, outcome: Outcome, *, tri
     modified = _modified(case, outcome)
     found = []
     for violation in {each.signature: each for each in outcome.violations}.values():
-        known = failures.setdefault(violation.signature, Failure(violation, case, trial, outcome, modified))
+        known = failures.setdefault(
+            violation.signature, Failure(violation, case, trial, outcome, modified, types=types)
+        )
         simplest = known.complexity
         if known.simpler:
             other, _, its = known.simpler
-            simplest = min(simplest, complexity(other.injections, _modified(other, its)))
-        is_simpler = complexity(case.injections, modified) < simplest
+            simplest = min(simplest, complexity(other.injections, _modified(other, its), types))
+        is_simpler = complexity(case.injections, modified, types) < simplest
         if is_simpler and known.confirmed:
             known.simpler = case, trial, outcome
         elif is_simpler:
             known.take(case, trial, outcome)
+        elif len(known.others) < _MOST_OTHERS:
+            known.others.append(case)
         known.occurrences += 1
         if violation.detail not in known.details and len(known.details) < _MOST_DETAILS:
             known.details.append(violation.detail)

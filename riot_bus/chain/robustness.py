@@ -368,7 +368,7 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
         known, told = None, True
     elif known is not None and not MinimalRecord.exists(folder):
         injections = [injection_of(row, str(folder)) for row in known.injections]
-        if failure.complexity < complexity(injections, known.modified):
+        if failure.complexity < complexity(injections, known.modified, failure.types):
             known = None  # a simpler case has been found since
     if known is None:
         record = _write(step, subject, failure, folder)

@@ -111,19 +111,30 @@ def test_campaign_groups_by_signature_and_keeps_the_simplest() -> None:
 
 
 CUT, NAN, BAD = Injection("cmd", fault="truncate"), Injection("cmd", "speed", math.nan), Injection("cmd", "speed", -1.0)
+TEXT = Injection("cmd", "speed", "1")
 
 
-@pytest.mark.parametrize(("together", "kept"), [((CUT, NAN, BAD), (BAD,)), ((CUT, NAN), (CUT, NAN))])
+@pytest.mark.parametrize(
+    ("together", "kept"),
+    [
+        ([(CUT, NAN, BAD)], (BAD,)),
+        ([(CUT, NAN)], (CUT, NAN)),  # the cut payload alone does it
+        ([(TEXT,), (CUT, BAD)], (BAD,)),  # text in place of a number is strange, and the number among others is not
+    ],
+)
 def test_plain_values_stand_for_a_failure_where_they_do_the_same_alone(
-    together: tuple[Injection, ...], kept: tuple[Injection, ...]
+    together: Sequence[tuple[Injection, ...]], kept: tuple[Injection, ...]
 ) -> None:
     class Together(Schedule):
         def injections(self, trial: int) -> tuple[Injection, ...]:
-            return together
+            return together[trial]
 
-    pure = Pure(lambda case: failing(case) if injected(case) or CUT in case.injections else Outcome(Verdict.PASS))
+    def answer(case: TestCase) -> Outcome:
+        return failing(case) if injected(case) or {CUT, TEXT} & set(case.injections) else Outcome(Verdict.PASS)
+
     fields = targets_of(LOG, TypeRegistry())
-    result = run_campaign(LOG, Together(fields, load_dictionary(), seed=0), pure, seed=0, trials=1)
+    schedule = Together(fields, load_dictionary(), seed=0)
+    result = run_campaign(LOG, schedule, Pure(answer), seed=0, trials=len(together))
     (failure,) = result.failures.values()
     assert failure.case.injections == kept
     assert failure.modified == len(kept)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
 from riot_bus.campaign.confirm import repeat, repeat_in_order
@@ -84,11 +86,12 @@ def test_a_case_with_plain_values_stands_for_a_failure_before_one_with_fewer_cha
         "no number": Injection("a", "x", float("nan")),
         "plain": Injection("a", "x", 1e9),
     }
+    failed, types = Outcome(Verdict.FAIL, (CRASH,)), {("a", "x"): "float64"}
+    add = partial(group, failures, outcome=failed, types=types)
     for number, injection in enumerate(kinds.values()):
         case = TestCase(injections=(injection,) * (1 + number))
-        group(failures, case, Outcome(Verdict.FAIL, (CRASH,)), trial=number)
+        add(case, trial=number)
         assert failures[CRASH.signature].trial == number
-    group(failures, TestCase(injections=(kinds["missing"],)), Outcome(Verdict.FAIL, (CRASH,)), trial=9)
-    assert failures[CRASH.signature].trial == 3
-    group(failures, TestCase(injections=(kinds["plain"],)), Outcome(Verdict.FAIL, (CRASH,)), trial=10)
-    assert failures[CRASH.signature].trial == 10
+    for kind, trial, kept in (("missing", 9, 3), ("another type", 10, 3), ("plain", 11, 11)):
+        add(TestCase(injections=(kinds.get(kind, Injection("a", "x", "1")),)), trial=trial)
+        assert failures[CRASH.signature].trial == kept
