@@ -37,6 +37,7 @@ from riot_bus.campaign.schedule import Schedule, message_faults, positions_of, t
 from riot_bus.campaign.situations import situations_of
 from riot_bus.inject.apply import inject_log
 from riot_bus.inject.dictionary import load_dictionary
+from riot_bus.sut.behaviour import behaviour_of
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
@@ -320,12 +321,22 @@ def some_lost(state: State, topic: str, fields: Fields, at: float) -> bool:
     return state.get("gaps", 0) >= 4
 
 
+def steps(state: State, topic: str, fields: Fields, at: float) -> bool:
+    """Three steps that each show in the status: no known battery, a gear below zero meanwhile, and then no ranges."""
+    gear = number(fields, "gear", -1e4, 1e4)
+    if topic == "battery":
+        state["status"] = "ok" if fields.get("kind") == "lipo" else "degraded"
+    elif topic == "cmd" and state.get("status") != "ok" and gear is not None and gear < 0:
+        state["status"] = "limp"
+    return topic == "scan" and state.get("status") == "limp" and fields.get("ranges") == []
+
+
 FAULTS: dict[str, Step] = {
     each.__name__: each
     for each in (
         value, two_fields, mode, order, missing, length, text_length, missing_key, null, wrong_type, truncated, wraps,
         stale, burst, at_times, in_a_row, beyond, other_field, late, window, while_mode, after_mode, two_bursts,
-        sustained, some_lost,
+        sustained, some_lost, steps,
     )
 }  # fmt: skip
 
@@ -355,16 +366,19 @@ class Unit:
             messages, _ = inject_log(self.log, case.injections, registry=REGISTRY)
             self.delivered[case.injections] = messages
         state: State = {"case": case}
-        outputs = 0
+        outputs: list[Message] = []
         for position, message in enumerate(messages):
             fields = decoded(message.payload)
             fields = fields if isinstance(fields, dict) else {"": "malformed"}
             if not self.step(state, message.key, fields, (message.time - self.log[0].time) / 1e9):
-                outputs += 1
+                text = json.dumps({"mode": state.get("status", "ok")})
+                outputs.append(Message(message.time, "status", text.encode(), encoding="application/json"))
             elif not self.robust:
-                counts = {"played": min(len(messages), position + 1 + LATE), "outputs": outputs}
+                counts = {"played": min(len(messages), position + 1 + LATE), "outputs": len(outputs)}
                 return Outcome(Verdict.FAIL, (CRASH,), statistics=counts | {"modified": len(case.injections)})
-        return Outcome(Verdict.PASS, statistics={"played": len(messages), "outputs": outputs})
+        shown = behaviour_of(outputs, REGISTRY) if "status" in state else {}
+        counts = {"played": len(messages), "outputs": len(outputs), "behaviour": shown}
+        return Outcome(Verdict.PASS, statistics=counts)
 
 
 # -- campaigns --------------------------------------------------------------------------------------------------------

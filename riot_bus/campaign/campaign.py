@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.campaign.covering import Covering
+    from riot_bus.campaign.novelty import Novelties
     from riot_bus.campaign.schedule import Schedule
     from riot_bus.campaign.stretches import Stretches
     from riot_bus.campaign.variations import Placed, Variation
@@ -31,6 +32,8 @@ _ROUND = 8
 """Trials that are chosen together, so that the same are on one worker and on eight."""
 _DRAWN = 4
 """One of so many trials has policies on many messages; they are drawn blindly until each thing has been tried once."""
+_NARROWED = 2
+"""One of so many trials beyond covering, at most, finds out what new behaviour came of."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3
@@ -248,6 +251,8 @@ def run_campaign(
             for trial, (_, chosen) in together.items()
         }
         outcomes = work.explore(cases)
+        if covering and not done:
+            covering.novelties.know(work.usual)
         work.judge(cases, outcomes)
         for (chooser, chosen), outcome in zip(together.values(), outcomes, strict=True):
             if chooser and chosen:
@@ -282,10 +287,14 @@ def run_campaign(
     )
 
 
-def _together(covering: Covering | None, trial: int) -> tuple[Covering | Stretches | None, tuple[Placed, ...]]:
+def _together(
+    covering: Covering | None, trial: int
+) -> tuple[Covering | Stretches | Novelties | None, tuple[Placed, ...]]:
     """Return what a trial tries together, and who has chosen that; nothing if its injections are drawn."""
     if covering is None:
         return None, ()
     if not (trial + 1) % _DRAWN:
         return covering.stretches, covering.policies()
+    if covering.finished and not trial % _NARROWED and (part := covering.novelties.next()):
+        return covering.novelties, part
     return covering, covering.next() or covering.further()

@@ -11,12 +11,13 @@ the group's size.
 from __future__ import annotations
 
 import random
-from bisect import bisect_left
+from bisect import bisect_left, insort
 from collections import Counter, deque
 from dataclasses import replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
+from riot_bus.campaign.novelty import Novelties
 from riot_bus.campaign.situations import numbers_within
 from riot_bus.campaign.stretches import Stretches
 from riot_bus.campaign.variations import Placed, Variation, sets_value
@@ -48,6 +49,10 @@ _ELSEWHERE = 0.75
 _IN_A_ROW = 3
 _WHILE = 0.5
 """Share of what is tried on one message that is put into a situation, if that has room: the rarer, the likelier."""
+_SHIFTS, _FURTHEST = 12, 64
+"""How often things that belong together are tried elsewhere in the same trial, and messages of a topic in between."""
+_BUILT = 0.5
+"""Share of the trials beyond covering that build upon what has brought out new behaviour, if there is some."""
 _TRIES = 8
 _MISSES = 32
 """Things that find no free message before a trial has enough."""
@@ -64,6 +69,7 @@ class Covering:
 
     Attributes:
         stretches: Chooses policies on many messages, of what has passed on single ones.
+        novelties: Chooses what to try because of new behaviour.
         tried: Things that were delivered in a trial that tells something of them, and whether they failed alone.
         total: All things.
     """
@@ -82,6 +88,7 @@ class Covering:
         lengths = [sum(window.behind - window.first for window in each.windows) for each in situations]
         self._rarity = list(accumulate(1 / length for length in lengths))
         self.stretches = Stretches(positions, situations, seed=seed)
+        self.novelties = Novelties(seed=seed)
         fitting = [item for item in items if item.span <= len(positions.get(item.topic, ()))]
         self._random.shuffle(fitting)
         # faults of whole messages first: they are few, and many values may wait for the only message of a topic
@@ -111,8 +118,12 @@ class Covering:
         return self._gather(self._fresh, fill=not self._late) if self._fresh else ()
 
     def further(self) -> tuple[Placed, ...]:
-        """Return what to try beyond that, without an end: things that passed, elsewhere, in a row, or two at once."""
-        return self._gather(deque(), fill=True)
+        """Return what to try beyond that, without an end: things that passed, elsewhere, in a row, or two at once.
+
+        In half of the trials what has brought out new behaviour is among them.
+        """
+        waiting, placed = self.novelties.seeds() if self._random.random() < _BUILT else ([], ())
+        return self._gather(deque(waiting), fill=True, placed=placed)
 
     def take(self, group: Sequence[Placed], outcome: Outcome, *, nominal_outputs: int) -> None:
         """Take in the outcome of a trial of a group.
@@ -141,6 +152,7 @@ class Covering:
                 self._set_apart(reached[0].item.about)
             elif not failed:
                 self._remember(fresh)
+                self.novelties.learn(reached, outcome)
         self._size = max(1, self._size // 2) if apart else min(_LARGEST, max(self._size, len(group)) * 2)
 
     @property
@@ -188,13 +200,18 @@ class Covering:
         known = self._failed[one.injections] or (varied.about != one.about and self._failed[varied.about] >= _ATTEMPTS)
         return None if known else varied
 
-    def _gather(self, waiting: deque[Variation], *, fill: bool) -> tuple[Placed, ...]:
+    def _gather(self, waiting: deque[Variation], *, fill: bool, placed: Sequence[Placed] = ()) -> tuple[Placed, ...]:
         """Return as many things as a trial is to have, each on messages that no other one takes.
 
         Where too few wait for other messages than those that are taken, what is varied further may fill the rest.
+        Those that are `placed` have their messages already.
         """
         taken: dict[str, list[tuple[int, int]]] = {}
         found: list[Placed] = []
+        for shift in (0, *(self._random.randint(-_FURTHEST, _FURTHEST) for _ in range(_SHIFTS if placed else 0))):
+            moved = [replace(each, firsts=tuple(first + shift for first in each.firsts)) for each in placed]
+            if all(self._take(each, taken) for each in moved):
+                found += moved
         passed_over: list[Variation] = []
         while waiting and len(found) < self._size and len(passed_over) < _LARGEST:
             item = waiting.popleft()
@@ -207,12 +224,23 @@ class Covering:
         misses = 0
         while fill and self._free and len(found) < self._size and misses < _MISSES:
             varied = self._vary()
-            place = None if varied is None else self._place(varied, taken.setdefault(varied.topic, []))
-            if varied is None or place is None:
+            firsts = None if varied is None else self._place(varied, taken.setdefault(varied.topic, []))
+            if varied is None or firsts is None:
                 misses += 1
             else:
-                found.append(Placed(varied, place))
+                found.append(Placed(varied, firsts))
         return tuple(sorted(found, key=self._position))
+
+    def _take(self, placed: Placed, taken: dict[str, list[tuple[int, int]]]) -> bool:
+        """Mark the messages of a thing if all are there and free; return whether they are."""
+        spans = [(first, first + placed.item.span) for first in placed.firsts]
+        free = taken.setdefault(placed.item.topic, [])
+        fits = all(span[0] >= 0 and span[1] <= len(self._positions[placed.item.topic]) for span in spans)
+        if not fits or any(span[0] < behind and first < span[1] for span in spans for first, behind in free):
+            return False
+        for span in spans:
+            insort(free, span)
+        return True
 
     def _place(self, item: Variation, taken: list[tuple[int, int]]) -> tuple[int, ...] | None:
         """Return the first of free messages for a thing, as often as it happens, and mark them; None if too few are."""

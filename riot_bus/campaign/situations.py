@@ -10,8 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from riot_bus.campaign.schedule import positions_of
-from riot_bus.inject.brittle import why_brittle
-from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.inject.modes import MOST_MODES, modes_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,10 +23,6 @@ __all__ = ["Situation", "Window", "numbers_within", "situations_of"]
 
 _SAMPLES = 400
 """Messages of a topic that are looked at, evenly: a second at most for large ones; shorter situations are missed."""
-_VALUES = 6
-"""Values that a field has at most: more are rather a count or a measurement than a mode."""
-_LONG = 64
-"""Texts of modes are shorter."""
 
 
 class Window(NamedTuple):
@@ -71,13 +66,13 @@ def situations_of(messages: Sequence[Message], registry: TypeRegistry) -> list[S
         columns: dict[str, list[tuple[int, Scalar]]] = {}
         values: dict[str, set[Scalar]] = {}
         for position in positions[:: max(1, len(positions) // _SAMPLES)]:
-            for path, value in _modes(messages[position], registry):
+            for path, value in modes_of(messages[position], registry):
                 seen = values.setdefault(path, set())
                 seen.add(value)
-                if len(seen) <= _VALUES:
+                if len(seen) <= MOST_MODES:
                     columns.setdefault(path, []).append((position, value))
         for path, column in sorted(columns.items()):
-            if 1 < len(values[path]) <= _VALUES:
+            if 1 < len(values[path]) <= MOST_MODES:
                 found += _of_field(topic, path, column, messages)
     return found
 
@@ -85,25 +80,6 @@ def situations_of(messages: Sequence[Message], registry: TypeRegistry) -> list[S
 def numbers_within(window: Window, positions: Sequence[int]) -> range:
     """Return the numbers of a topic's messages that lie in a window; `positions` are those of all its messages."""
     return range(bisect_left(positions, window.first), bisect_left(positions, window.behind))
-
-
-def _modes(message: Message, registry: TypeRegistry) -> list[tuple[str, Scalar]]:
-    if message.kind != "put":
-        return []
-    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
-    try:
-        leaves = () if kind is None else kind.leaves(message.payload, elements=1)
-    except PayloadError:
-        return []
-    return [
-        (leaf.path, leaf.value)
-        for leaf in leaves
-        if (leaf.type in ("bool", "string") or "int" in leaf.type)
-        and "[" not in leaf.path
-        and "(" not in leaf.path
-        and (not isinstance(leaf.value, str) or len(leaf.value) < _LONG)
-        and not why_brittle(leaf.path, kind)
-    ]
 
 
 def _of_field(

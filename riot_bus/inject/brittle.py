@@ -7,6 +7,7 @@ faults behind it. Such fields are injected only when the user names them.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from riot_bus.types.capabilities import KnowsBrittleFields
@@ -37,6 +38,7 @@ _TYPES = {
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
+@lru_cache(maxsize=1 << 14)
 def is_brittle(path: str, type_name: str | None = None) -> str | None:
     """Return why a field should be left alone unless it was asked for, None if it may be injected.
 

@@ -11,6 +11,7 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.monitors.forging import mute_monitors
 from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
+from riot_bus.sut.behaviour import behaviour_of
 from riot_bus.sut.evidence import write_evidence
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
@@ -170,6 +171,7 @@ class UnitTrial:
                 "modified": sum(index < sent for index, _, _ in touched),
                 "delivered": [sum(index < sent for index in each) for each in reached],
                 "shown": _shown(stage.outputs[:answered]),
+                "behaviour": behaviour_of(stage.outputs[:answered], context.registry),
                 "outputs": answered,
                 "started": process.started,
                 "unseen": [*judged.unseen, *self.baseline.mute],

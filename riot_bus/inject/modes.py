@@ -1,0 +1,42 @@
+"""Fields that may be modes: they have few values, and what a component does may depend on which one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.inject.brittle import why_brittle
+from riot_bus.vocabulary.errors import PayloadError
+
+if TYPE_CHECKING:
+    from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.message import Message, Scalar
+
+__all__ = ["MOST_MODES", "modes_of"]
+
+MOST_MODES = 6
+"""Values that a mode has at most: more are rather a count or a measurement."""
+_LONG = 64
+"""Texts of modes are shorter."""
+
+
+def modes_of(message: Message, registry: TypeRegistry) -> list[tuple[str, Scalar]]:
+    """Return the truth values, integers and short texts of a message, with their paths.
+
+    Stamps, numbers of messages and the like, and elements of arrays are left out.
+    """
+    if message.kind != "put":
+        return []
+    kind = registry.type_of(message.key, payload=message.payload, encoding=message.encoding)
+    try:
+        leaves = () if kind is None else kind.leaves(message.payload, elements=1)
+    except PayloadError:
+        return []
+    return [
+        (leaf.path, leaf.value)
+        for leaf in leaves
+        if (leaf.type in ("bool", "string") or "int" in leaf.type)
+        and "[" not in leaf.path
+        and "(" not in leaf.path
+        and (not isinstance(leaf.value, str) or len(leaf.value) < _LONG)
+        and not why_brittle(leaf.path, kind)
+    ]
