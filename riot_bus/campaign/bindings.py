@@ -10,6 +10,7 @@ from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.inject.dictionary import Dictionary
 from riot_bus.inject.dictionary_file import binds, eligible, plain_value
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.field_pattern import names_field
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["AppliesTo", "applied", "misfits", "never_applied"]
+__all__ = ["AppliesTo", "applied", "misfits", "naming_nothing", "never_applied"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,23 @@ def never_applied(
             problem, hint = "none of its mutations changes a message of the log", "do these messages have the fields?"
         if where not in made:
             yield ConfigError(problem, where=where, hint=hint)
+
+
+def naming_nothing(patterns: Iterable[str], fields: Mapping[str, Iterable[Target]]) -> list[str]:
+    """Return the patterns (`topic:path`) that name no field of a log, nor its length or the messages of its topic.
+
+    Args:
+        patterns: Such as `leave` of riot.toml.
+        fields: All fields of the log, by topic.
+    """
+    names = {f"{topic}:" for topic in fields} | {_name(each) for found in fields.values() for each in found}
+
+    def named(pattern: str) -> bool:
+        topic, colon, path = family_of(pattern).rpartition(":")
+        paths = [f"{path[4:-1]}[*]", path[4:-1]] if path.startswith("len(") else [path]
+        return any(names_field(f"{topic}{colon}{each}", name) for each in paths for name in names)
+
+    return [pattern for pattern in patterns if not named(pattern)]
 
 
 def misfits(text: str, where: str, messages: Sequence[Message], registry: TypeRegistry) -> list[ConfigError]:

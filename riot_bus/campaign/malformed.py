@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import may_change, samples_by_topic
@@ -11,6 +10,7 @@ from riot_bus.campaign.variations import Variation
 from riot_bus.inject.brittle import STAMPS, why_brittle
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
@@ -82,4 +82,4 @@ def _of_field(topic: str, kind: MessageType, leaf: Leaf) -> Iterator[Injection]:
 
 
 def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
-    return any(fnmatchcase(f"{topic}:{path}", pattern) for pattern in patterns)
+    return any(names_field(pattern, f"{topic}:{path}") for pattern in patterns)

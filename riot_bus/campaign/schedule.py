@@ -7,12 +7,12 @@ decide the draw, so campaigns resume and repeat.
 from __future__ import annotations
 
 import random
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import Target, family_of, targets_of
 from riot_bus.campaign.variations import Variation
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.injection import Injection
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def message_faults(
     patterns = tuple(leave)
     found = []
     for topic, positions in positions_of(messages, registry).items():
-        if any(fnmatchcase(f"{topic}:", pattern) for pattern in patterns):
+        if any(names_field(pattern, f"{topic}:") for pattern in patterns):
             continue
         times = [messages[position].time for position in positions]
         gap = max(1e-3, (times[-1] - times[0]) / 1e9 / max(1, len(times) - 1))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from itertools import product
 from typing import TYPE_CHECKING
 
 from riot_bus.inject.brittle import why_brittle
 from riot_bus.types.capabilities import suggested_values
 from riot_bus.vocabulary.errors import PayloadError
+from riot_bus.vocabulary.field_pattern import names_field
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -180,4 +180,4 @@ def may_change(
 
 def _listed(patterns: tuple[str, ...], topic: str, path: str) -> bool:
     names = [path, path[4:-1]] if path.startswith("len(") else [path]  # whoever names an array means its length too
-    return any(fnmatchcase(f"{topic}:{name}", pattern) for pattern in patterns for name in names)
+    return any(names_field(pattern, f"{topic}:{name}") for pattern in patterns for name in names)

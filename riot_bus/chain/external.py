@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.logs import nominal_values
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.field_pattern import names_field
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -167,7 +167,7 @@ def _described(
     least, most = _limits(type_name)
     chosen = (nominal - _REACH * spread, nominal + _REACH * spread)
     for pattern, limits in file.external.ranges.items():
-        if fnmatchcase(name, pattern):
+        if names_field(pattern, name):
             chosen = limits
     low, high, first, last = (min(max(value, least), most) for value in (low, high, *chosen))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)

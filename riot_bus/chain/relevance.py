@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, TypeVar
 
 from riot_bus.chain.logs import FailingLog, NamedField, NamedFields
@@ -15,6 +14,7 @@ from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsReco
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
 from riot_bus.inject.brittle import why_brittle
+from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask
 
@@ -50,10 +50,10 @@ def considered_fields(fields: NamedFields, unit: Unit) -> list[NamedField]:
 
     def wanted(field: NamedField) -> bool:
         name = f"{field.topic}:{field.leaf.path}"
-        if field.original is not None or any(fnmatchcase(name, pattern) for pattern in unit.include):
+        if field.original is not None or any(names_field(pattern, name) for pattern in unit.include):
             return True
         brittle = why_brittle(field.leaf.path, field.kind) and (field.topic, field.leaf.path) not in injected
-        return not brittle and not any(fnmatchcase(name, pattern) for pattern in unit.leave)
+        return not brittle and not any(names_field(pattern, name) for pattern in unit.leave)
 
     return [field for field in fields.fields.values() if wanted(field)]
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from riot_bus.campaign.bindings import never_applied
+from riot_bus.campaign.bindings import naming_nothing, never_applied
 from riot_bus.campaign.campaign import CampaignResult, run_campaign
 from riot_bus.campaign.covering import Covering, failure_rates
 from riot_bus.campaign.groups import groups_of
@@ -124,6 +124,8 @@ def test_unit(
         if not whole_system:
             raise problem
         _LOG.warning("riot: %s", problem)
+    for pattern in naming_nothing((*leave, *include), everything):
+        _LOG.warning("riot: %s: %r of leave or include names no field of the log", subject.name, pattern)
     targets = targets_of(log, registry, leave=leave, include=include)
     schedule = Schedule(
         with_observed(targets, log, registry),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 import tomllib
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from riot_bus.inject.mutations import HexBytes, RawMessage, RawMutation
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.field_pattern import names_field
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.trial import Scalar
@@ -139,8 +139,7 @@ def check_type(kind: str | None, where: str | None) -> None:
 
 def binds(pattern: str, path: str) -> bool:
     """Return whether a binding's pattern means a field; the path may be `topic:path`."""
-    literal = pattern.replace("[", "[[]")  # brackets are indices here, not character sets
-    return fnmatchcase(path, literal) or fnmatchcase(path.rpartition(":")[2], literal)
+    return names_field(pattern, path) or names_field(pattern, path.rpartition(":")[2])
 
 
 def _explain(error: ValidationError, where: str) -> ConfigError:

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from riot_bus.campaign.bindings import AppliesTo, applied, misfits
+from riot_bus.campaign.bindings import AppliesTo, applied, misfits, naming_nothing
+from riot_bus.campaign.targets import targets_of
 from riot_bus.inject.dictionary_file import read_file
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
@@ -94,3 +95,12 @@ def test_mutations_apply_wherever_their_type_stands() -> None:
     text = MUTATED.format("geometry_msgs/msg/Quaternion", "w = 0.0")
     found = applied(read_file(text, where="own.toml"), text, messages, registry)
     assert found["message[0]"].fields == ("/odom:pose.pose.orientation",)
+
+
+def test_patterns_that_name_nothing_are_told() -> None:
+    document = {"x": 1.5, "ranges": [1.0] * 80, "header": {"seq": 3}, "names": ["a", "b"]}
+    log = [Message(0, "scan", json.dumps(document).encode(), encoding="application/json")]
+    fields = targets_of(log, TypeRegistry(), include=["*"])
+    right = ["scan:x", "scan:*", "*:header.seq", "scan:ranges[3]", "scan:ranges[70]", "scan:len(ranges)", "scan:", "*"]
+    wrong = ["scan:y", "cmd:*", "scan:range[3]", "scan", "x"]
+    assert naming_nothing([*right, *wrong], fields) == wrong
