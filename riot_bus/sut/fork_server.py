@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 PR_SET_PDEATHSIG = 1
 INSTALLED = ("site-packages", "dist-packages")
+compiled: dict[str, tuple[tuple[int, int, int], types.CodeType]] = {}
 FIRST = frozenset({"gevent", "eventlet"})  # they replace parts of the standard library before others import these
 
 
@@ -74,10 +75,23 @@ def is_installed(top: str, own: str) -> bool:
     return any(part in INSTALLED for place in places for part in place.split(os.sep))
 
 
+def program(path: str) -> types.CodeType:
+    """Return the code of a script; what has been compiled is kept as long as the file stays as it is."""
+    with io.open_code(path) as stream:
+        told = os.fstat(stream.fileno())
+        state = (told.st_ino, told.st_size, told.st_mtime_ns)
+        if path not in compiled or compiled[path][0] != state:
+            compiled[path] = state, compile(stream.read(), path, "exec", dont_inherit=True)
+    return compiled[path][1]
+
+
 def serve(lines: BinaryIO, link: socket.socket) -> dict[str, Any] | None:
     """Fork a process for each line; return the line in the new process, None when the supervisor is gone."""
     for line in lines:
         request = json.loads(line)
+        if request["module"] is None:
+            with suppress(OSError, ValueError, SyntaxError):  # the process will say so itself
+                program(os.path.abspath(os.path.join(request["cwd"], request["words"][0])))
         read, write = os.pipe()
         between = os.fork()
         if between == 0:
@@ -143,8 +157,7 @@ def run(module: str | None, words: list[str]) -> None:
     sys.argv[:] = words
     path = os.path.abspath(words[0])
     sys.path[:0] = [] if safe else [os.path.dirname(os.path.realpath(path))]
-    with io.open_code(path) as stream:
-        code = compile(stream.read(), path, "exec", dont_inherit=True)
+    code = program(path)
     main.__dict__.update(__file__=path, __loader__=importlib.machinery.SourceFileLoader("__main__", path))
     exec(code, main.__dict__)  # noqa: S102 - the component's own program, as named in riot.toml
 

@@ -115,6 +115,18 @@ def test_it_has_imported_what_is_installed_and_nothing_of_its_own(launcher: Laun
     assert printed[0][1] != printed[1][1]  # processes do not draw the same numbers
 
 
+def test_a_script_that_has_changed_is_compiled_again(launcher: Launcher, folder: Path) -> None:
+    said = []
+    for number, text in enumerate(("print(1)", "print(1)", "print(2)", "print(", "print(3)")):
+        if not (folder / "says.py").exists() or (folder / "says.py").read_text() != text:
+            (folder / "new.py").write_text(text)
+            (folder / "new.py").replace(folder / "says.py")
+        process = start(launcher, folder, ["says.py"], modules=IMPORTS, name=f"says{number}")
+        printed, errors, _ = ended(launcher, process)
+        said.append(printed.strip() or errors.strip().splitlines()[-1].partition(":")[0])
+    assert said == ["1", "1", "2", "SyntaxError", "3"]
+
+
 def test_it_is_killed_with_all_others(launcher: Launcher, folder: Path) -> None:
     (folder / "sleeps.py").write_text("import time; print('here', flush=True); time.sleep(600)")
     process = start(launcher, folder, ["sleeps.py"], modules=IMPORTS)
