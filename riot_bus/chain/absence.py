@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from riot_bus.statistics.noise import Noise
     from riot_bus.vocabulary.trial import TestCase
 
-__all__ = ["absent_messages", "write_other_cause"]
+__all__ = ["absent_messages", "other_cause", "write_other_cause"]
 
 _DOUBT = 0.005
 """Of each answer: a score of them leads to the result, and a wrong one is not asked again."""
@@ -95,6 +95,11 @@ def absent_messages(
     )
 
 
+def other_cause(folder: Path) -> Path:
+    """Return the folder of what fails in the same place since messages are missing, if it does."""
+    return folder.with_name(f"{folder.name}-missing")
+
+
 def write_other_cause(
     step: StepRun, folder: Path, finding: FindingRecord, log: FailingLog, failed: tuple[int, int]
 ) -> Path:
@@ -108,7 +113,7 @@ def write_other_cause(
         failed: How many of how many trials of it did.
     """
     workspace = step.workspace
-    other = folder.parent / f"{folder.name}-missing"
+    other = other_cause(folder)
     other.mkdir(exist_ok=True)
     rate = proportion(*failed)
     record = finding.model_copy(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from riot_bus.chain.absence import other_cause
 from riot_bus.events import AnalysisFinished, StepStopped
 from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.workspace import Workspace
 
-__all__ = ["Analysis", "analyze"]
+__all__ = ["Analysis", "analyze", "analyze_all"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +37,35 @@ class Analysis:
     stopped: str = ""
 
 
-def analyze(workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] = ()) -> Analysis:
+Options = Mapping[str, Mapping[str, Any]]
+
+
+def analyze_all(
+    workspace: Workspace, folders: Sequence[Path], *, further: Sequence[ChainStep] = (), options: Options | None = None
+) -> list[Analysis]:
+    """Take findings through all steps, and those that come up on the way, since another cause has the same end.
+
+    Arguments are those of `analyze`.
+    """
+    waiting, done = list(folders), list[Analysis]()
+    for folder in waiting:
+        done.append(analyze(workspace, folder, further=further, options=options))
+        other = other_cause(folder)
+        if FindingRecord.exists(other) and other not in waiting:
+            waiting.append(other)
+    return done
+
+
+def analyze(
+    workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] = (), options: Options | None = None
+) -> Analysis:
     """Take a finding through all steps; a step that cannot say anything ends the chain, the report is written anyway.
 
     Args:
         workspace: Where to work.
         folder: The finding.
         further: Steps of other packages, which come after ours.
+        options: Options of steps, by the name of the step.
 
     Raises:
         ConfigError: `finding.json` or the file of a finished step cannot be used.
@@ -56,7 +80,7 @@ def analyze(workspace: Workspace, folder: Path, *, further: Sequence[ChainStep] 
         if step.whole_system and not outside:
             continue
         try:
-            workspace.carry_out(step, folder)
+            workspace.carry_out(step, folder, **(options or {}).get(step.name, {}))
         except InconclusiveError as error:
             stopped = str(error)
             workspace.tell(StepStopped(step.name, stopped, str(folder)))

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.chain.analyze import Analysis, analyze
+from riot_bus.chain.analyze import Analysis, analyze_all
 from riot_bus.chain.robustness import test_unit, tested
 from riot_bus.log.info import log_info
 from riot_bus.report import finding_view as view
@@ -59,7 +59,7 @@ def demo(workspace: Workspace, *, trials: int = _TRIALS, seconds: float | None =
     if folders is None:
         folders = test_unit(workspace, unit, trials=trials, seconds=seconds, covered=False)
     figures = {"seed": workspace.seed, "nominal_messages": count}
-    analyses = [analyze(workspace, folder) for folder in folders]
+    analyses = analyze_all(workspace, folders)
     if analyses:
         figures.update(_figures(max(analyses, key=_progress)))
     return {**figures, "findings": [str(folder) for folder in folders], "seconds": round(time.monotonic() - started, 1)}

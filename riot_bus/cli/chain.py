@@ -222,13 +222,16 @@ def analyze(
     further: Annotated[
         list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")
     ] = None,
+    prune: Annotated[
+        bool, typer.Option("--prune/--no-prune", help="Leave out external topics that cannot reach by the graph.")
+    ] = True,
     seed: Seed = 0,
     jobs: Jobs = 0,
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
 ) -> None:
     """Run the whole chain on a system; run it again to go on where it stopped."""
-    from riot_bus.chain.analyze import analyze as run_chain
+    from riot_bus.chain.analyze import analyze_all
     from riot_bus.chain.robustness import test_unit, tested
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.finding_view import load
@@ -240,7 +243,7 @@ def analyze(
         folders = tested(workspace, name)
         if folders is None:
             folders = test_unit(workspace, name, trials=trials, seconds=seconds, covered=False)
-        done = [run_chain(workspace, folder, further=others) for folder in folders]
+        done = analyze_all(workspace, folders, further=others, options={"permeability": {"prune": prune}})
     rules = [load(one.folder).rule for one in done]
     result = [
         {"finding": str(one.folder), "rule": rule.text if rule else None, "report": str(one.report)}

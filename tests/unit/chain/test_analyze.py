@@ -1,18 +1,32 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.analyze import analyze
+from riot_bus.chain.absence import other_cause
+from riot_bus.chain.analyze import analyze, analyze_all
 from riot_bus.chain.demo import demo, find_example
 from riot_bus.events import AnalysisFinished, FindingWritten, StepFinished, StepStarted, StepStopped
-from riot_bus.findings.records import Artefact
+from riot_bus.findings.records import Artefact, MinimalRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report import finding_view as view
 from riot_bus.vocabulary.errors import ConfigError
-from tests.unit.chain.machine import MODE, SPEED, SYSTEM, bench, never_hangs, write_fields, write_finding, write_minimal
-from tests.unit.chain.test_minimize import failing
+from riot_bus.vocabulary.message import Message
+from tests.unit.chain.machine import (
+    MODE,
+    SPEED,
+    SYSTEM,
+    bench,
+    command,
+    never_hangs,
+    said,
+    write_fields,
+    write_finding,
+    write_minimal,
+)
+from tests.unit.chain.test_minimize import failing, nominal_passes
 
 ALONE = SYSTEM[: SYSTEM.index("[external]")] + "[unit.drive]\n"
 
@@ -60,6 +74,35 @@ def test_without_external_topics_the_chain_ends_with_the_rule(tmp_path: Path) ->
     failing(one, 41)
     assert analyze(one.workspace, one.folder).stopped == ""
     assert [event.step for event in one.told(StepFinished)] == ["minimize", "relevance", "rules"]
+
+
+def test_what_fails_since_messages_are_missing_is_analysed_too(tmp_path: Path) -> None:
+    def fails(messages: Sequence[Message]) -> int | None:
+        numbers = [message.sequence for message in messages]
+        modified = 41 in numbers and said(messages[numbers.index(41)]) != said(command("step", 3.0, 41))
+        return 1 if modified or 0 not in numbers else None
+
+    one = bench(tmp_path, ALONE, fails=fails)
+    failing(one, 41)
+    nominal_passes(one)
+    done = analyze_all(one.workspace, [one.folder])
+    assert [each.folder for each in done] == [one.folder, other_cause(one.folder)]
+    assert all(each.report.is_file() for each in done)
+    assert MinimalRecord.exists(done[1].folder)
+
+
+def test_steps_get_their_options(tmp_path: Path) -> None:
+    one = bench(tmp_path, ALONE)
+    failing(one, 41)
+    got = []
+
+    def count(step, folder: Path, *, most: int) -> CountRecord:
+        got.append(most)
+        return CountRecord(messages=3)
+
+    further = ChainStep("count", "messages", "Count.", CountRecord, count)
+    analyze(one.workspace, one.folder, further=[further], options={"count": {"most": 7}, "other": {"x": 1}})
+    assert got == [7]
 
 
 class CountRecord(Artefact):
