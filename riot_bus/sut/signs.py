@@ -13,6 +13,7 @@ from riot_bus.sut.baseline import Baseline, Growth, NominalTrial, growth_of
 from riot_bus.sut.hang_watch import Watch
 from riot_bus.sut.hangs import hang_stacks
 from riot_bus.sut.python_report import deepest_common
+from riot_bus.sut.resource_limits import Guard
 from riot_bus.sut.settling import wait_sent, wait_taken
 from riot_bus.vocabulary.clock import SystemClock
 
@@ -36,6 +37,10 @@ _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
 _LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
 """A thread without an end takes all of a processor that it gets, one that works off its timers some percent."""
+_RUNS_OUT_S = 30.0
+_TAKEN_BYTES, _TAKEN_RUN, _TAKEN_LOOK = 1 << 24, 0.1, 0.5
+"""A program that fills memory gets so many bytes in so many seconds in which it runs, a tenth of what one does that is
+alone on its machine; it is looked at after so long in any case."""
 
 
 class Feeder:
@@ -199,6 +204,7 @@ class Feeder:
             settled: Whether it has come to rest after the log.
         """
         baseline = self._baseline
+        settled = settled or self._runs_out()
         if not settled and (self._watch.known or self._spins()):
             return self._standing(), False
         if not self.alive or not baseline.trials or not baseline.probe_answers:
@@ -265,6 +271,31 @@ class Feeder:
         it works.
         """
         return self.alive and bool(trial.probe_answers) and not self._spins()
+
+    def _runs_out(self) -> bool:
+        """Wait while a busy unit takes ever more memory, or has too much already; return whether it was ended for that.
+
+        On a loaded machine memory may come slowly, and whoever ends it late: that is no hang.
+        """
+        stage, limits = self._stage, self._stage.context.file.components[self._name].limits
+        if limits == "off" or self._watch.known:
+            return False
+        deadline, memory = time.monotonic() + _RUNS_OUT_S, 0
+        while self.alive and time.monotonic() < deadline:
+            if Guard(self._process.pid, limits.model_dump()).excess():
+                return stage.launcher.wait([self._process], timeout=_RUNS_OUT_S)
+            stage.sample_resources([self._name])
+            now = stage.samples(self._name)[-1].memory
+            if memory and now - memory < _TAKEN_BYTES:
+                break
+            memory, before, start = now, stage.activity([self._name]), time.monotonic()
+            while (
+                self.alive
+                and stage.activity([self._name]).ran_since(before) < _TAKEN_RUN
+                and time.monotonic() - start < _TAKEN_LOOK
+            ):
+                time.sleep(_POLL)
+        return not self.alive
 
     def _spins(self) -> bool:
         """Return whether the unit runs so much more than without input that a thread of it must run without an end."""

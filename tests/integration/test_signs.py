@@ -123,6 +123,17 @@ def test_what_has_failed_for_certain_is_not_waited_for(tmp_path: Path, kind: str
     assert outcome.seconds < 4.0
 
 
+def test_a_unit_that_is_busy_taking_memory_does_not_hang(tmp_path: Path) -> None:
+    """It takes longer to have too much than a unit may be busy, as on a loaded machine."""
+    system = write(tmp_path, ["takes_all_memory"])
+    system.write_text(system.read_text().replace("timeout = 2.0", "timeout = 0.1").replace('cpu = "1.5 s"', "cpu = 0"))
+    with Workspace(system, tmp_path / "out", jobs=1) as workspace:
+        log = workspace.unit_log("takes_all_memory")
+        runner = workspace.runners.unit("takes_all_memory", lambda: log)
+        (outcome,) = runner.run([TestCase(log, (Injection("cmd", "x", 1e9, first=5, last=5),))])
+    assert [each.signature for each in outcome.violations] == ["limit of takes_all_memory: memory"]
+
+
 def riot_test(system: Path, cwd: Path, *options: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "riot_bus", "test", "--system", str(system), *options]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
