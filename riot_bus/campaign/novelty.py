@@ -79,7 +79,7 @@ class Novelties:
     def learn(self, group: Sequence[Placed], outcome: Outcome) -> None:
         """Take in a passing trial of things that were tried together."""
         new = self._new(outcome)
-        if new and self._pursued < _MOST:
+        if new and group and self._pursued < _MOST:
             self._pursued += 1
             parts = _minimal(tuple(group))
             self._go_on(_Pursuit(new, parts, ()), None)

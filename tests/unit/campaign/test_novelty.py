@@ -64,7 +64,9 @@ def test_what_nominal_trials_show_and_what_was_seen_before_is_not_new() -> None:
     part = novelties.next()
     assert part
     novelties.learn(group, showing("stop"))
+    novelties.learn((), showing("late"))  # nothing had been delivered
     assert novelties.next() == ()
+    assert novelties.seeds() == ([], ())
 
 
 def test_a_field_that_shows_all_that_comes_in_is_soon_no_news() -> None:
