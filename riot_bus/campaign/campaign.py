@@ -33,7 +33,7 @@ _ROUND = 8
 _DRAWN = 4
 """One of so many trials has policies on many messages; they are drawn blindly until each thing has been tried once."""
 _NARROWED = 2
-"""One of so many trials beyond covering, at most, finds out what new behaviour came of."""
+"""One of so many trials beyond covering, but those with policies, finds out what new behaviour came of."""
 _NOMINAL = 4
 _MORE_NOMINAL = 16
 _ATTEMPTS = 3

@@ -86,7 +86,7 @@ class Novelties:
 
     def next(self) -> _Group:
         """Return a part of a group, to see whether it shows what the whole one did; nothing if there is none."""
-        if not self._waiting:
+        if not self._waiting or self._waiting[0].part in self._tried:  # the same may be asked for two reasons
             return ()
         pursuit = self._waiting.popleft()
         self._tried[pursuit.part] = pursuit

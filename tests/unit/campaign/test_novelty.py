@@ -69,6 +69,19 @@ def test_what_nominal_trials_show_and_what_was_seen_before_is_not_new() -> None:
     assert novelties.seeds() == ([], ())
 
 
+def test_the_same_part_is_asked_once_at_a_time() -> None:
+    group = (Placed(thing("a", 1), (0,)), Placed(thing("b", 2), (0,)))
+    novelties = Novelties(seed=0)
+    novelties.learn(group, showing("one"))
+    novelties.learn(group, showing("two"))
+    part = novelties.next()
+    assert novelties.next() == ()
+    novelties.take(part, showing("one"), nominal_outputs=0)
+    assert novelties.next() == part
+    novelties.take(part, showing("one", "two"), nominal_outputs=0)
+    assert [values(each) for each in novelties.kept] == [values(part)] * 2
+
+
 def test_a_field_that_shows_all_that_comes_in_is_soon_no_news() -> None:
     novelties = Novelties(seed=0)
     novelties.know([showing()])
