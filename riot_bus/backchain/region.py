@@ -43,7 +43,7 @@ class Region:
         inside_high: Upper end.
         outside_share: Share of the samples outside the box that failed.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
-        text: One line for people.
+        ends: Sides (`x_min`, ...) where the failure comes as far as the field's range goes: beyond, nothing was tried.
     """
 
     x_name: str
@@ -58,7 +58,7 @@ class Region:
     inside_high: float
     outside_share: float
     good: bool
-    text: str
+    ends: tuple[str, ...]
 
 
 def map_region(
@@ -263,11 +263,11 @@ def _report(mapper: _Mapper, box: Box) -> Region:
     right = [[failed for x, y, failed in clear if box.contains(x, y) is side] for side in (True, False)]
     good = bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1])
     names = mapper.axes[0].name, mapper.axes[1].name
-    text = (
-        f"{box.x_min:.4g} < {names[0]} < {box.x_max:.4g} and {box.y_min:.4g} < {names[1]} < {box.y_max:.4g}: "
-        f"{sum(inside)} of {len(inside)} samples inside failed (95 %: {low:.2f} to {high:.2f}), "
-        f"{sum(outside)} of {len(outside)} outside" + ("" if good else "; the zone is not a box")
-    )
+    near = [
+        abs(edge - limit) <= mapper.widths[side // 2]
+        for side, (edge, limit) in enumerate(zip(box, mapper.limits, strict=True))
+    ]
+    ends = tuple(name for name, at_end in zip(Box._fields, near, strict=True) if at_end)
     return Region(
         *names,
         *box,
@@ -277,5 +277,5 @@ def _report(mapper: _Mapper, box: Box) -> Region:
         inside_high=high,
         outside_share=sum(outside) / len(outside) if outside else 0.0,
         good=good,
-        text=text,
+        ends=ends,
     )

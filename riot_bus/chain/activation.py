@@ -33,6 +33,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.plugins import SEARCHES
 from riot_bus.statistics.rates import chance_of_difference, proportion
 from riot_bus.sut.system_trial import write_log
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase
@@ -352,7 +353,7 @@ def _region_record(region: Region, axes: tuple[str, str], others: Sequence[Sampl
     """Return a region and how often the system fails inside it, by its own samples and others at hand."""
     inside = [bad for x, y, bad in (*region.samples, *others) if _within(region, x, y)]
     share = proportion(sum(inside), len(inside))
-    return RegionRecord(
+    record = RegionRecord(
         x=axes[0],
         y=axes[1],
         x_min=region.x_min,
@@ -360,8 +361,10 @@ def _region_record(region: Region, axes: tuple[str, str], others: Sequence[Sampl
         y_min=region.y_min,
         y_max=region.y_max,
         inside=ProportionRecord(value=share.rate, low=share.low, high=share.high, count=share.hits, total=share.total),
-        text=region.text,
+        ends=region.ends,
     )
+    text = f"{' and '.join(record.bounds())}: {share.hits} of {counted(share.total, 'run')} inside failed"
+    return record.model_copy(update={"text": text if region.good else f"{text}; the zone is not a box"})
 
 
 def _within(region: Region, x: float, y: float) -> bool:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
@@ -663,7 +664,21 @@ class RegionRecord(_Model):
     y_min: float
     y_max: float
     inside: ProportionRecord | None = None
+    ends: tuple[str, ...] = Field(default=(), description="sides beyond which nothing was tried")
     text: str = ""
+
+    def bounds(self, number: Callable[[float], str] = "{:.4g}".format) -> tuple[str, str]:
+        """Return what the failure needs of either field; `number` writes a number."""
+        return self._bound("x", self.x, number), self._bound("y", self.y, number)
+
+    def _bound(self, axis: str, field: str, number: Callable[[float], str]) -> str:
+        low, high = (number(getattr(self, f"{axis}_{side}")) for side in ("min", "max"))
+        first, last = (f"{axis}_{side}" in self.ends for side in ("min", "max"))
+        if first and last:
+            return f"{field} anywhere from {low} to {high}, as far as was tried"
+        if first or last:
+            return f"{field} <= {high} (tried from {low} on)" if first else f"{field} >= {low} (tried up to {high})"
+        return f"{low} <= {field} <= {high}"
 
 
 class ActivationRecord(Artefact):
@@ -705,9 +720,7 @@ class ActivationRecord(Artefact):
         if self.played:
             parts.append("the outside was played from the nominal log")
         if self.region is not None:
-            one = self.region
-            bounds = f"{one.x_min:.1f} < {one.x} < {one.x_max:.1f}, {one.y_min:.1f} < {one.y} < {one.y_max:.1f}"
-            parts.append(f"region {bounds}")
+            parts.append(f"region {', '.join(self.region.bounds())}")
         return "; ".join(parts)
 
     @property

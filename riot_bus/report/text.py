@@ -56,9 +56,8 @@ def _facts(view: FindingView) -> list[tuple[str, str]]:
         facts.append(("rule", ", ".join(told)))
     region = view.activation.region if view.activation else None
     if region:
-        x_name, y_name = clean(region.x, limit=80), clean(region.y, limit=80)
-        facts.append(("region", f"{number(region.x_min)} <= {x_name} <= {number(region.x_max)}"))
-        facts.append(("", f"{number(region.y_min)} <= {y_name} <= {number(region.y_max)}"))
+        x_bound, y_bound = (clean(each, limit=160) for each in region.bounds(number))
+        facts += [("region", x_bound), ("", y_bound)]
     facts += [(clean(step.name, limit=9), clean(record.summary, limit=160)) for step, record in view.further]
     done = [record for _, record in view.steps if record]
     trials = sum(record.trials for record in done)

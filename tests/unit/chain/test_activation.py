@@ -75,6 +75,8 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     assert region is not None
     assert (region.x, region.y) == ("panel:knob", "panel:lever")
     assert region.x_max < 30
+    assert set(region.ends) == {"x_min", "y_max"}
+    assert "(tried from -1000 on) and panel:lever >= 0.5" in region.text
     assert region.inside is not None
     assert region.inside.count == region.inside.total
     assert {point.phase for point in record.points} == {"search", "again", "needed", "region"}
