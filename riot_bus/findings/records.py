@@ -529,6 +529,11 @@ class AlternativeRecord(_Model):
     decided_by: dict[str, Value]
 
 
+_RIGHT, _RIGHT_ELSEWHERE = 0.98, 0.8
+"""Shares of trials of which a rule should say what is so, as far as these can tell, and of the few with other values
+of all fields that are not in it."""
+
+
 class RuleRecord(Artefact):
     """The unit-level rule (RIOT II-B c).
 
@@ -563,6 +568,22 @@ class RuleRecord(Artefact):
     stl_signals: dict[str, str] = Field(default={}, description="field of each signal of the formula")
     stl_missing: str = Field(default="", description="why there is no formula")
     samples: tuple[RuleSample, ...] = ()
+
+    @property
+    def shortcomings(self) -> str:
+        """Where the rule was seen to be wrong, or was not tested, in a few words; empty if nowhere."""
+        asked = ((self.in_campaign, "of the campaign"), (self.in_context, "behind nominal messages"))
+        found = [
+            f"right in only {one.count} of {counted(one.total, 'trial')} {where}"
+            for one, where in asked
+            if one is not None and one.total and one.high < _RIGHT
+        ]
+        if self.varied_mistakes > self.varied_checks * (1 - _RIGHT_ELSEWHERE):
+            checks = counted(self.varied_checks, "check")
+            found.append(f"wrong in {self.varied_mistakes} of {checks} with other values of all other fields")
+        if not found and self.balanced_accuracy is None:
+            found.append("half tested" if self.checks else "not tested")
+        return "; ".join(found)
 
     @property
     def summary(self) -> str:

@@ -146,6 +146,8 @@ class FindingView:
         parts = [TextPart(clean(self.finding.component), code=True), TextPart(f" {self.failure}")]
         if self.rule:
             parts += [TextPart(" when "), TextPart(clean(self.rule.text, limit=400), code=True)]
+            if told := self.rule.shortcomings:
+                parts.append(TextPart(f" ({told})"))
         elif self.fields and self.fields.fields:
             parts += [TextPart(" depending on "), *_listed(tuple(one.name for one in self.fields.fields))]
         elif self.minimal:

@@ -26,6 +26,12 @@ def test_whole_chain(finding: Path) -> None:
     assert len(lines) < 12
 
 
+def test_where_a_rule_was_seen_to_be_wrong_is_told_with_it(finding: Path) -> None:
+    wrong = ProportionRecord(value=0.69, low=0.59, high=0.77, count=77, total=112)
+    RuleRecord.load(finding).model_copy(update={"in_campaign": wrong}).save(finding)
+    assert " (right in only 77 of 112 trials of the campaign); the outside world" in summary(finding).splitlines()[0]
+
+
 @pytest.mark.parametrize("done", range(1, 6))
 def test_prefix_names_the_next_step(finding: Path, steps: dict[str, str], done: int) -> None:
     for name in list(steps)[done:]:

@@ -1,0 +1,36 @@
+"""What a rule's record says of where the rule is wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from riot_bus.findings.records import ProportionRecord, RuleRecord
+from riot_bus.statistics.rates import proportion
+
+
+def rate(count: int, total: int) -> ProportionRecord:
+    found = proportion(count, total)
+    return ProportionRecord(value=found.rate, low=found.low, high=found.high, count=count, total=total)
+
+
+@pytest.mark.parametrize(
+    ("known", "told"),
+    [
+        ({}, ""),
+        ({"in_campaign": rate(98, 98), "in_context": rate(23, 24)}, ""),
+        ({"in_campaign": rate(77, 112)}, "right in only 77 of 112 trials of the campaign"),
+        ({"in_context": rate(8, 14)}, "right in only 8 of 14 trials behind nominal messages"),
+        (
+            {"varied_mistakes": 10, "varied_checks": 19},
+            "wrong in 10 of 19 checks with other values of all other fields",
+        ),
+        ({"varied_mistakes": 1, "varied_checks": 20}, ""),
+        ({"balanced_accuracy": None, "checks": 60}, "half tested"),
+        ({"balanced_accuracy": None, "checks": 0}, "not tested"),
+    ],
+)
+def test_shortcomings(known: dict[str, Any], told: str) -> None:
+    fields = {"balanced_accuracy": 1.0, "checks": 60, "precision": rate(30, 30), "recall": rate(30, 30)} | known
+    assert RuleRecord(text="x > 5", rule={}, scale={}, **fields).shortcomings == told
