@@ -282,6 +282,13 @@ def _record(found: _Found) -> RuleRecord:
     # of an array, what rules could have said and do not say is left out
     told = {one.name for one in found.variables}.union(*(rule.variables for rule in rules))
     types = {one.name: one.type for one in scalars_of(found.variables) if one.name in told}
+    rows = [row_of(found.variables, sample.assignment) for sample in learned.samples]
+    said = learned.rule.predict(columns_of(found.variables, [sample.assignment for sample in learned.samples]))
+    wrong = [
+        row
+        for row, sample, says in zip(rows, learned.samples, said, strict=True)
+        if says != sample.failed and sample.phase != "context"
+    ]
     return RuleRecord(
         text=text(learned.rule),
         rule=learned.rule.to_dict(),
@@ -300,12 +307,10 @@ def _record(found: _Found) -> RuleRecord:
         context=tuple(topics[: found.context]),
         scale={name: spread for name, spread in found.scale.items() if name in types},
         types=types,
+        own_mistakes=len(wrong),
+        own_mistake=_values(wrong[0], learned.rule.variables) if wrong else {},
         samples=tuple(
-            RuleSample(
-                values=_values(row_of(found.variables, sample.assignment), types),
-                failed=sample.failed,
-                phase=sample.phase,
-            )
-            for sample in learned.samples
+            RuleSample(values=_values(row, types), failed=sample.failed, phase=sample.phase)
+            for row, sample in zip(rows, learned.samples, strict=True)
         ),
     )

@@ -561,6 +561,10 @@ class RuleRecord(Artefact):
     missed: int = 0
     varied_mistakes: int = Field(default=0, description="of the next, how many the rule gets wrong")
     varied_checks: int = Field(default=0, description="fresh trials with other nominal values of all other fields")
+    own_mistakes: int = Field(
+        default=0, description="of `samples`, but those with other fields, how many it gets wrong"
+    )
+    own_mistake: dict[str, Value] = Field(default={}, description="one of these, the first that was asked")
     alternatives: tuple[AlternativeRecord, ...] = ()
     scale: dict[str, float]
     types: dict[str, str] = {}
@@ -581,6 +585,9 @@ class RuleRecord(Artefact):
         if self.varied_mistakes > self.varied_checks * (1 - _RIGHT_ELSEWHERE):
             checks = counted(self.varied_checks, "check")
             found.append(f"wrong in {self.varied_mistakes} of {checks} with other values of all other fields")
+        if self.own_mistakes:
+            values = ", ".join(f"{name} = {value}" for name, value in self.own_mistake.items())
+            found.append(f"wrong in {self.own_mistakes} of the trials that it was learnt from: {values}")
         if not found and self.balanced_accuracy is None:
             found.append("half tested" if self.checks else "not tested")
         return "; ".join(found)
@@ -609,6 +616,8 @@ class RuleRecord(Artefact):
         if self.varied_mistakes:
             of = counted(self.varied_checks, "check")
             accuracy += f"; wrong in {self.varied_mistakes} of {of} with other values of all other fields"
+        if self.own_mistakes:
+            accuracy += f"; wrong in {self.own_mistakes} of the trials that it was learnt from"
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 

@@ -28,6 +28,7 @@ def test_the_rule_says_when_the_unit_fails(tmp_path: Path) -> None:
     assert record.checks >= record.recall.total > 0
     assert record.in_context is not None
     assert record.in_context.count == record.in_context.total == 24
+    assert (record.own_mistakes, record.own_mistake) == (0, {})
     assert (record.topics, record.context) == (("command",), ())
     assert not (one.folder / "context.mcap").exists()
     told = f"on {record.checks} fresh checks, right in 24 of 24 trials behind nominal messages, {record.trials} trials)"

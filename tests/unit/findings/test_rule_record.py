@@ -27,6 +27,10 @@ def rate(count: int, total: int) -> ProportionRecord:
             "wrong in 10 of 19 checks with other values of all other fields",
         ),
         ({"varied_mistakes": 1, "varied_checks": 20}, ""),
+        (
+            {"own_mistakes": 1, "own_mistake": {"x": float("nan"), "mode": 1}},
+            "wrong in 1 of the trials that it was learnt from: x = nan, mode = 1",
+        ),
         ({"balanced_accuracy": None, "checks": 60}, "half tested"),
         ({"balanced_accuracy": None, "checks": 0}, "not tested"),
     ],
