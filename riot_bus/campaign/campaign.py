@@ -10,6 +10,7 @@ from riot_bus.campaign.confirm import repeat_in_order
 from riot_bus.campaign.effects import Effects
 from riot_bus.campaign.history import AfterOthers, add_history
 from riot_bus.campaign.triage import Failure, group, plainer
+from riot_bus.monitors.liveness import is_compared
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 from riot_bus.vocabulary.trial import TestCase, Verdict
@@ -59,6 +60,8 @@ class CampaignResult:
         effects: What the injections did.
         after_others: Failures that came after other cases in the same process, and not with one of their own.
         unjudged: Cases that could not be judged, and why.
+        alarms: Signatures that are told by comparing with nominal trials, and that nominal trials have shown: no
+            failures.
     """
 
     trials: int
@@ -74,6 +77,7 @@ class CampaignResult:
     effects: Effects = field(default_factory=Effects)
     after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
     unjudged: Sequence[tuple[TestCase, str]] = ()
+    alarms: Sequence[str] = ()
 
 
 @dataclass(slots=True)
@@ -85,6 +89,7 @@ class _Campaign:
     types: Mapping[tuple[str, str], str]
     failures: dict[str, Failure] = field(default_factory=dict)
     failing: int = 0
+    alarms: set[str] = field(default_factory=set)
     notes: dict[str, int] = field(default_factory=dict)
     nominal: list[Outcome] = field(default_factory=list)
     usual: list[Outcome] = field(default_factory=list)
@@ -168,6 +173,8 @@ class _Campaign:
             more = {-number: self.case(log, seed + number - 1) for number in range(_NOMINAL + 1, _MORE_NOMINAL + 1)}
             outcomes += _run_nominal(self.runner, list(more.values()))
             cases |= more
+        self._know_alarms(outcomes)
+        outcomes = list(map(self._judged, outcomes))
         self.nominal = self.usual = outcomes
         self.judge(cases, outcomes)
         return len(outcomes)
@@ -179,9 +186,17 @@ class _Campaign:
                 first = replace(next(iter(cases.values())), injections=())
                 usual = [self._asked(replace(first, again=number)) for number in range(1, _NOMINAL + 1)]
                 self.usual = _run_nominal(self.explorer, usual)
+                self._know_alarms(self.usual)
             for case in cases.values():
                 self._asked(case)
-        return self.explorer.run(list(cases.values()))
+        return list(map(self._judged, self.explorer.run(list(cases.values()))))
+
+    def _know_alarms(self, outcomes: Sequence[Outcome]) -> None:
+        """Note what nominal trials show that is only told by comparing with nominal trials: it is nominal, too."""
+        self.alarms.update({each.signature for one in outcomes for each in one.violations if is_compared(each)})
+
+    def _judged(self, outcome: Outcome) -> Outcome:
+        return outcome.without(lambda each: each.signature in self.alarms) if self.alarms else outcome
 
     def _asked(self, case: TestCase) -> TestCase:
         self.asked[case.digest()] = case
@@ -284,6 +299,7 @@ def run_campaign(
         effects=work.effects,
         after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
         unjudged=work.unjudged,
+        alarms=sorted(work.alarms),
     )
 
 

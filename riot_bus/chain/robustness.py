@@ -43,7 +43,6 @@ from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
-from riot_bus.vocabulary.trial import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -163,6 +162,7 @@ def test_unit(
         if isinstance(runner, _Inside):
             failed = (f"{signature} ({counted(number, 'run')})" for signature, number in runner.failed.items())
             untold += tuple(f"whether the system made what drives it fail: {each}" for each in failed)
+        untold += tuple(f"{signature}: nominal trials show the same" for signature in result.alarms)
         saved = [_save(step, subject, failure, baseline) for failure in result.failures.values()]
         traced, untraced = _after_others(step, unit, result, baseline)
         saved += [_save(step, replace(subject, log=each.case.messages), each, baseline) for each in traced]
@@ -327,13 +327,8 @@ class _Inside:
         return [self._judge(outcome) for outcome in self._runner.run(cases)]
 
     def _judge(self, outcome: Outcome) -> Outcome:
-        found = outcome.violations
-        inside = tuple(
-            each for each in found if each.component not in self._external and each.signature not in self._alarms
-        )
-        self.failed.update({each.signature for each in found if each.component in self._external})
-        verdict = Verdict.PASS if outcome.verdict is Verdict.FAIL and not inside else outcome.verdict
-        return replace(outcome, violations=inside, verdict=verdict)
+        self.failed.update({each.signature for each in outcome.violations if each.component in self._external})
+        return outcome.without(lambda each: each.component in self._external or each.signature in self._alarms)
 
 
 def _judge_of(step: StepRun, subject: _Subject) -> tuple[StoredRunner | _Inside, Baseline, tuple[str, ...]]:

@@ -21,7 +21,10 @@ __all__ = [
     "LimitMonitor",
     "SilenceMonitor",
     "crashes_of",
+    "is_compared",
 ]
+
+_THREAD_ENDED = "a thread has ended"
 
 
 class CrashMonitor:
@@ -53,7 +56,7 @@ class ExitMonitor:
             if signs.ended:
                 found.append(_violation("exit", component, signs.ended))
             elif signs.lost and not signs.blocked:
-                found.append(_violation("exit", component, f"a thread has ended: {', '.join(signs.lost)}"))
+                found.append(_violation("exit", component, f"{_THREAD_ENDED}: {', '.join(signs.lost)}"))
         return found
 
 
@@ -130,6 +133,12 @@ class LimitMonitor:
 
 LIVENESS = (CrashMonitor, LimitMonitor, ExitMonitor, HangMonitor, SilenceMonitor, GrowthMonitor)
 """In the order of their severity."""
+
+
+def is_compared(violation: Violation) -> bool:
+    """Return whether a violation says no more than that nominal trials were otherwise."""
+    ended = violation.monitor == "exit" and f": {_THREAD_ENDED}" in violation.signature
+    return ended or violation.monitor in ("silent", "growth")
 
 
 def crashes_of(component: ComponentView) -> tuple[Crash, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -118,6 +118,12 @@ class Outcome:
     observed: Mapping[str, Series] = field(default_factory=dict)
     log: str | None = None
     statistics: Mapping[str, Any] = field(default_factory=dict)
+
+    def without(self, leave: Callable[[Violation], bool]) -> Outcome:
+        """Return the outcome without some violations; one that has failed passes if none is left."""
+        kept = tuple(each for each in self.violations if not leave(each))
+        verdict = Verdict.PASS if self.verdict is Verdict.FAIL and not kept else self.verdict
+        return replace(self, violations=kept, verdict=verdict)
 
     @property
     def judged(self) -> bool:

@@ -140,6 +140,22 @@ def test_plain_values_stand_for_a_failure_where_they_do_the_same_alone(
     assert failure.modified == len(kept)
 
 
+@pytest.mark.parametrize("signature", ["exit of part: a thread has ended: run", "exit of part: status 0"])
+def test_what_is_only_told_by_comparing_is_no_failure_where_nominal_trials_show_it(signature: str) -> None:
+    ended = Violation("exit", "part", signature)
+    fails = iter(range(10**6))
+
+    def answer(case: TestCase) -> Outcome:
+        found = (CRASH,) if injected(case) else ()
+        found += (ended,) if next(fails) % 2 else ()
+        return Outcome(Verdict.FAIL if found else Verdict.PASS, found, statistics={"played": 20})
+
+    result = campaign(Pure(answer), trials=60)
+    compared = "a thread" in signature
+    assert set(result.failures) == ({CRASH.signature} if compared else {CRASH.signature, signature})
+    assert list(result.alarms) == ([signature] if compared else [])
+
+
 def test_all_violations_of_a_trial_count() -> None:
     other = Violation("range", "out:x", "range of out:x", "7")
     result = campaign(Pure(lambda case: failing(case, other) if injected(case) else Outcome(Verdict.PASS)), trials=60)
