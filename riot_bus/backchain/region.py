@@ -43,7 +43,7 @@ class Region:
         inside_high: Upper end.
         outside_share: Share of the samples outside the box that failed.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
-        ends: Sides (`x_min`, ...) where the failure comes as far as the field's range goes: beyond, nothing was tried.
+        ends: Sides (`x_min`, ...) where it failed at the very end of the field's range: beyond, nothing was tried.
     """
 
     x_name: str
@@ -263,11 +263,13 @@ def _report(mapper: _Mapper, box: Box) -> Region:
     right = [[failed for x, y, failed in clear if box.contains(x, y) is side] for side in (True, False)]
     good = bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1])
     names = mapper.axes[0].name, mapper.axes[1].name
-    near = [
+    failing = [one for one in mapper.samples if one[2]]
+    tried = [
         abs(edge - limit) <= mapper.widths[side // 2]
+        and any(one[side // 2] == mapper.axes[side // 2].sensible(limit) for one in failing)
         for side, (edge, limit) in enumerate(zip(box, mapper.limits, strict=True))
     ]
-    ends = tuple(name for name, at_end in zip(Box._fields, near, strict=True) if at_end)
+    ends = tuple(name for name, at_end in zip(Box._fields, tried, strict=True) if at_end)
     return Region(
         *names,
         *box,

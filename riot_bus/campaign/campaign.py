@@ -185,8 +185,9 @@ class _Campaign:
             if self.usual is self.nominal:
                 first = replace(next(iter(cases.values())), injections=())
                 usual = [self._asked(replace(first, again=number)) for number in range(1, _NOMINAL + 1)]
-                self.usual = _run_nominal(self.explorer, usual)
-                self._know_alarms(self.usual)
+                outcomes = _run_nominal(self.explorer, usual)
+                self._know_alarms(outcomes)
+                self.usual = list(map(self._judged, outcomes))
             for case in cases.values():
                 self._asked(case)
         return list(map(self._judged, self.explorer.run(list(cases.values()))))

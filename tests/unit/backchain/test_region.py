@@ -58,6 +58,14 @@ def test_sides_beyond_which_nothing_was_tried_are_told():
     )
     assert (found.x_min, found.x_max) == pytest.approx((low, high), abs=1.0)
     assert found.ends == ("x_min", "x_max")
+    near = map_region(
+        {"goal.x": 0.0, "goal.y": -90.0},
+        AXES,
+        lambda points: [low + 0.3 < one["goal.x"] and -95 < one["goal.y"] < -85 for one in points],
+        seed=0,
+        tolerance=1.0,
+    )
+    assert near.ends == ("x_max",)  # at the lower end itself it passes
 
 
 def test_a_zone_that_is_no_box_is_called_so():
