@@ -13,7 +13,7 @@ from riot_bus.generalize.literals import LARGEST_SET, Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.table import Candidate, concrete
 
-__all__ = ["Learnt", "learn"]
+__all__ = ["Learnt", "learn", "learn_guarded"]
 
 ERROR_BITS = 12.0
 """Cost of one sample that the rule gets wrong."""
@@ -23,6 +23,9 @@ RARE = 4
 
 MOST_TERMS = 4
 MOST_LITERALS = 4
+GUARD_LITERALS = 4
+ANOTHER_FINITE_BITS = 1.5
+"""Cost of each further variable that is to be finite: people say "all finite" of what belongs together."""
 POOL = 12
 
 
@@ -115,6 +118,67 @@ def learn(candidates: Sequence[Candidate], masks: Array, failed: Array, *, width
     ordered = sorted(chosen_terms, key=lambda term: (term.bits, term.literals))
     chosen = tuple(_readable([candidates[keep[index]] for index in term.literals]) for term in ordered)
     return Learnt(chosen, cost, int((covered != failed).sum()))
+
+
+def learn_guarded(candidates: Sequence[Candidate], masks: Array, failed: Array, plain: Learnt) -> Learnt:
+    """Return a rule all of whose terms share literals that hold wherever it fails, such as "all finite", or `plain`.
+
+    Term by term such literals are not found: each one costs more than it tells in its term. The guard and the rule
+    within it are chosen by turns.
+
+    Args:
+        candidates: The literals to choose from.
+        masks: (candidates, samples): where each literal holds.
+        failed: (samples,): the outcomes.
+        plain: The rule of `learn`; the guarded one has to be shorter.
+    """
+    needed = np.flatnonzero(masks[:, failed].all(axis=1) & ~masks.all(axis=1))
+    if not len(needed) or not failed.any():
+        return plain
+    bits = np.array([candidates[index].bits for index in needed.tolist()]) + np.log2(2.0 + len(candidates)) / 4
+    finite = np.array([_says_finite(candidates[index]) for index in needed.tolist()])
+    places = {candidate: index for index, candidate in enumerate(candidates)}
+    best, wrong = plain, ~failed
+    before: list[int] = []
+    for _ in range(GUARD_TURNS):
+        guard, cost = _guard(masks[needed], bits, finite, wrong)
+        if guard == before:
+            break
+        before, chosen = guard, needed[guard]
+        within = masks[chosen].all(axis=0)
+        inner = learn(candidates, masks[:, within], failed[within], width=1, beam=16)
+        covers = np.zeros(len(failed), dtype=bool)
+        for term in inner.terms:
+            covers |= masks[[places[one] for one in term]].all(axis=0)
+        wrong = covers & ~failed
+        if inner.bits + cost < best.bits:
+            shared = [candidates[index] for index in chosen.tolist()]
+            terms = tuple(_readable([*shared, *(one for one in term if one not in shared)]) for term in inner.terms)
+            best = Learnt(terms, inner.bits + cost, inner.mistakes)
+    return best
+
+
+GUARD_TURNS = 2
+"""The second turn leaves out what the rule within the first guard says already; a third seldom changes it."""
+
+
+def _says_finite(candidate: Candidate) -> bool:
+    return candidate.feature.kind == "nonfinite" and candidate.operator == "not"
+
+
+def _guard(masks: Array, bits: Array, finite: Array, wrong: Array) -> tuple[list[int], float]:
+    """Return "all finite" and the literals that exclude the most of what must not be covered, and what they cost."""
+    chosen = np.flatnonzero(finite).tolist()
+    costs = np.where(finite & (np.cumsum(finite) > 1), np.minimum(bits, ANOTHER_FINITE_BITS), bits)
+    left = wrong & masks[chosen].all(axis=0)
+    for _ in range(GUARD_LITERALS):
+        gain = ERROR_BITS * (~masks[:, left]).sum(axis=1) - costs
+        index = int(np.argmax(gain))
+        if gain[index] <= 0:
+            break
+        chosen.append(index)
+        left &= masks[index]
+    return chosen, float(costs[chosen].sum())
 
 
 def _readable(literals: list[Candidate]) -> tuple[Candidate, ...]:

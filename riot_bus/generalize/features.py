@@ -68,7 +68,7 @@ FEATURE_KINDS: Final[Mapping[str, Kind]] = {
     "sub": Kind(2, 4.0, _call("sub")),
     "add": Kind(2, 4.5, _call("add")),
     "div": Kind(2, 5.0, _call("div")),
-    "hypot": Kind(2, 6.0, _call("hypot")),
+    "hypot": Kind(2, 6.5, _call("hypot")),
     "maxabs": Kind(2, 6.0, _of_sizes("max")),
     "minabs": Kind(2, 6.5, _of_sizes("min")),
     **{f"wrap{bits}": Kind(2, 7.0, _wrapped("add", bits, signed=False)) for bits in (8, 16, 32, 64)},

@@ -31,34 +31,33 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
     """Return the rule with each threshold's interval between the samples that this literal alone decides about.
 
     The learner's interval may end at a sample that passes for another reason (the rest of the term does not hold), and
-    samples may lie within one that was found where another literal holds.
+    samples may lie within one that was found where another literal holds. A limit that terms share stays one.
     """
     columns = columns_of(table.variables, table.assignments)
     failed = np.array(table.failed, dtype=bool)
     terms = [list(term) for term in learnt.terms]
     bits = learnt.bits
-    none, every = np.zeros(len(failed), dtype=bool), np.ones(len(failed), dtype=bool)
-    for row, term in enumerate(terms):
-        others = [_all(other, columns, every) for index, other in enumerate(terms) if index != row]
-        elsewhere = np.any([none, *others], axis=0)
-        for place, candidate in enumerate(term):
-            if candidate.operator not in ("<", ">"):
-                continue
-            rest = _all([other for index, other in enumerate(term) if index != place], columns, every)
-            holds = _as_learnt(candidate, columns)
-            values = candidate.feature.values(columns)
-            assert values is not None  # only numbers have thresholds
-            inner = values[rest & failed & holds & ~elsewhere].tolist()
-            outer = values[rest & ~failed & ~holds].tolist()
-            outer = [value for value in outer if value == value]  # without NaN
-            if inner and outer:
-                inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
-                term[place] = candidate.between(outside, inside)
-                bits += term[place].bits - candidate.bits
+    nowhere = np.zeros(len(failed), dtype=bool)
+    for candidate in {one: None for term in terms for one in term if one.operator in ("<", ">")}:
+        within = [[one for one in term if one != candidate] for term in terms if candidate in term]
+        rest = np.any([_all(term, columns) for term in within], axis=0)
+        elsewhere = np.any([nowhere, *(_all(term, columns) for term in terms if candidate not in term)], axis=0)
+        holds = _as_learnt(candidate, columns)
+        values = candidate.feature.values(columns)
+        assert values is not None  # only numbers have thresholds
+        inner = values[rest & failed & holds & ~elsewhere].tolist()
+        outer = values[rest & ~failed & ~holds].tolist()
+        outer = [value for value in outer if value == value]  # without NaN
+        if inner and outer:
+            inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
+            wider = candidate.between(outside, inside)
+            terms = [[wider if one == candidate else one for one in term] for term in terms]
+            bits += wider.bits - candidate.bits
     return replace(learnt, terms=_without_idle(terms, columns), bits=bits)
 
 
-def _all(term: Sequence[Candidate], columns: Mapping[str, Array], every: Array) -> Array:
+def _all(term: Sequence[Candidate], columns: Mapping[str, Array]) -> Array:
+    every = np.ones(len(next(iter(columns.values()))), dtype=bool)
     return np.asarray(np.all([every, *(_as_learnt(one, columns) for one in term)], axis=0))
 
 
@@ -71,24 +70,37 @@ def _as_learnt(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
-    """Return the terms without literals that decide about no sample, longest first, and x for abs(x) where it does."""
-    kept = []
+    """Return the terms without literals that decide about no sample, longest first, and x for abs(x) where it does.
+
+    A literal of all terms stays in all if it decides in one: it is said once.
+    """
+    held: dict[Candidate, Array] = {one: concrete(one).holds(columns) for term in terms for one in term}
     for term in terms:
         for place, candidate in enumerate(term):
             if candidate.feature.kind == "abs":
-                whole = np.all([concrete(one).holds(columns) for one in term], axis=0)
                 plain = replace(candidate, feature=Feature("raw", candidate.feature.args), bits=candidate.bits - 2.0)
+                held[plain] = concrete(plain).holds(columns)
                 changed = [*term[:place], plain, *term[place + 1 :]]
-                if whole.any() and (np.all([concrete(one).holds(columns) for one in changed], axis=0) == whole).all():
+                whole = _both(term, held)
+                if whole.any() and (_both(changed, held) == whole).all():
                     term[place] = plain
-        masks = {candidate: concrete(candidate).holds(columns) for candidate in term}
-        whole = np.all(list(masks.values()), axis=0)
-        for candidate in sorted(term, key=lambda one: -one.bits):
-            others = [mask for other, mask in masks.items() if other != candidate]
-            if others and whole.any() and (np.all(others, axis=0) == whole).all():
-                del masks[candidate]
-        kept.append(tuple(candidate for candidate in term if candidate in masks))
-    return tuple(kept)
+    kept = [list(term) for term in terms]
+    shared = {one for term in kept for one in term if len(kept) > 1 and all(one in other for other in kept)}
+    for candidate in sorted(held, key=lambda one: -one.bits):
+        for group in [kept] if candidate in shared else [[term] for term in kept if candidate in term]:
+            if all(_is_idle(candidate, term, held) for term in group):
+                for term in group:
+                    term.remove(candidate)
+    return tuple(map(tuple, kept))
+
+
+def _both(term: Sequence[Candidate], held: Mapping[Candidate, Array]) -> Array:
+    return np.asarray(np.all([held[one] for one in term], axis=0))
+
+
+def _is_idle(candidate: Candidate, term: Sequence[Candidate], held: Mapping[Candidate, Array]) -> bool:
+    whole, rest = _both(term, held), [one for one in term if one != candidate]
+    return bool(rest and whole.any() and (_both(rest, held) == whole).all())
 
 
 def probe_threshold(

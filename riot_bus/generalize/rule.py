@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -74,15 +74,15 @@ class Rule:
         return result
 
     def text(self) -> str:
-        """Return the rule in one line, such as `x * y < 0 or x * y > 4194304`."""
-        if not self.terms:
-            return "never"
-        several = len(self.terms) > 1
-        terms = []
-        for term in self.terms:
-            line = " and ".join(literal.text() for literal in term) or "always"
-            terms.append(f"({line})" if several and len(term) > 1 else line)
-        return " or ".join(terms)
+        """Return the rule in one line, such as `x * y < 0 or x * y > 4194304`; what all terms need is said once."""
+        if len(self.terms) < 2:
+            return _all_of(self.terms[0]) if self.terms else "never"
+        shared = tuple(each for each in self.terms[0] if all(each in term for term in self.terms))
+        rests = [tuple(each for each in term if each not in shared) for term in self.terms]
+        if not all(rests):
+            return _all_of(shared)  # the others only hold where it does
+        either = " or ".join(f"({_all_of(rest)})" if len(rest) > 1 else _all_of(rest) for rest in rests)
+        return f"{_all_of(shared)} and ({either})" if shared else either
 
     def to_dict(self) -> dict[str, Any]:
         """Return the versioned JSON object, to be embedded in other files."""
@@ -100,6 +100,10 @@ class Rule:
             ConfigError: If it is not a rule of a known version.
         """
         return cls(rule_json.decode(source))
+
+
+def _all_of(literals: Iterable[Literal]) -> str:
+    return " and ".join(literal.text() for literal in literals) or "always"
 
 
 def _shape(columns: Mapping[str, Array]) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from riot_bus.generalize.beam import Learnt, learn
+from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
 from riot_bus.generalize.oracle import assignment_key, same_scalar
@@ -34,6 +34,8 @@ POOL = 240
 SURFACES = 60
 CONDITIONS = 3
 VALIDATIONS = 3
+MORE = 4
+"""After a validation that shows mistakes the budget grows by one part of so many."""
 DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
 ALTERNATIVE_BITS = 6.0
@@ -115,8 +117,8 @@ def learn_rule(
         ask: Each question assigns a value to every variable; True = fails with the same signature.
         seed: Decides all draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
-        validation: Fresh trials for one validation. Counterexamples are learnt from, and up to 3 validations are run
-            on top of the budget.
+        validation: Fresh trials for one validation. Counterexamples are learnt from, with a quarter of the budget more,
+            and up to 3 validations are run on top of the budget.
         parallelism: Questions worth asking in one batch.
         context: Variables that are not to matter. Every third fresh trial has other nominal values of them too.
         progress: Told after every batch.
@@ -144,6 +146,7 @@ def learn_rule(
             checked = search.validate(validation, context)
             if not search.mistakes([sample for sample in checked if sample.phase != "context"]):
                 break  # what the context does, more trials of these variables cannot teach
+            search.budget += budget // MORE
         return search.result(checked)
 
 
@@ -170,7 +173,9 @@ def learn_from(table: Table) -> tuple[Learnt, list[Candidate], Array]:
         for literal in list(literals)[:CONDITIONS]:
             more, held = table.conditional(concrete(literal).holds(columns))
             candidates, masks = [*candidates, *more], np.vstack([masks, held])
-        widened.append(widen(table, learn(candidates, masks, failed)))
+        more_of = learn(candidates, masks, failed)
+        widened.append(widen(table, more_of))
+        widened.append(widen(table, learn_guarded(candidates, masks, failed, more_of)))
     return min(widened, key=lambda one: one.bits), candidates, masks
 
 
@@ -348,10 +353,7 @@ class _Search:
         self, best: Learnt, candidates: list[Candidate], masks: Array, failed: Array, count: int
     ) -> list[Assignment]:
         """Return new assignments about which rules learnt from parts of the features disagree most."""
-        pool = [*self._pool(), *self._surfaces(candidates)]
-        columns = columns_of(self.variables, pool)
-        votes = [best.rule.predict(columns)]
-        weights = [2.0]
+        members = [(best, 2.0)]
         features = sorted({candidate.feature for candidate in candidates})
         used = sorted({candidate.feature for term in best.terms for candidate in term})
         for member in range(COMMITTEE):
@@ -362,23 +364,32 @@ class _Search:
             if not keep:
                 continue
             rival = learn([candidates[index] for index in keep], masks[keep], failed, width=1, beam=16)
-            votes.append(rival.rule.predict(columns))
-            weights.append(1.0 if not rival.mistakes else 0.3 / rival.mistakes)
+            members.append((rival, 1.0 if not rival.mistakes else 0.3 / rival.mistakes))
+        # At the limits of the members themselves two rules that are alike, such as hypot and max(abs), differ.
+        own = [candidate for learnt, _ in members for term in learnt.terms for candidate in term]
+        pool = [*self._pool(), *self._surfaces(candidates), *self._surfaces(list(dict.fromkeys(own)))]
+        columns = columns_of(self.variables, pool)
+        votes = [learnt.rule.predict(columns) for learnt, _ in members]
+        weights = [weight for _, weight in members]
         share = np.average(np.array(votes, dtype=np.float64), axis=0, weights=weights)
         doubt = np.minimum(share, 1 - share)
         order = np.argsort(-doubt, kind="stable")
         return [pool[index] for index in order[:count].tolist() if doubt[index] > 0.01]
 
     def _thresholds(self, best: Learnt) -> list[Assignment]:
-        """Return one narrowing trial per threshold of the best rule."""
+        """Return one narrowing trial per threshold of the best rule; one that terms share is one."""
         found = []
+        shared: set[Candidate] = set()
         for row, term in enumerate(best.terms):
             for column, candidate in enumerate(term):
+                if candidate in shared:
+                    continue
                 key = (candidate.feature, candidate.operator)
                 turn = self.turns.get(key, 0)
                 question = probe_threshold(self.table, best, (row, column), self.random, turn=turn)
                 if question is not None and not self._known(question):
                     self.turns[key] = turn + 1
+                    shared.add(candidate)
                     found.append(question)
         return found
 

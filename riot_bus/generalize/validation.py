@@ -99,12 +99,16 @@ def near_limits(table: Table, learnt: Learnt, sampler: Sampler, chance: random.R
         chance: Source of randomness.
         count: How many cases to try to make.
     """
-    places = [(row, column) for row, term in enumerate(learnt.terms) for column in range(len(term))]
+    limits: dict[Candidate, list[tuple[int, int]]] = {}  # one that several terms share is one limit
+    for row, term in enumerate(learnt.terms):
+        for column, candidate in enumerate(term):
+            limits.setdefault(candidate, []).append((row, column))
+    places = [place for each in limits.values() for place in each]
     columns = columns_of(table.variables, table.assignments)
     decided = {place: np.flatnonzero(without(learnt, place).predict(columns)).tolist() for place in places}
     found: list[Assignment] = []
     for _ in range(count if places else 0):
-        place, way = chance.choice(places), chance.random()
+        place, way = chance.choice(chance.choice(list(limits.values()))), chance.random()
         if way < _DECIDED and decided[place]:
             base: Assignment = table.assignments[chance.choice(decided[place])]
         else:

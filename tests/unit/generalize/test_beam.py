@@ -1,6 +1,6 @@
 import numpy as np
 
-from riot_bus.generalize.beam import learn
+from riot_bus.generalize.beam import learn, learn_guarded
 from riot_bus.generalize.features import Feature
 from riot_bus.generalize.table import Candidate
 
@@ -40,3 +40,20 @@ def test_two_causes_and_a_joint_one_are_told_apart() -> None:
     learnt = learn(literals("a", "b", "c", "d"), rows, (a & b) | c)
     assert learnt.rule.text() == "c == True or (a == True and b == True)"
     assert learnt.mistakes == 0
+
+
+def test_what_all_terms_need_is_paid_for_once() -> None:
+    rows = np.array([[bool(n >> bit & 1) for n in range(128)] for bit in range(7)])
+    names, a, b, c = literals(*"abcdefg"), rows[0], rows[1], rows[2]
+    failed = (a | b | c) & rows[3] & rows[4]
+    plain = learn(names, rows, failed)
+    guarded = learn_guarded(names, rows, failed, plain)
+    assert guarded.bits < plain.bits
+    assert guarded.mistakes == 0
+    assert guarded.rule.text() == "d == True and e == True and (a == True or b == True or c == True)"
+
+
+def test_without_anything_that_all_failures_share_the_rule_stays() -> None:
+    a, b = np.array([[True, True, False, False], [True, False, True, False]])
+    plain = learn(literals("a", "b"), np.array([a, b]), a | b)
+    assert learn_guarded(literals("a", "b"), np.array([a, b]), a | b, plain) is plain

@@ -28,6 +28,15 @@ def test_text() -> None:
     assert Rule((*MODE.terms, *PAPER.terms[:1])).text().startswith("(cmd:mode")
 
 
+def test_what_all_terms_need_is_said_once() -> None:
+    mode, fast = MODE.terms[0]
+    slow, product = Literal(Feature("raw", ("speed",)), "<", 0), PAPER.terms[0][0]
+    assert Rule(((mode, fast), (mode, slow))).text() == 'cmd:mode == "auto" and (speed > 3.5 or speed < 0)'
+    one_more = Rule(((mode, fast), (mode, slow, product)))
+    assert one_more.text().endswith('"auto" and (speed > 3.5 or (speed < 0 and /map_updates:x * /map_updates:y < 0))')
+    assert Rule(((mode, fast), (mode,))).text() == 'cmd:mode == "auto"'
+
+
 def test_predict_is_exact_at_the_threshold() -> None:
     columns = table([2**11, 2**11, -1, 0, 4194305], [2**11, 2**11 + 1, 5, 5, 1])
     assert PAPER.predict(columns).tolist() == [False, True, True, False, True]

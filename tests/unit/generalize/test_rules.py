@@ -263,6 +263,36 @@ def test_proportions_have_exact_bounds() -> None:
     assert proportion(0, 0).high == 1.0
 
 
+PLACE = [
+    Variable("lat", "float64", 90.0, (47.397,), tuple(47.39 + 0.001 * n for n in range(8)), (*NUMBERS, 90.0)),
+    Variable("lon", "float64", 8.545, (8.544,), tuple(8.54 + 0.001 * n for n in range(8)), (*NUMBERS, 180.0)),
+    Variable("alt", "float64", 490.0, (488.0,), tuple(485.0 + n for n in range(8)), (*NUMBERS, 1e308)),
+]
+
+
+@pytest.mark.parametrize("seed", range(scaled(8, gate=1)))
+def test_what_every_failure_needs_is_found_beside_what_either_brings_about(seed: int) -> None:
+    def beyond_the_tile(v: Values) -> bool:
+        return all(map(math.isfinite, v.values())) and (v["lat"] >= 47.43 or v["lon"] >= 8.57)
+
+    learned = learn_rule(PLACE, Recorder(beyond_the_tile), seed=seed)
+    assert accuracy(learned, PLACE, beyond_the_tile) == 1.0
+    assert learned.rule.text().startswith("isfinite(alt) and isfinite(lat) and isfinite(lon) and (l")
+
+
+@pytest.mark.nightly
+def test_a_limit_of_two_values_at_once_is_found_within_a_larger_rule() -> None:
+    def overflows(v: Values) -> bool:  # what counts cells of a thousandth in an integer, after it has looked for NaN
+        if not all(map(math.isfinite, v.values())):
+            return False
+        cells = (v["lat"] - 47.37) / 0.001, (v["lon"] - 8.51) / 0.001
+        return all(map(math.isfinite, cells)) and max(cells) >= 60
+
+    learned = learn_rule(PLACE, Recorder(overflows), seed=1, budget=205)
+    assert accuracy(learned, PLACE, overflows) >= 0.995
+    assert "max(abs(lat), abs(lon)) < 1.7976" in learned.rule.text()
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_limit_on_one_side_is_told_from_one_on_both(seed: int) -> None:
     """Where few trials meet the rest of the rule, chance alone seldom changes the sign of the value in it."""
