@@ -26,6 +26,9 @@ __all__ = ["ForgedAnswerError", "Remote", "ask", "error_from", "find_routers", "
 
 _TIMEOUT_S = 30.0
 _FIND_S = 3.0
+_TRIES = 8
+"""A question that ends at once without an answer was not carried out: its queue was full, or nobody may ask it. Beside a
+flood that is twice what a loaded machine can answer, every second question is lost."""
 _LATE_S = 0.5
 """How long to wait, after an answer, for a second one, which there should not be."""
 
@@ -117,7 +120,11 @@ class Remote:
         name = self._name if self._name is not None else self._only()
         selector = f"{OWN_CHUNK}/{name}/{command}" + (f"?{parameters}" if parameters else "")
         began = time.monotonic()
-        answers = self._answers(selector, payload, timeout)
+        answers: list[tuple[bool, bytes]] = []
+        for _ in range(_TRIES):
+            answers = self._answers(selector, payload, max(0.0, began + timeout - time.monotonic()))
+            if answers or time.monotonic() - began >= timeout:
+                break
         refusals = {str(error_from(_document(data))) for ok, data in answers if not ok}
         if len(answers) > 1 and (len(refusals) > 1 or any(ok for ok, _ in answers)):
             hint = (

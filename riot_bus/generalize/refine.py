@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from riot_bus.generalize.table import Candidate, Table, concrete
 from riot_bus.generalize.texts import resized
 from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["inversions", "probe_threshold", "widen", "without"]
+__all__ = ["inversions", "narrowed", "probe_threshold", "widen", "without"]
 
 Number = int | float
 
@@ -35,38 +35,68 @@ def widen(table: Table, learnt: Learnt) -> Learnt:
     """
     columns = columns_of(table.variables, table.assignments)
     failed = np.array(table.failed, dtype=bool)
+    found = _between(learnt, columns, failed, _surely)
+    return replace(found, terms=_without_idle([list(term) for term in found.terms], columns))
+
+
+def narrowed(table: Table, learnt: Learnt) -> Learnt | None:
+    """Return the rule with its thresholds where all trials put them; None if trials contradict it.
+
+    It costs a small part of learning the rule again, and most trials of a rule that is nearly right do not contradict.
+    """
+    columns = columns_of(table.variables, table.assignments)
+    failed = np.array(table.failed, dtype=bool)
+    found = _between(learnt, columns, failed, _maybe)
+    return found if (found.rule.predict(columns) == failed).all() else None
+
+
+_Holds = Callable[[Candidate, Mapping[str, Array]], Array]
+
+
+def _between(learnt: Learnt, columns: Mapping[str, Array], failed: Array, holds: _Holds) -> Learnt:
+    """Return the rule with intervals from failing samples, for which a literal `holds`, to others that pass by it."""
     terms = [list(term) for term in learnt.terms]
     bits = learnt.bits
     nowhere = np.zeros(len(failed), dtype=bool)
     for candidate in {one: None for term in terms for one in term if one.operator in ("<", ">")}:
         within = [[one for one in term if one != candidate] for term in terms if candidate in term]
-        rest = np.any([_all(term, columns) for term in within], axis=0)
-        elsewhere = np.any([nowhere, *(_all(term, columns) for term in terms if candidate not in term)], axis=0)
-        holds = _as_learnt(candidate, columns)
+        rest = np.any([_all(term, columns, _surely) for term in within], axis=0)
+        others = [_all(term, columns, holds) for term in terms if candidate not in term]
+        alone = rest & ~np.any([nowhere, *others], axis=0)
         values = candidate.feature.values(columns)
         assert values is not None  # only numbers have thresholds
-        inner = values[rest & failed & holds & ~elsewhere].tolist()
-        outer = values[rest & ~failed & ~holds].tolist()
+        inner = values[alone & failed & holds(candidate, columns)].tolist()
+        outer = values[rest & ~failed & ~_surely(candidate, columns)].tolist()
         outer = [value for value in outer if value == value]  # without NaN
         if inner and outer:
             inside, outside = (min(inner), max(outer)) if candidate.operator == ">" else (max(inner), min(outer))
+            if (inside > outside) is not (candidate.operator == ">") or inside == outside:
+                continue  # a trial contradicts it
             wider = candidate.between(outside, inside)
             terms = [[wider if one == candidate else one for one in term] for term in terms]
             bits += wider.bits - candidate.bits
-    return replace(learnt, terms=_without_idle(terms, columns), bits=bits)
+    return replace(learnt, terms=tuple(map(tuple, terms)), bits=bits)
 
 
-def _all(term: Sequence[Candidate], columns: Mapping[str, Array]) -> Array:
+def _all(term: Sequence[Candidate], columns: Mapping[str, Array], holds: _Holds) -> Array:
     every = np.ones(len(next(iter(columns.values()))), dtype=bool)
-    return np.asarray(np.all([every, *(_as_learnt(one, columns) for one in term)], axis=0))
+    return np.asarray(np.all([every, *(holds(one, columns) for one in term)], axis=0))
 
 
-def _as_learnt(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
-    """Return where a literal holds, as the learner took it: a threshold lies at the inner end of its interval."""
+def _surely(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
+    """Return where a literal holds with its threshold at the inner end of its interval, as the learner took it."""
     values = candidate.feature.values(columns)
     if candidate.operator not in ("<", ">") or values is None:
         return concrete(candidate).holds(columns)
     return compare(values, f"{candidate.operator}=", candidate.inside)
+
+
+def _maybe(candidate: Candidate, columns: Mapping[str, Array]) -> Array:
+    """Return where a literal holds with its threshold at the outer end of its interval."""
+    values = candidate.feature.values(columns)
+    if candidate.operator not in ("<", ">") or values is None:
+        return concrete(candidate).holds(columns)
+    return compare(values, candidate.operator, candidate.outside)
 
 
 def _without_idle(terms: list[list[Candidate]], columns: Mapping[str, Array]) -> tuple[tuple[Candidate, ...], ...]:
@@ -104,7 +134,13 @@ def _is_idle(candidate: Candidate, term: Sequence[Candidate], held: Mapping[Cand
 
 
 def probe_threshold(
-    table: Table, learnt: Learnt, place: tuple[int, int], chance: random.Random, *, turn: int
+    table: Table,
+    learnt: Learnt,
+    place: tuple[int, int],
+    chance: random.Random,
+    *,
+    turn: int,
+    known: Callable[[Assignment], bool] = lambda _: False,
 ) -> Assignment | None:
     """Return a trial that narrows the threshold of one literal, None when it is as exact as trials can make it.
 
@@ -116,6 +152,7 @@ def probe_threshold(
         place: Index of the term, and of the literal in it.
         chance: Source of randomness.
         turn: Number of probes of this literal so far.
+        known: Whether a trial was made already.
     """
     candidate = learnt.terms[place[0]][place[1]]
     low, high = candidate.outside, candidate.inside
@@ -129,7 +166,7 @@ def probe_threshold(
     tight = (low > 0 and high < 16 * low) or (high < 0 and low > 16 * high) or low <= 0 <= high
     if tight and turn % 3 != 2:
         targets = _around(candidate, low, high) + targets
-    options = _solutions(table, learnt, place, targets, chance)
+    options = [one for one in _solutions(table, learnt, place, targets, chance) if not known(one)]
     if not options:
         return None
     columns = columns_of(table.variables, options)
@@ -194,7 +231,10 @@ def _solutions(
 
 
 def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.Random) -> list[Assignment]:
-    """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term."""
+    """Return the samples nearest to the threshold on both sides, and a few others that satisfy the rest of the term.
+
+    Passing ones come first: what fails may fail by another term, whose limits are not exact yet.
+    """
     candidate = learnt.terms[place[0]][place[1]]
     values = table.values(candidate.feature)
     usable = without(learnt, place).predict(columns_of(table.variables, table.assignments))
@@ -202,7 +242,8 @@ def _bases(table: Table, learnt: Learnt, place: tuple[int, int], chance: random.
     edge = [row for row in rows if values[row] in (candidate.inside, candidate.outside)]
     others = [row for row in rows if row not in edge]
     chance.shuffle(others)
-    return [table.assignments[row] for row in edge[:4] + others[:8]]
+    chosen = sorted(edge[:4] + others[:8], key=lambda row: table.failed[row])
+    return [table.assignments[row] for row in chosen]
 
 
 def inversions(feature: Feature, base: Mapping[str, Scalar], target: Number) -> list[dict[str, Scalar]]:

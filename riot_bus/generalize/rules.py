@@ -18,7 +18,7 @@ from riot_bus.generalize.beam import Learnt, learn, learn_guarded
 from riot_bus.generalize.edges import edges_of, linear_features, middle_of
 from riot_bus.generalize.features import Array, casts_of
 from riot_bus.generalize.oracle import assignment_key, same_scalar
-from riot_bus.generalize.refine import inversions, probe_threshold, widen
+from riot_bus.generalize.refine import inversions, narrowed, probe_threshold, widen
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.sampling import Assignment, Sampler, Variable, changed, columns_of, fitted, row_of
 from riot_bus.generalize.table import Candidate, Table, concrete
@@ -292,9 +292,14 @@ class _Search:
         """Learn and ask until the committee agrees and every threshold is exact, or the budget is spent."""
         calm = 0
         before: object = None
+        settled = False
         while True:
             failed = np.array(self.table.failed, dtype=bool)
-            best, candidates, masks = learn_from(self.table)
+            kept = narrowed(self.table, self.best) if settled and self.spent < self.budget else None
+            if kept is not None:
+                best, (candidates, masks) = kept, self.table.candidates()
+            else:
+                best, candidates, masks = learn_from(self.table)
             self.best = best
             self.rule = best.rule
             if self.spent >= self.budget:
@@ -304,11 +309,13 @@ class _Search:
             count = max(self.parallelism, 1 if settled else 3)
             questions = self._committee(best, candidates, masks, failed, count)
             if self.lines(best) or self.casts(best):
+                settled = False
                 continue
             narrow = self._thresholds(best)
             calm = 0 if narrow or questions else calm + 1
-            if calm > 2:
+            if calm > 2 and kept is None:
                 return
+            settled = settled and calm <= 2
             if not settled:
                 narrow = self.random.sample(narrow, min(1, len(narrow)))
             self.ask(questions, "committee")
@@ -386,8 +393,9 @@ class _Search:
                     continue
                 key = (candidate.feature, candidate.operator)
                 turn = self.turns.get(key, 0)
-                question = probe_threshold(self.table, best, (row, column), self.random, turn=turn)
-                if question is not None and not self._known(question):
+                place = (row, column)
+                question = probe_threshold(self.table, best, place, self.random, turn=turn, known=self._known)
+                if question is not None:
                     self.turns[key] = turn + 1
                     shared.add(candidate)
                     found.append(question)

@@ -68,6 +68,7 @@ class Feeder:
         self._process = stage.processes[name]
         self._ordered = ordered and not unit.rate
         self._fed = time.monotonic()
+        self._begun: Activity | None = None
         self._hangs = stage.context.hangs[name]
         self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
@@ -86,6 +87,7 @@ class Feeder:
         """
         stage, begin = self._stage, len(self._stage.outputs)
         start, own = stage.activity([self._name]), stage.others.activity()
+        self._begun = self._begun or start
         before = self._publish(messages, start)
 
         def rests() -> bool:
@@ -177,9 +179,10 @@ class Feeder:
         """Return what the unit does after its nominal log, which it has got, and to a probe.
 
         On a loaded machine it may seem at rest before it has its input. So answers that its baseline knows are waited
-        for, and as long as that knows none, those on all topics on which the log has brought some.
+        for, and as long as that knows none, those on all topics on which the log has brought some, and all that come
+        late where others had the processors meanwhile.
         """
-        self._stage.bus.drain(self._settle.timeout)
+        self._await_late()
         answers, begin = self._answers(0), len(self._stage.outputs)
         probed: Mapping[str, int] = {}
         if self.alive:
@@ -189,10 +192,19 @@ class Feeder:
             expected = self._baseline.probe_answers or dict.fromkeys(answers, 1)
             if Counter(expected) - self._answers(begin) and not self._missing(expected, begin):
                 self._wait_quiet()
+            if not self._baseline.probe_answers:
+                self._await_late()
             probed, self.probed = self._answers(begin), begin
         stacks = self._stage.stacks([self._name]) if self.alive else []
         ended = self._stage.main_end(self._name) is not None
         return NominalTrial(answers, probed, stacks, ended, self._process.status, self._growth())
+
+    def _await_late(self) -> None:
+        """Wait for what is on its way: where the unit had to wait for a processor, also for answers that come late."""
+        begun = self._begun
+        if begun is not None and self._stage.activity([self._name]).waited_since(begun) > self._settle.window:
+            self._wait_quiet()
+        self._stage.bus.drain(self._settle.timeout)
 
     def signs(self, *, settled: bool) -> tuple[Signs, bool]:
         """Return what is different from nominal trials, and whether the unit has come to rest after all input.

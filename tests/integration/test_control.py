@@ -302,3 +302,21 @@ def test_access_control_of_the_docs_lets_one_user_read_and_another_not(tmp_path:
             token.undeclare()
         with pytest.raises(EnvironmentFaultError):  # nobody gets around this by saying no name
             ask(endpoint, "lab", "status")
+
+
+def test_a_question_that_was_lost_in_a_full_queue_is_asked_again() -> None:
+    with RouterProcess("--segment", "a=tcp/127.0.0.1:0", "--segment", "b=tcp/127.0.0.1:0") as router:
+        endpoint = router.endpoints["a"]
+        with open_client(endpoint) as server, Remote(endpoint, "other") as remote:
+            asked: list[str] = []
+
+            def drop_three(query: zenoh.Query) -> None:
+                asked.append(str(query.key_expr))
+                if len(asked) > 3:
+                    query.reply(query.key_expr, json.dumps({"version": 1, "router": "other", "result": {"n": 1}}))
+
+            server.session.declare_queryable("@riot/other/stop", drop_three)
+            assert wait_until(lambda: bool(list(remote.client.session.get("@riot/other/stop"))) or bool(asked), 30)
+            asked.clear()
+            assert remote.ask("stop", timeout=30) == {"n": 1}
+            assert asked == ["@riot/other/stop"] * 4
