@@ -193,7 +193,9 @@ class UnitQuestions:
         cases = FreshCases(self.runner, after=after)
         return lambda asked: [self.failed(one) for one in cases.run([self.case(values) for values in asked])]
 
-    def decide(self, cases: Sequence[TestCase], *, doubt: float = _DOUBT) -> list[bool]:
+    def decide(
+        self, cases: Sequence[TestCase], *, doubt: float = _DOUBT, priors: Sequence[float] | None = None
+    ) -> list[bool]:
         """Return for each case whether it triggers the failure, from as many fresh trials as that takes.
 
         One trial decides where nothing has shown that the failure comes only sometimes. What is known of a case counts.
@@ -201,18 +203,19 @@ class UnitQuestions:
         Args:
             cases: The cases.
             doubt: Probability of an answer being wrong at most.
+            priors: How likely each one is to trigger it before any trial; None if nothing is known.
 
         Raises:
             InconclusiveError: All trials that this may take are spent.
         """
         try:
-            return self._trials.decide(cases, doubt=doubt, doing="deciding")
+            return self._trials.decide(cases, doubt=doubt, doing="deciding", priors=priors)
         except BudgetSpentError:
             raise InconclusiveError(
                 f"{_MOST_TRIALS} trials have not told when it fails: it comes too seldom",
                 hint=f"its rate is about {self.noise.rate:.2f}; what makes it come more often?",
             ) from None
 
-    def ask(self, questions: Sequence[Mapping[str, Setting]]) -> list[bool]:
+    def ask(self, questions: Sequence[Mapping[str, Setting]], priors: Sequence[float] | None = None) -> list[bool]:
         """Return for each assignment of values whether it triggers the failure; see `decide`."""
-        return self.decide([self.case(values) for values in questions])
+        return self.decide([self.case(values) for values in questions], priors=priors)

@@ -158,6 +158,7 @@ class _Teacher:
             learned = learn_rule(
                 variables,
                 questions.ask,
+                expecting=questions.ask,
                 seed=self.step.workspace.seed,
                 budget=self.budget,
                 validation=self.validation,

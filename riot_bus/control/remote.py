@@ -27,8 +27,8 @@ __all__ = ["ForgedAnswerError", "Remote", "ask", "error_from", "find_routers", "
 _TIMEOUT_S = 30.0
 _FIND_S = 3.0
 _TRIES = 8
-"""A question that ends at once without an answer was not carried out: its queue was full, or nobody may ask it. Beside a
-flood that is twice what a loaded machine can answer, every second question is lost."""
+"""A question that ends at once without an answer was not carried out: its queue was full, or nobody may ask it.
+Beside a flood that is twice what a loaded machine can answer, every second question is lost."""
 _LATE_S = 0.5
 """How long to wait, after an answer, for a second one, which there should not be."""
 

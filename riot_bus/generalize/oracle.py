@@ -111,7 +111,7 @@ class Trials(Generic[QuestionT]):
         self,
         questions: Sequence[QuestionT],
         *,
-        prior: float,
+        prior: float | Sequence[float],
         doubt: float,
         doing: str,
         least: int = 1,
@@ -121,7 +121,7 @@ class Trials(Generic[QuestionT]):
 
         Args:
             questions: Different ones.
-            prior: Of each, before any trial of it.
+            prior: Of each, before any trial of it; one for all, or one for each.
             doubt: A probability below this, or above one minus this, decides.
             doing: What is going on, for `progress`.
             least: Trials of each question at least, earlier ones of it counted.
@@ -131,8 +131,9 @@ class Trials(Generic[QuestionT]):
             BudgetSpentError: There are no trials left for it.
         """
         searches = []
-        for question in questions:
-            chance = self.noise.triggers(*self.counts(question), prior=prior)
+        priors = [prior] * len(questions) if isinstance(prior, float) else prior
+        for question, before in zip(questions, priors, strict=True):
+            chance = self.noise.triggers(*self.counts(question), prior=before)
             searches.append(FlipSearch([chance, 1 - chance], self.noise, rises=True))
 
         def probability(index: int) -> float:
@@ -153,7 +154,9 @@ class Trials(Generic[QuestionT]):
         self.noise = self.noise.joined([search.noise for search in searches])
         return chances
 
-    def decide(self, questions: Sequence[QuestionT], *, doubt: float, doing: str) -> list[bool]:
+    def decide(
+        self, questions: Sequence[QuestionT], *, doubt: float, doing: str, priors: Sequence[float] | None = None
+    ) -> list[bool]:
         """Return for each question whether it triggers the failure; equal ones are decided together.
 
         How many of them do is not known, so their trials tell nothing of the rates.
@@ -162,13 +165,16 @@ class Trials(Generic[QuestionT]):
             questions: Any.
             doubt: Probability of an answer being wrong at most.
             doing: What is going on, for `progress`.
+            priors: How likely each one is to trigger it before any trial; None if nothing is known.
 
         Raises:
             BudgetSpentError: There are no trials left for it.
         """
         known = self.noise
         by_key = {self._key(question): question for question in questions}
-        chances = self.triggers(list(by_key.values()), prior=0.5, doubt=doubt, doing=doing)
+        likely = dict(zip(map(self._key, questions), priors or [0.5] * len(questions), strict=True))
+        prior = [likely[key] for key in by_key]
+        chances = self.triggers(list(by_key.values()), prior=prior, doubt=doubt, doing=doing)
         self.noise = known
         found = {key: chance > 0.5 for key, chance in zip(by_key, chances, strict=True)}
         return [found[self._key(question)] for question in questions]

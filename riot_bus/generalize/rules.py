@@ -10,7 +10,7 @@ import math
 import random
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,10 +42,23 @@ ALTERNATIVE_BITS = 6.0
 """A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
 MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, which is a comparison that comes back again and again."""
+GUESSED = ("explore", "validate", "context")
+"""Phases whose questions are not asked since rules disagree, or where a limit lies."""
+FAILS = 0.98
+"""Prior that the failing values fail: the log was minimised with them."""
+REVISED = 8
+"""So many samples that a rule gets wrong are asked again at once; where it gets more wrong, it is the rule."""
+MOST_REVISIONS = 40
+DOUBT = 0.06
+"""A rule is never trusted more than to be wrong in one of sixteen new questions: that takes a few trials of each."""
 CASTS_AFTER = 0.3
 """Casts are sought after this part of the budget: there are enough failing trials by then to tell that many terms."""
 LINES_AFTER = 0.4
 """Edges are sought after this part of the budget: rules without coefficients are found by then."""
+
+
+AskExpecting = Callable[[Sequence[Mapping[str, Setting]], Sequence[float]], Sequence[bool]]
+"""Like `Ask`, with the probability that each question is answered by True; it may be asked the same again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +116,7 @@ def learn_rule(
     variables: Sequence[Variable],
     ask: Ask[Mapping[str, Setting]],
     *,
+    expecting: AskExpecting | None = None,
     seed: int,
     budget: int = 160,
     validation: int = 60,
@@ -115,6 +129,9 @@ def learn_rule(
     Args:
         variables: The relevant fields with what is known about their values.
         ask: Each question assigns a value to every variable; True = fails with the same signature.
+        expecting: Asked instead, with the probability that each question fails, from how often the rules so far have
+            been right: where an answer takes several trials, fewer will do for what is expected. What a rule gets
+            wrong is asked again.
         seed: Decides all draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
         validation: Fresh trials for one validation. Counterexamples are learnt from, with a quarter of the budget more,
@@ -137,13 +154,15 @@ def learn_rule(
         if progress is not None:
             progress(done, budget + validation, f"rules: {phase}")
 
-    search = _Search(variables, ask, told, seed=seed, budget=budget, parallelism=max(1, parallelism))
+    search = _Search(variables, ask, expecting, told, seed=seed, budget=budget, parallelism=max(1, parallelism))
     with _one_thread():
         search.start()
         checked: list[Sample] = []
         for _ in range(VALIDATIONS):
             search.refine()
             checked = search.validate(validation, context)
+            if search.revise(search.best):
+                checked = search.samples[-len(checked) :]
             if not search.mistakes([sample for sample in checked if sample.phase != "context"]):
                 break  # what the context does, more trials of these variables cannot teach
             search.budget += budget // MORE
@@ -191,6 +210,7 @@ class _Search:
         self,
         variables: Sequence[Variable],
         ask: Ask[Mapping[str, Setting]],
+        expecting: AskExpecting | None,
         told: Callable[[int, str], None],
         *,
         seed: int,
@@ -198,7 +218,8 @@ class _Search:
         parallelism: int,
     ) -> None:
         self.variables = tuple(variables)
-        self._ask = ask
+        self._plain = ask
+        self._expecting = expecting
         self._told = told
         self._asked: set[Hashable] = set()
         self.budget = budget
@@ -211,6 +232,7 @@ class _Search:
         self.best = Learnt((), 0.0, 0)
         self.rule = Rule(())
         self.share = 0.0
+        self.guesses = self.wrong_guesses = self.revisions = 0
         self.sought = self.cast = False
         self.turns: dict[object, int] = {}
         self.mirrored: set[object] = set()
@@ -229,10 +251,15 @@ class _Search:
         asked: list[Sample] = []
         for first in range(0, len(new), max(self.parallelism, 1)):
             batch = new[first : first + self.parallelism]
-            answers = self._ask(batch)
+            guesses = self._guesses(batch, phase)
+            answers = self._expecting(batch, guesses) if self._expecting else self._plain(batch)
             if len(answers) != len(batch):
                 raise InconclusiveError(f"{len(batch)} trials were asked for, but {len(answers)} outcomes came back")
             asked += [Sample(q, bool(answer), phase) for q, answer in zip(batch, answers, strict=True)]
+            if self.rule.terms and phase in GUESSED:
+                self.guesses += len(batch)
+                pairs = zip(guesses, asked[-len(batch) :], strict=True)
+                self.wrong_guesses += sum((guess > 0.5) != one.failed for guess, one in pairs)
             self._asked.update(map(assignment_key, batch))
             self._told(len(self._asked), phase)
         self.samples += asked
@@ -240,6 +267,33 @@ class _Search:
             return asked
         self.table.add([sample.assignment for sample in asked], [sample.failed for sample in asked])
         return asked
+
+    def revise(self, learnt: Learnt) -> bool:
+        """Ask again what a rule gets wrong, where answers may be wrong; return whether one is another now."""
+        if self._expecting is None or not learnt.terms or self.revisions >= MOST_REVISIONS:
+            return False
+        self.revisions += 1
+        said = learnt.rule.predict(columns_of(self.variables, [one.assignment for one in self.samples])).tolist()
+        wrong = [n for n, one in enumerate(self.samples) if one.failed != said[n]][:REVISED]
+        guesses = [1 - DOUBT if said[n] else DOUBT for n in wrong]
+        answers = self._expecting([self.samples[n].assignment for n in wrong], guesses) if wrong else ()
+        changed = [n for n, answer in zip(wrong, answers, strict=True) if bool(answer) != self.samples[n].failed]
+        rows = [n for n, one in enumerate(self.samples) if one.phase != "context"]
+        for n in changed:
+            self.samples[n] = replace(self.samples[n], failed=not self.samples[n].failed)
+            if self.samples[n].phase != "context":
+                self.table.failed[rows.index(n)] = self.samples[n].failed
+        return bool(changed)
+
+    def _guesses(self, questions: Sequence[Assignment], phase: str) -> list[float]:
+        """Return how likely questions are to fail, as far as the rule says so and has been right about its like."""
+        if not self._asked:
+            return [FAILS]
+        if phase not in GUESSED or not self.rule.terms:
+            return [0.5] * len(questions)
+        doubt = min(0.5, max(DOUBT, (self.wrong_guesses + 1) / (self.guesses + 2)))
+        said = self.rule.predict(columns_of(self.variables, questions)).tolist()
+        return [1 - doubt if fails else doubt for fails in said]
 
     def _known(self, question: Assignment) -> bool:
         return assignment_key(question) in self._asked
@@ -300,6 +354,8 @@ class _Search:
                 best, (candidates, masks) = kept, self.table.candidates()
             else:
                 best, candidates, masks = learn_from(self.table)
+                if best.mistakes and self.revise(best):
+                    continue
             self.best = best
             self.rule = best.rule
             if self.spent >= self.budget:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 PR_SET_PDEATHSIG = 1
 INSTALLED = ("site-packages", "dist-packages")
 compiled: dict[str, tuple[tuple[int, int, int], types.CodeType]] = {}
+RIOT = "riot_bus"
+"""Bridges run riot and its adapters, which are no code under test, also where they are installed to be edited."""
 FIRST = frozenset({"gevent", "eventlet"})  # they replace parts of the standard library before others import these
 
 
@@ -65,7 +67,7 @@ def is_installed(top: str, own: str) -> bool:
     """Return whether a module belongs to the interpreter or an installed package, and not to the component."""
     if is_own(top, own):
         return False
-    if top in sys.stdlib_module_names:
+    if top in sys.stdlib_module_names or top == RIOT or top.startswith(f"{RIOT}_"):
         return True
     try:
         spec = importlib.util.find_spec(top)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from riot_bus.generalize.oracle import Trials, assignment_key
 from riot_bus.generalize.rules import LearnedRule, Variable, learn_rule
 from riot_bus.generalize.sampling import Sampler, columns_of, fit, integer_range, interesting
 from riot_bus.inject.dictionary import load_dictionary
+from riot_bus.statistics.noise import Noise
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.errors import InconclusiveError
 from tests.tiers import scaled
@@ -308,3 +310,37 @@ def test_a_limit_on_one_side_is_told_from_one_on_both(seed: int) -> None:
 
     found = learn_rule(variables, lambda asked: list(map(fails, asked)), seed=seed, parallelism=2)
     assert sorted(found.rule.text().split(" and ")) == ["abs(x) > 1000000", "m == 1", "on == True"]
+
+
+class Rarely:
+    """Fails in three of ten trials in which the rule holds; each answer is decided from as many as it takes."""
+
+    def __init__(self, fails: Callable[[Values], bool], seed: int) -> None:
+        chance = random.Random(seed)
+        self.trials: Trials[Values] = Trials(
+            lambda asked: [fails(one) and chance.random() < 0.3 for one in asked],
+            key=assignment_key,
+            noise=Noise.after(6, 20, nominal_total=4),
+            budget=20_000,
+        )
+
+    def decide(self, asked: Sequence[Values], priors: Sequence[float] | None = None) -> list[bool]:
+        return self.trials.decide(asked, doubt=0.05, doing="deciding", priors=priors)
+
+
+def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_asked_again() -> None:
+    def fails(v: Values) -> bool:
+        return bool(v["x"] != v["x"] or abs(v["x"]) > 1e6)
+
+    spent: dict[bool, list[int]] = {True: [], False: []}
+    texts = []
+    variable = Variable("x", "float64", 1e300, (1.0,), tuple(map(float, range(20))), (*NUMBERS, 255.0, 1e9))
+    for seed in range(4):
+        for expects, into in spent.items():
+            unit = Rarely(fails, seed)
+            found = learn_rule([variable], unit.decide, expecting=unit.decide if expects else None, seed=seed)
+            into.append(unit.trials.spent)
+            if expects:
+                texts.append(found.rule.text())
+    assert sum(spent[True]) < 0.75 * sum(spent[False])
+    assert texts.count("isnan(x) or abs(x) > 1000000") >= 3

@@ -15,7 +15,7 @@ from riot_bus.sut.launcher import ComponentProcess, Launcher
 from riot_bus.zenoh.session import wait_until
 
 WAIT_S = 60.0
-IMPORTS = ("json", "json.decoder", "numpy", "own", "nowhere.to.be.found")
+IMPORTS = ("json", "json.decoder", "numpy", "riot_bus.vocabulary.errors", "own", "nowhere.to.be.found")
 
 PROGRAM = """
 import atexit, json, os, signal, sys, threading
@@ -105,13 +105,13 @@ def test_it_is_as_if_it_had_been_executed(launcher: Launcher, folder: Path, comm
 
 
 def test_it_has_imported_what_is_installed_and_nothing_of_its_own(launcher: Launcher, folder: Path) -> None:
-    code = "import sys; print([name in sys.modules for name in ('numpy', 'json.decoder', 'own')])"
+    code = f"import sys; print([name in sys.modules for name in {IMPORTS[1:-1]}])"
     (folder / "looks.py").write_text(f"{code}\nimport numpy; print(numpy.random.random())")
     printed = []
     for number in range(2):
         process = start(launcher, folder, ["looks.py"], modules=IMPORTS, name=f"looks{number}")
         printed.append(ended(launcher, process)[0].splitlines())
-    assert [lines[0] for lines in printed] == ["[True, True, False]"] * 2
+    assert [lines[0] for lines in printed] == ["[True, True, True, False]"] * 2
     assert printed[0][1] != printed[1][1]  # processes do not draw the same numbers
 
 
