@@ -31,14 +31,14 @@ def test_mavproxy_has_faults_that_rules_explain(
 ) -> None:
     monkeypatch.setenv("RIOT_MAVLINK_PYTHON", str(mavlink_python))
     system = SYSTEMS / "mavproxy/riot.toml"
-    options = ("--trials", 100_000, "--seconds", 600, "--jobs", 4)
+    options = ("--trials", 100_000, "--seconds", 600)
     done = riot("test", "--system", system, "--out", tmp_path, *options, timeout=1500)
     assert done.returncode == 1, done.stderr
     folders = sorted((tmp_path / "findings").iterdir())
     found = [FindingRecord.load(folder) for folder in folders]
     assert len({each.signature for each in found if each.monitor == "crash"}) >= 2
 
-    done = riot("analyze", "--system", system, "--out", tmp_path, "--jobs", 4, timeout=5400)
+    done = riot("analyze", "--system", system, "--out", tmp_path, timeout=5400)
     assert done.returncode == 1, done.stderr
     rules = [RuleRecord.load(folder) for folder in folders if RuleRecord.exists(folder)]
     explained = [rule for rule in rules if (rule.balanced_accuracy or 0) >= 0.95]
@@ -47,14 +47,14 @@ def test_mavproxy_has_faults_that_rules_explain(
 
 def test_mavsdk_has_none(riot, tmp_path: Path, mavlink_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIOT_MAVLINK_PYTHON", str(mavlink_python))
-    options = ("--trials", 5000, "--jobs", 4)
+    options = ("--trials", 5000)
     done = riot("test", "--system", SYSTEMS / "mavsdk/riot.toml", "--out", tmp_path, *options, timeout=3500)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_a_fault_behind_ros_2_comes_from_mavlink(riot, tmp_path: Path) -> None:
     system = ROOT / "examples/mavlink/riot.toml"
-    options = ("--unit", "advisor", "--trials", 30, "--jobs", 4, "--format", "json")
+    options = ("--unit", "advisor", "--trials", 30, "--format", "json")
     done = riot("analyze", "--system", system, "--out", tmp_path, *options, timeout=3000)
     assert done.returncode == 1, done.stderr
     (found,) = json.loads(done.stdout)["findings"]
