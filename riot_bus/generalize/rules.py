@@ -42,13 +42,14 @@ ALTERNATIVE_BITS = 6.0
 """A rule that is longer by more than this, half of what one wrong sample costs, is no alternative."""
 MOST_PLAIN_TERMS = 2
 """A rule of more terms may stand for a cast, which is a comparison that comes back again and again."""
-GUESSED = ("explore", "validate", "context")
-"""Phases whose questions are not asked since rules disagree, or where a limit lies."""
+GUESSED = ("explore",)
+"""Phases whose answers the rule may expect: not those where rules disagree or a limit lies, nor those that judge it."""
 FAILS = 0.98
 """Prior that the failing values fail: the log was minimised with them."""
 REVISED = 8
 """So many samples that a rule gets wrong are asked again at once; where it gets more wrong, it is the rule."""
 MOST_REVISIONS = 40
+"""What is asked again for the forty-first time is not told apart by more trials."""
 DOUBT = 0.06
 """A rule is never trusted more than to be wrong in one of sixteen new questions: that takes a few trials of each."""
 CASTS_AFTER = 0.3
@@ -161,7 +162,7 @@ def learn_rule(
         for _ in range(VALIDATIONS):
             search.refine()
             checked = search.validate(validation, context)
-            if search.revise(search.best):
+            if checked and search.revise(search.best):
                 checked = search.samples[-len(checked) :]
             if not search.mistakes([sample for sample in checked if sample.phase != "context"]):
                 break  # what the context does, more trials of these variables cannot teach
