@@ -32,8 +32,8 @@ SMALL = 2_500_000
 def flooded(router: RouterProcess) -> Iterator[tuple[Puppet, Puppet]]:
     """Components of which one floods `cut/x`; the other has received everything."""
     with Puppet(router.endpoints["system"]) as source, Puppet(router.endpoints["unit"]) as sink:
-        sink.do("subscribe", key="route")
         sink.do("subscribe_numbers", key="cut/x")
+        sink.do("subscribe", key="route")  # the last: once it is known, so is the other
         assert crosses(source, sink, "route", "there")
         source.start("flood", key="cut/x", count=COUNT, padding=PADDING, noise=True)
         assert sink.do("wait_numbers", count=COUNT) == everything(COUNT)
