@@ -34,7 +34,7 @@ POOL = 240
 SURFACES = 60
 CONDITIONS = 3
 VALIDATIONS = 3
-MORE = 4
+MORE = 2
 """After a validation that shows mistakes the budget grows by one part of so many."""
 DOUBTFUL_BITS = 22.0
 """A rule of two plain thresholds is shorter than this; longer ones may stand for a linear feature."""
@@ -135,7 +135,7 @@ def learn_rule(
             wrong is asked again.
         seed: Decides all draws.
         budget: Trials for learning; fewer are used once nothing is left to ask.
-        validation: Fresh trials for one validation. Counterexamples are learnt from, with a quarter of the budget more,
+        validation: Fresh trials for one validation. Counterexamples are learnt from, with half of the budget more,
             and up to 3 validations are run on top of the budget.
         parallelism: Questions worth asking in one batch.
         context: Variables that are not to matter. Every third fresh trial has other nominal values of them too.
@@ -363,7 +363,7 @@ class _Search:
                 return
             settled = best.shape == before
             before = best.shape
-            count = max(self.parallelism, 1 if settled else 3)
+            count = 1 if settled else 3
             questions = self._committee(best, candidates, masks, failed, count)
             if self.lines(best) or self.casts(best):
                 settled = False
