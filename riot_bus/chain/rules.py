@@ -230,7 +230,8 @@ class _Teacher:
 def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mapping[str, float]) -> list[Sample]:
     """Return the samples on which a rule depends, so that one wrong answer would make it another one.
 
-    They are those that it gets wrong, failing ones by which alone a term stands, and passing ones next to its limit.
+    They are those that it gets wrong, failing ones by which alone a term stands, passing ones by which alone a literal
+    does, and passing ones next to its limit.
     """
     samples, rule = [one for one in learned.samples if one.phase != "context"], learned.rule
     columns = columns_of(variables, [one.assignment for one in samples])
@@ -242,6 +243,11 @@ def _doubtful(learned: LearnedRule, variables: Sequence[Variable], scale: Mappin
         alone = np.flatnonzero(term & failed & (held.sum(axis=0) == 1))
         chosen += list(alone) if len(alone) <= _FEW else []
     passing = np.flatnonzero(~failed & ~predicted)
+    for literals in rule.terms:
+        for place in range(len(literals)):
+            rest = Rule((literals[:place] + literals[place + 1 :],)).predict(columns)
+            kept_out = np.flatnonzero(rest & ~failed & ~predicted)
+            chosen += list(kept_out) if len(kept_out) <= _FEW else []
     near = np.argsort(rule.distance(columns, scale)[passing], kind="stable")[:_FEW]
     return [samples[n] for n in dict.fromkeys([*chosen, *passing[near]])]
 
