@@ -5,8 +5,9 @@ it by JSON lines over a socket on file descriptor 0. The first line names the mo
 one start; the answer is the number of the new process. That process is forked twice, so the supervisor becomes its
 parent and is told of its end as of any other's. It runs the script or module as the interpreter itself would.
 
-Only modules of the standard library and of installed packages are imported beforehand: what belongs to the component
-is imported by each process anew. Where that would make a difference, nothing is forked, and the answer says why.
+Only modules of the standard library, of installed packages and of riot are imported beforehand: what belongs to the
+component is imported by each process anew. Where that would make a difference, nothing is forked, and the answer says
+why.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def is_own(top: str, own: str) -> bool:
 
 
 def is_installed(top: str, own: str) -> bool:
-    """Return whether a module belongs to the interpreter or an installed package, and not to the component."""
+    """Return whether a module belongs to the interpreter, to riot or to an installed package, not to the component."""
     if is_own(top, own):
         return False
     if top in sys.stdlib_module_names or top == RIOT or top.startswith(f"{RIOT}_"):

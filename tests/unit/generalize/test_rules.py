@@ -342,5 +342,8 @@ def test_of_a_rare_failure_what_is_expected_takes_few_trials_and_what_is_not_is_
             into.append(unit.trials.spent)
             if expects:
                 texts.append(found.rule.text())
+                judged = [one for one in found.samples if one.phase == "validate"]
+                hidden = [one for one in judged if one.failed != fails(one.assignment)]
+                assert not hidden  # expecting flatters no figure: what judges the rule is answered rightly
     assert sum(spent[True]) < 0.75 * sum(spent[False])
     assert texts.count("isnan(x) or abs(x) > 1000000") >= 3
