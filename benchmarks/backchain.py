@@ -20,6 +20,7 @@ from riot_bus.backchain.activation import Evaluation, activate
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.permeability import FieldDrive, Run, analyse
 from riot_bus.backchain.region import map_region
+from riot_bus.backchain.varied import VariedInputs
 from riot_bus.vocabulary.injection import Signal
 from riot_bus.vocabulary.trial import Series
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 REAL = {"ext00": "linear", "ext01": "weak", "ext02": "variance", "ext03": "even"}
 LAGS = (2, 3, 1, 4)
-BUDGET = 400
+BUDGET = 1000
 SCENARIOS: dict[str, dict[str, Any]] = {
     "base": {},
     "12": {"irrelevant": 8},
@@ -40,6 +41,7 @@ SCENARIOS: dict[str, dict[str, Any]] = {
     "noisy": {"noise": 5.0, "depth": 5.0},
     "corner": {"corner": True},
     "deceptive": {"hump": True},
+    "gate": {"gate": True},
 }
 
 
@@ -119,7 +121,14 @@ def score(name: str, found: Sequence[set[str]]) -> dict[str, Any]:
 
 
 def rover(
-    *, irrelevant: int = 0, depth: float = 20.0, noise: float = 0.0, corner: bool = False, hump: bool = False, seed: int
+    *,
+    irrelevant: int = 0,
+    depth: float = 20.0,
+    noise: float = 0.0,
+    corner: bool = False,
+    hump: bool = False,
+    gate: bool = False,
+    seed: int,
 ) -> tuple[list[SearchField], Evaluate]:
     """Return the fields and the system of the paper's example: goals off the map are refused."""
     rng = np.random.default_rng([seed, 7])
@@ -137,6 +146,8 @@ def rover(
             away = y + 100 - depth - float(np.clip(point["vy"], -2, 2)) + noise * float(rng.normal())
             if corner:
                 away = max(away, 80 - x)
+            if gate and not 1 < point["vx"] < 3:  # nothing moves
+                away = 83.0
             shown = 80 - away if hump and 10 < away < 40 else away
             answers.append(Evaluation(max(shown, 0.0), away < 0))
         return answers
@@ -179,7 +190,14 @@ def plain_cmaes(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) ->
 
 
 def portfolio(fields: Sequence[SearchField], evaluate: Evaluate, seed: int) -> int | None:
-    result = activate(fields, evaluate, seed=seed, budget=BUDGET)
+    families = VariedInputs(fields, 3.0, [60] * len(fields)).families
+    varied = {each.search.name for family in families for each in family}
+
+    def constant(points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        """Answer points that vary in time as if nothing came of them: these systems look at constants only."""
+        return [Evaluation(None, failed=False) if point.keys() & varied else evaluate([point])[0] for point in points]
+
+    result = activate(fields, constant, seed=seed, budget=BUDGET, families=families)
     return result.runs if result.found is not None else None
 
 

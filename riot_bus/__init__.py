@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from riot_bus.router.bus import Bus
     from riot_bus.types.registry import TypeRegistry, load_adapters
     from riot_bus.vocabulary.errors import ConfigError, InconclusiveError, PayloadError, RiotError
-    from riot_bus.vocabulary.injection import Formula, Injection, Signal
+    from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
     from riot_bus.vocabulary.message import Message, Qos
     from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
     from riot_bus.zenoh.client import open_client
@@ -59,6 +59,7 @@ _RECORDING = {
     "PlayService": "play.service",
 }
 _FAULTS = {
+    "Curve": "vocabulary.injection",
     "Formula": "vocabulary.injection",
     "Injection": "vocabulary.injection",
     "Signal": "vocabulary.injection",
@@ -88,6 +89,7 @@ __all__ = [
     "CaptureService",
     "ChainStep",
     "ConfigError",
+    "Curve",
     "EditOptions",
     "Formula",
     "InconclusiveError",

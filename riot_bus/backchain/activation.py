@@ -1,25 +1,27 @@
 """Activation: external values that make the failure happen in the whole system (RIOT II-D).
 
-Star probes move each field alone; then search methods take turns on one shared history: unless others are named,
-Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES. Inputs that are refused tell nothing but that the
-search should come back to what was accepted.
+Each field is followed alone at first (`riot_bus.backchain.coordinates`). Then search methods take turns on one shared
+history: unless others are named, Nelder-Mead, expected improvement of a forest surrogate, and CMA-ES. Inputs that are
+refused tell nothing but that the search should come back to what was accepted. From then on fields also vary in time
+(`riot_bus.backchain.varied`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from riot_bus.backchain.coordinates import CoordinateSearch
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.proposers import PORTFOLIO, History, proposers
+from riot_bus.backchain.varied import Dimension, Recombination
 from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.backchain.fir import Floats
     from riot_bus.backchain.proposers import Proposer, SearchMethod
@@ -29,7 +31,11 @@ __all__ = ["Activation", "Evaluation", "activate"]
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 _REPEATS = 30
+_DOWN = 0.9
+"""A distance that is less than this share of the nominal one is no noise."""
 _FAR = 1e100
+_RECOMBINED = 24
+"""Of what varies in time, so many points are made of constant ones before the search methods begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +71,15 @@ class Activation:
     def text(self) -> str:
         """One line for people."""
         if self.found is not None:
-            values = ", ".join(f"{name} = {value:g}" for name, value in self.found.items())
-            return f"activated after {counted(self.runs, 'run')} with {values}"
+            return self.with_inputs(", ".join(f"{name} = {value:g}" for name, value in self.found.items()))
         if self.best_distance is None:
             return f"not activated in {counted(self.runs, 'run')}: the internal fields were never seen"
         near = f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
         return f"{near}; another field may gate the effect, see permeability and relevance"
+
+    def with_inputs(self, text: str) -> str:
+        """Return the line for people where inputs were found, with these named as the user knows them."""
+        return f"activated after {counted(self.runs, 'run')} with {text}"
 
 
 def activate(
@@ -81,6 +90,7 @@ def activate(
     budget: int = 200,
     parallelism: int = 1,
     methods: Sequence[SearchMethod] = PORTFOLIO,
+    families: Sequence[Sequence[Dimension]] = (),
     progress: Progress | None = None,
 ) -> Activation:
     """Search for external values that make the failure happen (RIOT II-D).
@@ -94,6 +104,7 @@ def activate(
         budget: Largest number of system runs.
         parallelism: Points per call of `evaluate`.
         methods: Search methods, which take turns in this order.
+        families: Ways in which fields vary in time, which are tried after constant ones.
         progress: Told after each batch.
 
     Raises:
@@ -105,7 +116,9 @@ def activate(
         raise ValueError("activation needs at least one field, and different names")
     if budget < 1 or parallelism < 1:
         raise ValueError(f"budget and parallelism must be positive, not {budget} and {parallelism}")
-    search = _Search(Encoding(tuple(fields)), seed, methods)
+    search = _Turns(
+        _Search([Dimension(each, at) for at, each in enumerate(fields)], (seed,), methods), families, seed, methods
+    )
     history: list[tuple[Mapping[str, float], Evaluation]] = []
     while len(history) < budget:
         batch = search.batch(min(parallelism, budget - len(history)))
@@ -140,18 +153,102 @@ class _Wanted:
     askers: list[tuple[Proposer, Floats]] = field(default_factory=list)
 
 
+class _Turns:
+    """Takes turns among constant fields and ways in which they vary: every other one has what came nearest so far.
+
+    Args:
+        constant: The search among constant fields.
+        families: The ways to vary.
+        seed: Seed of every choice.
+        methods: Search methods of each.
+    """
+
+    def __init__(
+        self, constant: _Search, families: Sequence[Sequence[Dimension]], seed: int, methods: Sequence[SearchMethod]
+    ) -> None:
+        self._searches = [constant]
+        self._families = list(families)
+        self._seed, self._methods = seed, methods
+        self._asked = constant
+        self._turn = 0
+
+    def batch(self, size: int) -> list[_Wanted]:
+        """Return up to `size` new points, all of one search; none when the spaces of all are exhausted.
+
+        Constant fields have the first turns, until each was followed alone.
+        """
+        constant = self._searches[0]
+        if self._families and (found := constant.lines(size)):
+            return found
+        for number, family in enumerate(self._families):
+            tried = constant.ranked() or [constant.encoding.nominal]
+            self._searches.append(_Search(family, (self._seed, 1 + number), self._methods, tried))
+        self._families = []
+        self._turn += 1
+        order = sorted(self._searches, key=lambda each: (each.nearest if self._turn % 2 else 0.0, each.runs))
+        return next((found for each in order if (found := self._of(each, size))), [])
+
+    def _of(self, search: _Search, size: int) -> list[_Wanted]:
+        self._asked = search
+        return search.batch(size)
+
+    def tell(self, wanted: _Wanted, distance: float | None) -> None:
+        """Take the distance of one point of the latest batch."""
+        self._asked.tell(wanted, distance)
+
+
 class _Search:
-    def __init__(self, encoding: Encoding, seed: int, portfolio: Sequence[SearchMethod]) -> None:
+    """A search among points of one family.
+
+    Args:
+        family: The numbers that make up a point.
+        seeds: Seeds of every choice.
+        portfolio: Search methods.
+        tried: Vectors of constant fields that were tried, the best first, of which the first points are made. By
+            default the family are constant fields, and star probes come first.
+
+    Attributes:
+        encoding: Points as vectors.
+        nearest: The least distance so far.
+    """
+
+    def __init__(
+        self,
+        family: Sequence[Dimension],
+        seeds: tuple[int, ...],
+        portfolio: Sequence[SearchMethod],
+        tried: Sequence[Floats] | None = None,
+    ) -> None:
+        self.encoding = Encoding(tuple(each.search for each in family))
+        self.nearest = math.inf
         self._portfolio = portfolio
-        self._encoding = encoding
-        self._seed = seed
-        self._rng = np.random.default_rng([seed, 99])
+        self._seeds = seeds
+        self._rng = np.random.default_rng([*seeds, 99])
         self._history = History()
         self._largest = 1.0
         self._known: dict[tuple[float, ...], float | None] = {}
-        self._probes = chain([encoding.nominal], _star(encoding))
+        self._constant = tried is None
+        self._mixed = Recombination(family, tried or _star(self.encoding), np.random.default_rng([*seeds, 98]))
+        self._probes = (self._mixed.ask() for _ in range(0 if self._constant else _RECOMBINED))
+        self._lines = CoordinateSearch(self.encoding) if self._constant else None
         self._methods: list[Proposer] | None = None
         self._turn = 0
+
+    @property
+    def runs(self) -> int:
+        """How many points were answered."""
+        return len(self._known)
+
+    def ranked(self) -> list[Floats]:
+        """Return the vectors of all points, the best first."""
+        return [self._history.vectors[at] for at in self._history.ranked()]
+
+    def lines(self, size: int) -> list[_Wanted]:
+        """Return up to `size` new points along single fields; none when these have been followed to their ends."""
+        made: dict[tuple[float, ...], _Wanted] = {}
+        while self._lines is not None and len(made) < size and (vector := self._lines.ask()) is not None:
+            self._take(vector, self._lines, made)
+        return list(made.values())
 
     def batch(self, size: int) -> list[_Wanted]:
         """Return up to `size` new points; none when the space is exhausted."""
@@ -162,19 +259,20 @@ class _Search:
                 break
         if made:
             return list(made.values())
+        if found := self.lines(size):
+            return found
         if self._methods is None:
-            self._methods = proposers(self._portfolio, self._history, self._encoding.nominal, (self._seed,))
+            self._methods = proposers(self._portfolio, self._history, self.encoding.nominal, self._seeds)
         idle = 0
         while len(made) < size and idle < _REPEATS:
-            owner = self._methods[self._turn % len(self._methods)]
-            self._turn += 1
+            owner = self._next(self._methods)
             vector = owner.ask()
             if vector is None or not self._take(vector, owner, made):
                 idle += 1
         for _ in range(_REPEATS * size):
             if len(made) == size:
                 break
-            self._take(self._rng.random(self._encoding.size), None, made)
+            self._take(self._rng.random(self.encoding.size), None, made)
         return list(made.values())
 
     def tell(self, wanted: _Wanted, distance: float | None) -> None:
@@ -184,20 +282,28 @@ class _Search:
         if distance is not None:
             distance = min(max(distance, -_FAR), _FAR)
             self._largest = max(self._largest, distance)
+            self.nearest = min(self.nearest, distance)
         self._known[self._key(wanted.point)] = distance
         self._history.add(wanted.vector, self._worth(wanted.vector, distance))
         for owner, vector in wanted.askers:
             owner.tell(vector, self._worth(vector, distance))
 
+    def _next(self, methods: Sequence[Proposer]) -> Proposer:
+        """Return whose turn it is; while constant fields have found no way down, every other turn combines them."""
+        self._turn += 1
+        if self._constant and self.nearest < _DOWN * (self._history.values[0] if self._history.values else math.inf):
+            return methods[self._turn % len(methods)]
+        return methods[self._turn // 2 % len(methods)] if self._turn % 2 else self._mixed
+
     def _worth(self, vector: Floats, distance: float | None) -> float:
         if distance is not None:
             return distance
         # Worse than anything seen, and on a slope back to the nominal point, so that plateaus have a way out.
-        return self._largest * (2.0 + float(np.linalg.norm(vector - self._encoding.nominal)))
+        return self._largest * (2.0 + float(np.linalg.norm(vector - self.encoding.nominal)))
 
     def _take(self, vector: Floats, owner: Proposer | None, made: dict[tuple[float, ...], _Wanted]) -> bool:
         """Add a vector to the batch; answer its owner at once when it is known. Return whether it was new."""
-        point = self._encoding.decode(vector)
+        point = self.encoding.decode(vector)
         key = self._key(point)
         if key in self._known:
             if owner is not None:
@@ -210,13 +316,9 @@ class _Search:
         return new
 
     def _key(self, point: Mapping[str, float]) -> tuple[float, ...]:
-        return tuple(point[field.name] for field in self._encoding.fields)
+        return tuple(point[field.name] for field in self.encoding.fields)
 
 
-def _star(encoding: Encoding) -> Iterator[Floats]:
-    nominal = encoding.nominal
-    for reach in _PROBES:
-        for at in range(encoding.size):
-            vector = nominal.copy()
-            vector[at] = min(max(vector[at] + reach, 0.0), 1.0)
-            yield vector
+def _star(encoding: Encoding) -> list[Floats]:
+    """Return vectors in which all numbers are moved alike."""
+    return [np.clip(encoding.nominal + reach, 0.0, 1.0) for reach in _PROBES]

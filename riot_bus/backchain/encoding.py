@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Encoding", "SearchField"]
 
 _DIGITS = 3
+_FEW = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class SearchField:
         low: Smallest value to try.
         high: Largest value to try.
         integer: Whether values are whole numbers.
+        choice: Whether they are places in a list, so that nothing lies between two of them.
 
     Raises:
         ValueError: The spread is not positive, or the range is empty or not finite.
@@ -40,6 +42,7 @@ class SearchField:
     low: float
     high: float
     integer: bool = False
+    choice: bool = False
 
     def __post_init__(self) -> None:
         if not self.spread > 0 or not math.isfinite(self.spread):
@@ -47,13 +50,28 @@ class SearchField:
         if not (self.low < self.high and math.isfinite(self.high - self.low) and math.isfinite(self.nominal)):
             raise ValueError(f"{self.name}: no finite range [{self.low}, {self.high}] around {self.nominal}")
 
+    @property
+    def usual(self) -> float:
+        """The nominal value as a search sets it: with no more digits than make a difference."""
+        return self.sensible(self.nominal)
+
     def encode(self, value: float) -> float:
-        """Return a value's place on the asinh scale: 0 at the nominal value."""
-        return math.asinh((value - self.nominal) / self.spread)
+        """Return a value's place on the asinh scale, 0 at the nominal value; of one among few, the value itself."""
+        return value if self.few else math.asinh((value - self.nominal) / self.spread)
 
     def decode(self, place: float) -> float:
         """Return the value at a place, within the range, rounded to about a thousandth of its way from nominal."""
-        return self.sensible(self.nominal + self.spread * math.sinh(place))
+        return self.sensible(place if self.few else self.nominal + self.spread * math.sinh(place))
+
+    @property
+    def few(self) -> bool:
+        """Whether all values are so few that each gets the same room."""
+        return self.integer and self.high - self.low < _FEW
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The places of the smallest and the largest value; among few, each has room on both sides."""
+        return (self.low - 0.499, self.high + 0.499) if self.few else (self.encode(self.low), self.encode(self.high))
 
     def sensible(self, value: float) -> float:
         """Return a value within the range, with no more digits than make a difference."""
@@ -82,7 +100,7 @@ class Encoding:
 
     def encode(self, point: Mapping[str, float]) -> Floats:
         """Return the vector of a point."""
-        places = [(field.encode(point[field.name]), *self._range(field)) for field in self.fields]
+        places = [(field.encode(point[field.name]), *field.ends) for field in self.fields]
         vector: Floats = np.clip(np.asarray([(place - low) / (high - low) for place, low, high in places]), 0.0, 1.0)
         return vector
 
@@ -90,10 +108,6 @@ class Encoding:
         """Return the point of a vector, with sensible values."""
         point = {}
         for field, share in zip(self.fields, vector, strict=True):
-            low, high = self._range(field)
+            low, high = field.ends
             point[field.name] = field.decode(low + min(max(float(share), 0.0), 1.0) * (high - low))
         return point
-
-    @staticmethod
-    def _range(field: SearchField) -> tuple[float, float]:
-        return field.encode(field.low), field.encode(field.high)

@@ -208,11 +208,12 @@ def may_latch(runs: Sequence[Run], external: str, internal: str) -> bool:
         external: The external field.
         internal: The internal field.
     """
-    pairs = [
-        (run.inputs[external].series.values[0], float(np.mean(run.outputs[internal].values)))
+    series = [
+        (run.inputs[external].series.values, np.asarray(run.outputs[internal].values, dtype=np.float64))
         for run in runs
         if external in run.inputs and run.inputs[external].series.values and run.outputs[internal].values
     ]
+    pairs = [(values[0], float(followed.mean())) for values, followed in series]
     if len(pairs) < _FEWEST or not np.isfinite(pairs).all() or not np.ptp(pairs, axis=0).all():
         return False
     freedom, correlation = len(pairs) - 2, abs(float(np.corrcoef(np.array(pairs).T)[0, 1]))

@@ -3,38 +3,45 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
+from riot_bus.backchain.encoding import SearchField
 from riot_bus.campaign.targets import targets_of
 from riot_bus.chain.logs import nominal_values
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
+from riot_bus.vocabulary.injection import Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
+    from riot_bus.campaign.targets import Target
     from riot_bus.chain.workspace import Workspace
     from riot_bus.sut.system import RunPace, SystemFile
-    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["ExternalField", "driving_log", "external_fields", "external_messages", "message_rate", "system_log"]
 
 _REACH = 2500.0
+_MOST_TEXTS = 16
+"""Of a text, those that came most often in the nominal log are tried."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalField:
-    """One numeric or boolean field of an external topic.
+    """One field of an external topic, as a number: of a field with choices, the number is the place among them.
 
     Attributes:
-        nominal: Median in the nominal log.
-        spread: Standard deviation there; for a constant field a tenth of its size, or 1.
-        low: Smallest nominal value; of a constant field a spread below it; of a boolean one 0.
-        high: Largest nominal value, likewise; 1.
+        nominal: Median in the nominal log; of a field with choices the most frequent one.
+        spread: Standard deviation there; for a constant field a tenth of its size, or 1; of one with choices a half.
+        low: Smallest nominal value; of a constant field a spread below it; of a boolean one, or with choices, 0.
+        high: Largest nominal value, likewise; 1; the last choice.
         range: Values that may be tried, from riot.toml or 2,500 spreads around the nominal value, within its type.
         rate: Messages per second of its topic in the nominal log.
+        choices: What it may be: from riot.toml, or the texts of the nominal log; none if it is a number.
     """
 
     name: str
@@ -47,11 +54,42 @@ class ExternalField:
     high: float
     range: tuple[float, float]
     rate: float
+    choices: tuple[Scalar, ...] = ()
 
     @property
     def integer(self) -> bool:
-        """Whether the field holds whole numbers."""
-        return "int" in self.type or self.type == "bool"
+        """Whether its number is a whole one."""
+        return bool(self.choices) or "int" in self.type or self.type == "bool"
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is a text of which only one value is known."""
+        return len(self.choices) == 1
+
+    def told(self, value: float) -> Scalar:
+        """Return what a number stands for, in the field's own type."""
+        if self.choices:
+            return self.choices[min(max(round(value), 0), len(self.choices) - 1)]
+        return round(value) if self.integer and math.isfinite(value) else value
+
+    def search_field(self) -> SearchField:
+        """Return it as a search sets it."""
+        low, high = self.range
+        return SearchField(
+            self.name, self.nominal, self.spread, low, high, integer=self.integer, choice=bool(self.choices)
+        )
+
+    def signal(self, seed: int, *, hold: int) -> Signal:
+        """Return a random signal over its nominal range.
+
+        Args:
+            seed: Of the signal.
+            hold: Messages for which a value is kept.
+        """
+        half = (self.high - self.low) / 2
+        # all whole numbers of the range come equally often
+        reach = half + 0.499 if self.choices else half
+        return Signal((self.high + self.low) / 2, reach, hold, seed, self.integer, self.choices)
 
 
 def message_rate(times: Iterable[int]) -> float:
@@ -115,7 +153,7 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
 
 
 def external_fields(workspace: Workspace) -> list[ExternalField]:
-    """List all numeric and boolean external fields, with their behaviour in the nominal log.
+    """List all external fields but bytes, with their behaviour in the nominal log.
 
     Raises:
         ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
@@ -123,14 +161,11 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
     file, registry = workspace.context.file, workspace.context.registry
     messages = external_messages(workspace)
     targets = targets_of(messages, registry, leave=file.external.exclude)
-    targets = {
-        topic: [target for target in fields if target.type not in ("string", "bytes")]
-        for topic, fields in targets.items()
-    }
+    targets = {topic: [target for target in fields if target.type != "bytes"] for topic, fields in targets.items()}
     if not any(targets.values()):
         present = {registry.topic(one.key) for one in workspace.nominal_messages()}
         raise ConfigError(
-            f"the nominal log holds no numeric or boolean field of {', '.join(file.external.topics)}",
+            f"the nominal log holds no field of {', '.join(file.external.topics)}",
             where=str(workspace.nominal_log()),
             hint=did_you_mean(file.external.topics[0], present),
         )
@@ -143,10 +178,29 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
     fields = []
     for topic, some in targets.items():
         for target in some:
-            numbers = [float(value) for value in values[f"{topic}:{target.path}"] if _finite(value)]
-            if numbers:
-                fields.append(_described(topic, target.path, target.type, numbers, message_rate(times[topic]), file))
+            seen, rate = values[f"{topic}:{target.path}"], message_rate(times[topic])
+            if choices := _choices(f"{topic}:{target.path}", seen, file):
+                fields.append(_chosen(target, choices, seen, rate))
+            elif numbers := [float(value) for value in seen if _finite(value)]:
+                fields.append(_described(topic, target.path, target.type, numbers, rate, file))
     return fields
+
+
+def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scalar, ...]:
+    """Return what a field may be by riot.toml, or the texts that it was; nothing if it is a number."""
+    stated = [values for pattern, values in file.external.values.items() if names_field(pattern, name)]
+    if stated:
+        return stated[-1]
+    return tuple(text for text, _ in Counter(one for one in seen if isinstance(one, str)).most_common(_MOST_TEXTS))
+
+
+def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar], rate: float) -> ExternalField:
+    often = [one for one, _ in Counter(seen).most_common() if one in choices]
+    nominal, last = float(choices.index(often[0]) if often else 0), float(len(choices) - 1)
+    name = f"{target.topic}:{target.path}"
+    return ExternalField(
+        name, target.topic, target.path, target.type, nominal, 0.5, 0.0, last, (0.0, last), rate, choices
+    )
 
 
 def _finite(value: object) -> bool:

@@ -16,7 +16,7 @@ from riot_bus.findings.records import FieldsRecord, FindingRecord
 from riot_bus.inject.plan import read_plan
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -103,6 +103,10 @@ def _of_finding(folder: Path) -> CaseTemplate:
     return CaseTemplate(injections, finding.signature, finding.unit, finding.system_file)
 
 
+_KINDS: dict[str, type[Formula | Curve]] = {"text": Formula, "times": Curve}
+"""What gives a value per message, by an attribute that no other has."""
+
+
 def injection_of(row: Mapping[str, Any], where: str) -> Injection:
     """Return an injection that was written as JSON.
 
@@ -116,7 +120,9 @@ def injection_of(row: Mapping[str, Any], where: str) -> Injection:
     value = values.get("value")
     try:
         if isinstance(value, dict):
-            values["value"] = Formula(**value) if "text" in value else Signal(**value)
+            kind = next((kind for key, kind in _KINDS.items() if key in value), Signal)
+            several = {name: tuple(map(_scalar, one)) for name, one in value.items() if isinstance(one, list | tuple)}
+            values["value"] = kind(**{**value, **several})
         else:
             values["value"] = _scalar(value)
         values["options"] = tuple((str(name), _scalar(value)) for name, value in values.get("options", ()))

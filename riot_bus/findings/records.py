@@ -621,6 +621,10 @@ class RuleRecord(Artefact):
         return f"fails when {self.text} ({accuracy}, {counted(self.trials, 'trial')})"
 
 
+Design = Literal["within runs", "between runs", "beyond nominal"]
+"""How a pair of fields was tested: with many values in each run, with one in each, or so beyond the nominal range."""
+
+
 class EdgeRecord(_Model):
     """One external field and what it does to one internal field (RIOT II-C)."""
 
@@ -632,9 +636,7 @@ class EdgeRecord(_Model):
     high: float
     lag_s: float
     p_value: float
-    design: Literal["within runs", "between runs"] = Field(
-        default="within runs", description="whether it had many values in each run, or one"
-    )
+    design: Design = "within runs"
 
 
 _PLAYED = "whether the outside was the nominal log, which does not answer to what the system does"
@@ -678,7 +680,7 @@ class PermeabilityRecord(Artefact):
 class PointRecord(_Model):
     """One run of the whole system: external values, the least distance to the rule, and whether it failed."""
 
-    values: dict[str, float]
+    values: dict[str, Value]
     distance: float | None
     failed: bool
     phase: str = "search"
@@ -716,7 +718,7 @@ class ActivationRecord(Artefact):
 
     FILE = "activation.json"
     STEP = "activate"
-    found: dict[str, float] | None
+    found: dict[str, Value] | None
     runs: int
     best_distance: float | None
     replays: int = 0

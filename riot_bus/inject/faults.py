@@ -19,7 +19,7 @@ from riot_bus.plugin_options import REQUIRED, options_of
 from riot_bus.plugins import FAULTS
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
 if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
@@ -194,9 +194,11 @@ def fault_of(injection: Injection) -> FaultKind:
         raise ConfigError(text, hint=f"its options: {', '.join(declared) or 'none'}") from error
 
 
-def _value(value: Scalar | Signal | Formula, path: str, event: Event) -> Scalar:
+def _value(value: Scalar | Signal | Curve | Formula, path: str, event: Event) -> Scalar:
     if isinstance(value, Signal):
-        return value.value(event.index)
+        return value.injected(event.index)
+    if isinstance(value, Curve):
+        return value.value(event.seconds)
     if not isinstance(value, Formula):
         return value
     kind = event.type

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from riot_bus.inject.faults import fault_of
 from riot_bus.inject.values import fit_value
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import key_matches
 
@@ -121,7 +121,7 @@ class Injector:
             injection.fault != "set"
             or path is None
             or value is None
-            or isinstance(value, Signal | Formula)
+            or isinstance(value, Signal | Curve | Formula)
             or "[*]" in path
         ):
             return None

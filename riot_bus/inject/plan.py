@@ -30,7 +30,7 @@ from riot_bus.inject.faults import ATTRIBUTES, fault_class
 from riot_bus.inject.formula import parse_formula
 from riot_bus.plugin_options import instance_of, options_of
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Scalar
@@ -45,6 +45,8 @@ __all__ = ["parse_plan", "plan_to_toml", "read_plan"]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _STRICT = ConfigDict(extra="forbid", strict=True)
+_VALUES = ("value", "signal", "curve", "formula")
+"""Keys that say what a field is set to."""
 
 
 class _Bytes(BaseModel):
@@ -62,6 +64,14 @@ class _Signal(BaseModel):
     hold: Annotated[int, Field(ge=1)] = 5
     seed: int | None = None
     integer: bool = False
+    choices: list[_Written] = []
+
+
+class _Curve(BaseModel):
+    model_config = _STRICT
+    times: list[_Finite]
+    values: list[_Finite]
+    integer: bool = False
 
 
 class _Formula(BaseModel):
@@ -76,6 +86,7 @@ class _Inject(BaseModel):
     field: Annotated[str, Field(min_length=1)] | None = None
     value: _Written | None = None
     signal: _Signal | None = None
+    curve: _Curve | None = None
     formula: str | _Formula | None = None
     fault: str = "set"
     start: _Seconds = 0.0
@@ -138,9 +149,10 @@ def plan_to_toml(injections: tuple[Injection, ...] | list[Injection]) -> str:
         lines = ["[[inject]]"]
         for field in fields(Injection):
             value = getattr(injection, field.name)
-            if isinstance(value, Signal):
-                inside = ", ".join(f"{each.name} = {_toml(getattr(value, each.name))}" for each in fields(Signal))
-                lines.append(f"signal = {{ {inside} }}")
+            if isinstance(value, Signal | Curve):
+                told = {each.name: getattr(value, each.name) for each in fields(value)}
+                inside = ", ".join(f"{name} = {_toml(one)}" for name, one in told.items() if one != ())
+                lines.append(f"{type(value).__name__.lower()} = {{ {inside} }}")
             elif isinstance(value, Formula):
                 lines.append(f"formula = {{ text = {_toml(value.text)}, base = {_toml(value.base)} }}")
             elif field.name == "options":
@@ -180,10 +192,10 @@ def _problem(entry: _Inject, declared: Container[str]) -> str | None:
     given = entry.model_fields_set
     if entry.fault == "set" and entry.field is None:
         return "which field is to be set? add field = \"...\", or fault = 'drop', 'delay', ..."
-    if "value" in declared and [entry.value, entry.signal, entry.formula].count(None) != 2:
-        return "give either value, signal or formula"
-    if "field" not in declared and given & {"field", "value", "signal", "formula"}:
-        return f"fault = {entry.fault!r} takes no field, value, signal or formula"
+    if "value" in declared and [getattr(entry, name) for name in _VALUES].count(None) != len(_VALUES) - 1:
+        return f"give either {', '.join(_VALUES[:-1])} or {_VALUES[-1]}"
+    if "field" not in declared and given & {"field", *_VALUES}:
+        return f"fault = {entry.fault!r} takes no field, {', '.join(_VALUES[:-1])} or {_VALUES[-1]}"
     if ("delay" in declared) != (entry.delay > 0):
         return "delay = SECONDS (> 0) belongs to fault = 'delay', and only there"
     if "copies" in given and "copies" not in declared:
@@ -214,11 +226,17 @@ def _injection(entry: _Inject, seed: int, where: str) -> Injection:
             parse_predicate(entry.where)
         except ConfigError as error:
             raise ConfigError(error.message, where=f"{where}.where", hint=error.hint) from None
-    value: Scalar | Signal | Formula | None
+    value: Scalar | Signal | Curve | Formula | None
     if entry.signal is not None:
         signal = entry.signal
         own = seed if signal.seed is None else signal.seed
-        value = Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer)
+        choices = tuple(map(_scalar, signal.choices))
+        value = Signal(signal.center, signal.amplitude, signal.hold, own, signal.integer, choices)
+    elif entry.curve is not None:
+        try:
+            value = Curve(tuple(entry.curve.times), tuple(entry.curve.values), entry.curve.integer)
+        except ValueError as error:
+            raise ConfigError(str(error), where=f"{where}.curve") from None
     elif entry.formula is not None:
         value = _formula(entry.formula, where)
     else:
@@ -276,8 +294,8 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
     if unknown:
         word = str(place[-1])
         models: dict[int, type[BaseModel]] = {1: _Plan, 3: _Inject}
-        inner = _Signal if "signal" in place else _Formula if "formula" in place else _Bytes
-        model = models.get(len(place)) or inner
+        inner: dict[str, type[BaseModel]] = {"signal": _Signal, "curve": _Curve, "formula": _Formula}
+        model = models.get(len(place)) or next((inner[str(name)] for name in place if name in inner), _Bytes)
         return ConfigError(f"unknown key {word!r}", where=where, hint=did_you_mean(word, model.model_fields))
     given = first["input"]
     shown = f" (found {given!r})" if not isinstance(given, dict | list) else ""
@@ -285,6 +303,8 @@ def _explain(error: ValidationError, path: str) -> ConfigError:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, bytes):

@@ -37,10 +37,11 @@ _LATE_STILL, _LATE_TIMERS = 0.25, 2.0
 _LOOKS, _BETWEEN_LOOKS = 3, 0.02
 _SPIN_S, _SPIN_SHARE = 0.25, 0.5
 """A thread without an end takes all of a processor that it gets, one that works off its timers some percent."""
-_RUNS_OUT_S = 30.0
-_TAKEN_BYTES, _TAKEN_RUN, _TAKEN_LOOK = 1 << 24, 0.1, 0.5
-"""A program that fills memory gets so many bytes in so many seconds in which it runs, a tenth of what one does that is
-alone on its machine; it is looked at after so long in any case."""
+_RUNS_OUT_S, _RUNS_OUT_AT_MOST_S = 30.0, 120.0
+"""How long a program that fills memory is waited for, without and with the time in which it has no processor."""
+_TAKEN_BYTES, _TAKEN_RUN, _TAKEN_LOOK = 1 << 22, 0.1, 0.5
+"""A program that fills memory gets so many bytes in so many seconds in which it runs, a fortieth of what one does that
+is alone on its machine; one that sleeps is looked at after so many seconds."""
 
 
 class Feeder:
@@ -292,8 +293,8 @@ class Feeder:
         stage, limits = self._stage, self._stage.context.file.components[self._name].limits
         if limits == "off" or self._watch.known:
             return False
-        deadline, memory = time.monotonic() + _RUNS_OUT_S, 0
-        while self.alive and time.monotonic() < deadline:
+        held_up, begin, memory = stage.held_up([self._name]), time.monotonic(), 0
+        while self.alive and time.monotonic() - begin < min(_RUNS_OUT_S + held_up(), _RUNS_OUT_AT_MOST_S):
             if Guard(self._process.pid, limits.model_dump()).excess():
                 return stage.launcher.wait([self._process], timeout=_RUNS_OUT_S)
             stage.sample_resources([self._name])
@@ -301,11 +302,9 @@ class Feeder:
             if memory and now - memory < _TAKEN_BYTES:
                 break
             memory, before, start = now, stage.activity([self._name]), time.monotonic()
-            while (
-                self.alive
-                and stage.activity([self._name]).ran_since(before) < _TAKEN_RUN
-                and time.monotonic() - start < _TAKEN_LOOK
-            ):
+            while self.alive and (seen := stage.activity([self._name])).ran_since(before) < _TAKEN_RUN:
+                if time.monotonic() - start - seen.waited_since(before) > _TAKEN_LOOK:
+                    break
                 time.sleep(_POLL)
         return not self.alive
 

@@ -147,10 +147,11 @@ class Component(_Table):
 
 
 class External(_Table):
-    """`[external]`: topics that the outside world controls, ranges of their fields, and fields that it does not."""
+    """`[external]`: topics that the outside world controls, what their fields may be, and fields that it does not."""
 
     topics: tuple[str, ...] = ()
     ranges: dict[str, tuple[float, float]] = {}
+    values: dict[str, Annotated[tuple[bool | int | float | str, ...], Field(min_length=1)]] = {}
     exclude: tuple[str, ...] = ()
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import TrialPlace
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.trial import TestCase, Violation
+    from riot_bus.vocabulary.trial import Scalar, TestCase, Violation
 
 __all__ = ["EXTERNAL_LOG", "SystemTrial", "write_log"]
 
@@ -264,7 +264,7 @@ class SystemTrial:
             selector = parse_selector(text)
             wanted.setdefault(selector.topic, []).append(selector.field)
         times: dict[str, list[float]] = {text: [] for text in self.observe}
-        values: dict[str, list[float]] = {text: [] for text in self.observe}
+        values: dict[str, list[Scalar]] = {text: [] for text in self.observe}
         for message in messages:
             topic = registry.topic(message.key)
             kind = None
@@ -277,9 +277,9 @@ class SystemTrial:
                     value = read_field(kind, message.payload, path) if kind else None
                 except PayloadError:
                     continue
-                if isinstance(value, (bool, int, float)):
+                if isinstance(value, (bool, int, float, str)):
                     times[f"{topic}:{path}"].append((message.time - begin) / 1e9)
-                    values[f"{topic}:{path}"].append(float(value))
+                    values[f"{topic}:{path}"].append(value)
         return {text: Series(tuple(times[text]), tuple(values[text])) for text in self.observe}
 
 

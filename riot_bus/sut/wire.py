@@ -18,7 +18,7 @@ from riot_bus.sut.system import RunPace
 from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
 from riot_bus.vocabulary import errors
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message, Scalar
 from riot_bus.vocabulary.trial import Outcome, TestCase
 
@@ -51,7 +51,7 @@ _LARGE_INT = 1
 """Extension type of numbers that 64 bits do not hold."""
 _NAMES: dict[str, Any] = {
     each.__name__: each
-    for each in (Formula, Injection, Mapping, Message, RunPace, Sequence, Signal, TestCase, ThreadStack)
+    for each in (Curve, Formula, Injection, Mapping, Message, RunPace, Sequence, Signal, TestCase, ThreadStack)
 } | {"Scalar": Scalar}
 """What the annotations of the classes name that cross."""
 

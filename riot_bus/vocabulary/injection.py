@@ -6,13 +6,15 @@ This is data only; `riot_bus.inject` reads plans and carries them out.
 from __future__ import annotations
 
 import random
+from bisect import bisect_right
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["Formula", "Injection", "Signal"]
+__all__ = ["Curve", "Formula", "Injection", "Signal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,8 @@ class Signal:
         hold: Number of messages for which a value is kept.
         seed: Seed of this signal.
         integer: Whether values are rounded.
+        choices: What is set instead of a whole number: the choice at this place, the first one being 0; none if the
+            number is set.
     """
 
     center: float
@@ -34,11 +38,51 @@ class Signal:
     hold: int = 5
     seed: int = 0
     integer: bool = False
+    choices: tuple[Scalar, ...] = ()
 
     def value(self, index: int) -> float:
         """Return the value for the topic's `index`-th message (0, 1, ...)."""
         draw = random.Random(f"{self.seed}:{index // self.hold}").uniform(-1.0, 1.0)  # noqa: S311
         value = self.center + self.amplitude * draw
+        return float(round(value)) if self.integer else value
+
+    def injected(self, index: int) -> Scalar:
+        """Return what the topic's `index`-th message gets."""
+        value = self.value(index)
+        return self.choices[min(max(round(value), 0), len(self.choices) - 1)] if self.choices else value
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A value over the time of the messages: straight lines between points, level before the first and after the last.
+
+    Attributes:
+        times: Of the points, in seconds since the first message that the pipeline saw, each later than the one before.
+        values: Of the points, in the field's unit.
+        integer: Whether values are rounded.
+
+    Raises:
+        ValueError: There is no point, there are not as many values as times, or the times do not rise.
+    """
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+    integer: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.times or len(self.times) != len(self.values):
+            raise ValueError(f"a curve needs as many values as times, not {len(self.values)} and {len(self.times)}")
+        if not all(before < after for before, after in pairwise(self.times)):
+            raise ValueError(f"the times of a curve have to rise, not {', '.join(map(str, self.times))}")
+
+    def value(self, seconds: float) -> float:
+        """Return the value of a message at a time."""
+        at = bisect_right(self.times, seconds)
+        if at in (0, len(self.times)):
+            value = self.values[max(at - 1, 0)]
+        else:
+            share = (seconds - self.times[at - 1]) / (self.times[at] - self.times[at - 1])
+            value = self.values[at - 1] + share * (self.values[at] - self.values[at - 1])
         return float(round(value)) if self.integer else value
 
 
@@ -62,7 +106,7 @@ class Injection:
     Attributes:
         topic: Topic name or key expression of the messages.
         field: Field path that is set; None for a timing fault.
-        value: Value that is set, or a `Signal` or `Formula` that gives one per message.
+        value: Value that is set, or a `Signal`, `Curve` or `Formula` that gives one per message.
         fault: What happens to a selected message: `set`, `omit`, `truncate`, `drop`, `delay`, `duplicate`, or another
             package's kind.
         start: Earliest time, seconds since the first message that the pipeline saw.
@@ -79,7 +123,7 @@ class Injection:
 
     topic: str
     field: str | None = None
-    value: Scalar | Signal | Formula | None = None
+    value: Scalar | Signal | Curve | Formula | None = None
     fault: str = "set"
     start: float = 0.0
     end: float | None = None
@@ -93,8 +137,10 @@ class Injection:
     options: tuple[tuple[str, Scalar], ...] = ()
 
     def row(self) -> dict[str, Any]:
-        """Return it as findings and digests hold it: without `options` if there are none, as before there were any."""
+        """Return it as findings and digests hold it: what there was not always is left out where there is none."""
         row = asdict(self)
         if not self.options:
             del row["options"]
+        if isinstance(self.value, Signal) and not self.value.choices:
+            del row["value"]["choices"]
         return row

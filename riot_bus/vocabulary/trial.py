@@ -63,10 +63,10 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One field over time: seconds since the start of the trial, and as many values."""
+    """One field over time: seconds since the start of the trial, and as many values, of the field's own type."""
 
     times: tuple[float, ...] = ()
-    values: tuple[float, ...] = ()
+    values: tuple[Scalar, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+import json
 import random
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from riot_bus.chain.activation import _axes, activation, least_distance
+from riot_bus.chain.external import ExternalField
 from riot_bus.findings.records import (
     ActivationRecord,
     EdgeRecord,
@@ -14,24 +18,31 @@ from riot_bus.findings.records import (
     PermeabilityRecord,
     ProportionRecord,
     RuleRecord,
+    RuleSample,
 )
 from riot_bus.findings.steps import find_step
+from riot_bus.generalize.features import Feature
+from riot_bus.generalize.literals import Literal
 from riot_bus.generalize.rule import Rule
 from riot_bus.generalize.rules import Variable, learn_rule
 from riot_bus.log.reader import read_log
+from riot_bus.log.writer import LogWriter
 from riot_bus.report.page import write_report
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Series
 from tests.tiers import scaled
 from tests.unit.chain.machine import (
     COUNT,
     LOGGED,
+    MODE,
     SPEED,
     Bench,
     bench,
     hangs,
     never_hangs,
+    panel,
     said,
     share,
     write_fields,
@@ -181,17 +192,6 @@ def test_a_log_that_is_gone_is_taken_from_the_finding_when_the_step_resumes(
     assert len(one.machine.executed) == count
 
 
-def test_integer_fields_get_integers(tmp_path: Path, slow: dict[str, Any]) -> None:
-    from riot_bus.chain.activation import _System
-    from riot_bus.chain.external import ExternalField
-
-    one = ready(tmp_path, slow)
-    system = _System(one.run(), one.folder, ())
-    whole = ExternalField("panel:knob", "panel", "knob", "int32", 0, 1, 0, 1, (0, 9), 1)
-    system.fields["panel:knob"] = whole
-    assert (system._value("panel:knob", 2.6), system._value("panel:lever", 0.6)) == (3, 0.6)
-
-
 def test_the_strongest_field_of_each_relevant_one_comes_first() -> None:
     def edge(external: str, internal: str, strength: float, *, permeable: bool = True) -> EdgeRecord:
         return EdgeRecord(
@@ -200,9 +200,12 @@ def test_the_strongest_field_of_each_relevant_one_comes_first() -> None:
         )  # fmt: skip
 
     edges = (edge("a", "x", 0.9), edge("b", "x", 0.8), edge("c", "y", 0.3), edge("d", "y", 0.9, permeable=False))
-    assert _axes(PermeabilityRecord(edges=edges, runs=8)) == ["a", "c", "b"]
+    fields = {name: ExternalField(name, "", "", "float64", 0, 1, 0, 1, (0, 1), 1) for name in "abc"}
+    assert _axes(PermeabilityRecord(edges=edges, runs=8), fields) == ["a", "c", "b"]
     both = (edge("a", "x", 0.9), edge("a", "y", 0.8))
-    assert _axes(PermeabilityRecord(edges=both, runs=8)) == ["a"]
+    assert _axes(PermeabilityRecord(edges=both, runs=8), fields) == ["a"]
+    texts = fields | {"c": replace(fields["c"], choices=("on", "off"))}
+    assert _axes(PermeabilityRecord(edges=edges, runs=8), texts) == ["a", "b"]
 
 
 def test_the_distance_to_a_rule_is_the_least_over_a_run(slow: dict[str, Any]) -> None:
@@ -213,6 +216,129 @@ def test_the_distance_to_a_rule_is_the_least_over_a_run(slow: dict[str, Any]) ->
     assert far is not None
     assert 0 < near < far
     assert least_distance(rule, {SPEED: Series()}, {SPEED: 0.5}) is None
+
+
+@pytest.mark.parametrize(("value", "usual"), [(True, False), ("step", "hold"), (3, 4)])
+def test_the_distance_is_negative_where_a_rule_of_values_of_any_type_is_met(value: Any, usual: Any) -> None:
+    rule = Rule(((Literal(Feature("raw", (MODE,)), "==", value), Literal(Feature("raw", (SPEED,)), "<", 1)),))
+    speeds = Series((0.0, 1.0, 2.0), (9.0, 0.5, 9.0))
+    at_once = {MODE: Series((0.1, 0.9, 2.1), (usual, value, usual)), SPEED: speeds}
+    apart = {MODE: Series((0.1, 0.9, 2.1), (usual, usual, value)), SPEED: speeds}
+    met, missed = (least_distance(rule, observed, {SPEED: 1.0}) for observed in (at_once, apart))
+    assert met is not None
+    assert missed is not None
+    assert met < 0 < missed
+
+
+def test_two_messages_of_a_topic_are_told_apart_in_time() -> None:
+    rise = Literal(Feature("sub", ("command[1]:speed", "command[0]:speed")), ">", 5)
+    slow, quick = (Series((0.0, 1.0, 2.0), values) for values in ((1.0, 4.0, 8.0), (1.0, 2.0, 8.0)))
+    topics = ("command", "command")
+    far, met = (least_distance(Rule(((rise,),)), {SPEED: one}, {}, topics) for one in (slow, quick))
+    assert far is not None
+    assert met is not None
+    assert met < 0 < far
+    assert least_distance(Rule(((rise,),)), {SPEED: Series((0.0,), (1.0,))}, {}, topics) is None
+
+
+def after_a_pulse(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that follows the knob once the lever has been up and down again."""
+    high = down = False
+    found = []
+    for reading in readings:
+        values = said(reading)
+        high = high or values["lever"] > 0.9
+        down = down or (high and values["lever"] < 0.1)
+        speed = values["knob"] / 20 if down else 3.0
+        payload = json.dumps({"mode": "step", "speed": speed, "note": "panel"}).encode()
+        found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(scaled(10, gate=2)))
+def test_inputs_vary_in_time_where_constant_ones_do_not_suffice(
+    tmp_path: Path, slow: dict[str, Any], seed: int
+) -> None:
+    one = ready(tmp_path, slow, ("panel:knob", 0.9), ("panel:lever", 0.6), governor=after_a_pulse)
+    one.workspace.seed = seed
+    record = one.workspace.carry_out(find_step("activate"), one.folder, budget=300)
+    assert isinstance(record, ActivationRecord)
+    assert record.found is not None
+    assert (record.replays, record.replays_failed, record.region) == (10, 10, None)
+    readings = read_log(one.folder / "activation.mcap")
+    assert hangs(after_a_pulse(readings)) is not None
+    levers = [said(message)["lever"] for message in readings]
+    assert max(levers) > 0.9
+    assert min(levers) < 0.1
+    assert "panel:lever" in record.text
+    assert ActivationRecord.load(one.folder).found == record.found
+
+
+def limps(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that trusts the heat."""
+    found = []
+    for reading in readings:
+        heat = said(reading)["heat"]
+        speed = 0.0 if heat != heat else 3.0  # NaN
+        payload = json.dumps({"mode": "step", "speed": speed, "note": "panel"}).encode()
+        found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
+    return found
+
+
+@pytest.mark.parametrize("fails", [hangs, never_hangs])
+def test_a_failure_of_values_that_are_not_finite_is_searched_with_such_values(
+    tmp_path: Path, slow: dict[str, Any], fails: Any
+) -> None:
+    one = ready(tmp_path, slow, ("panel:heat", 0.9), ("panel:knob", 0.6), governor=limps, system_fails=fails)
+    samples = (RuleSample(values={SPEED: float("nan")}, failed=True), RuleSample(values={SPEED: 3.0}, failed=False))
+    RuleRecord.load(one.folder).model_copy(update={"samples": samples}).save(one.folder)
+    record = one.workspace.carry_out(find_step("activate"), one.folder, budget=60)
+    assert isinstance(record, ActivationRecord)
+    if fails is never_hangs:
+        assert (record.found, record.runs) == (None, 9)
+        assert "so only such values were tried" in record.summary
+        return
+    assert record.found is not None
+    assert record.found["panel:heat"] != record.found["panel:heat"]
+    assert set(record.found) == {"panel:heat"}
+    assert (record.replays_failed, record.region, record.runs) == (10, None, 4)
+    assert "panel:heat = nan" in record.text
+
+
+def geared(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that follows the knob in reverse gear only."""
+    found = []
+    for reading in readings:
+        values = said(reading)
+        speed = values["knob"] / 20 if values["gear"] == "reverse" else 3.0
+        payload = json.dumps({"mode": "step", "speed": speed, "note": values["gear"]}).encode()
+        found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
+    return found
+
+
+STATED = '[external.values]\n"panel:gear" = ["first", "second", "reverse"]\n\n[external.ranges]'
+GEARS = LOGGED.replace("[external.ranges]", STATED)
+
+
+def test_texts_that_riot_toml_states_are_driven_and_named(tmp_path: Path, slow: dict[str, Any]) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        readings = [
+            reading.with_(payload=json.dumps(said(reading) | {"gear": "first"}).encode()) for reading in panel(0)
+        ]
+        for pair in zip(readings, geared(readings), strict=True):
+            for message in pair:
+                writer.write(message)
+    one = ready(tmp_path, slow, system=GEARS, governor=geared)
+    write_fields(one, SPEED)
+    reached = one.workspace.carry_out(find_step("permeability"), one.folder)
+    assert isinstance(reached, PermeabilityRecord)
+    assert set(reached.permeable) == {"panel:gear", "panel:knob"}
+    record = activation(one.run(), one.folder, budget=100)
+    assert record.found is not None
+    assert record.found["panel:gear"] == "reverse"
+    assert "panel:gear = reverse" in record.text
+    assert {said(message)["gear"] for message in read_log(one.folder / "activation.mcap")} == {"reverse"}
+    assert record.replays_failed == 10
 
 
 def test_without_a_permeable_field_the_outside_cannot_be_searched(tmp_path: Path, slow: dict[str, Any]) -> None:

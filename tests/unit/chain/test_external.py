@@ -27,7 +27,9 @@ def test_fields_come_with_what_they_did_in_the_nominal_log(tmp_path: Path) -> No
     rows = [{"knob": knob, "still": 20, "zero": 0, "lever": 1.0, "name": "x", "on": True} for knob in (1.0, 3.0, 5.0)]
     log(tmp_path, [*rows, {"knob": float("nan"), "still": 20, "zero": 0}])
     fields = {field.path: field for field in external_fields(bench(tmp_path, system).workspace)}
-    assert set(fields) == {"knob", "still", "zero", "on"}
+    assert set(fields) == {"knob", "still", "zero", "on", "name"}
+    name = fields.pop("name")
+    assert (name.choices, name.alone) == (("x",), True)
     assert (fields["on"].low, fields["on"].high, fields["on"].range, fields["on"].integer) == (0, 1, (0, 1), True)
     knob, still, zero = fields["knob"], fields["still"], fields["zero"]
     assert (knob.nominal, knob.low, knob.high, knob.range, knob.rate) == (3.0, 1.0, 5.0, (-1000, 1000), 2.0)
@@ -54,7 +56,7 @@ def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
 
 def test_a_log_without_external_topics_suggests_what_it_has(tmp_path: Path) -> None:
     log(tmp_path, [{"knob": 1.0}], "panels")
-    with pytest.raises(ConfigError, match=r"no numeric or boolean field of panel[^?]*'panels'\?"):
+    with pytest.raises(ConfigError, match=r"no field of panel[^?]*'panels'\?"):
         external_fields(bench(tmp_path, LOGGED).workspace)
 
 

@@ -37,16 +37,20 @@ def test_the_field_that_reaches_the_unit_is_told_from_those_that_do_not(tmp_path
     write_fields(one, SPEED, MODE)
     record = one.workspace.carry_out(find_step("permeability"), one.folder)
     assert isinstance(record, PermeabilityRecord)
-    assert record.permeable == ("panel:knob",)
+    assert record.permeable == ("panel:knob", "panel:lever")
+    assert {(edge.external, edge.internal, edge.design) for edge in record.edges if edge.permeable} == {
+        ("panel:knob", SPEED, "within runs"),
+        ("panel:lever", MODE, "beyond nominal"),
+    }
     assert {edge.external for edge in record.edges} == {"panel:knob", "panel:lever", "panel:heat"}
     assert set(record.nominal) == {"panel:knob", "panel:lever", "panel:heat"}
-    assert (record.runs, record.trials, record.pruned) == (8, 8, ())
+    assert (record.runs, record.trials, record.pruned) == (32, 32, ())  # of the mode nothing was seen within its range
     assert [node["topic"] for node in record.tree] == ["command"]
-    assert record.summary == "3 external fields in 8 runs of machine -> panel:knob"
+    assert record.summary == "3 external fields in 32 runs of machine -> panel:knob, panel:lever"
     driven = [case for case in one.machine.executed if case.injections]
-    assert len(driven) == 8
-    assert all(isinstance(injection.value, Signal) for case in driven for injection in case.injections)
-    assert len({case.seed for case in driven}) == 8
+    assert len(driven) == 32
+    assert all(isinstance(injection.value, Signal) for case in driven[:8] for injection in case.injections)
+    assert len({case.seed for case in driven}) == 32
 
 
 def test_a_log_of_the_outside_is_enough(tmp_path: Path) -> None:
@@ -103,17 +107,19 @@ def test_an_input_that_comes_once_is_found_between_runs(tmp_path: Path) -> None:
     assert {edge.design for edge in record.edges} == {"between runs"}
 
 
-def test_of_inner_fields_without_numbers_nothing_is_told_and_that_is_said(tmp_path: Path) -> None:
+def test_a_text_inside_that_only_changes_beyond_the_nominal_range_is_reached(tmp_path: Path) -> None:
     one = bench(tmp_path)
     write_minimal(one)
     write_fields(one, MODE)
     record = permeability(one.run(), one.folder)
-    assert (record.permeable, record.edges, record.runs) == ((), (), 8)
-    assert set(record.untested) == {"panel:knob", "panel:lever", "panel:heat"}
-    assert record.summary == (
-        "3 external fields in 8 runs of machine -> none (3 fields not tested: "
-        "no internal field had values by which it could be told)"
-    )
+    assert (record.permeable, record.runs) == (("panel:lever",), 32)
+    assert [edge.design for edge in record.edges if edge.permeable] == ["beyond nominal"]
+    assert record.untested == {}
+
+
+def silent(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says whose commands lack what they should say."""
+    return [each.with_(payload=b"{}") for each in commands(readings)]
 
 
 def test_what_may_be_chance_has_to_show_again_in_fresh_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,14 @@ from riot_bus.inject.apply import inject_log
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message
 
 INJECTIONS = (
     Injection("a", "v", math.inf, first=2, last=4, seed=7),
     Injection("a", "w", Signal(1.0, 2.0, 5, 3)),
+    Injection("a", "w", Signal(1.0, 2.0, 5, 3, integer=True, choices=("on", 2, False))),
+    Injection("a", "w", Curve((0.0, 1.5), (3.0, -4.0), integer=True)),
     Injection("a", "len(xs)", Formula("2 * n", base="part")),
     Injection("b", "data", b"\x00\xff"),
     Injection("b", fault="drop"),

@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 
 import pytest
 
 from riot_bus.inject import apply
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import RiotError
-from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Injection, Signal
 from riot_bus.vocabulary.message import Message
 
 
@@ -47,3 +48,23 @@ def test_a_signal_of_whole_numbers_sets_a_boolean() -> None:
     changed, _ = apply.inject_log(log, [Injection("a", "on", signal)], registry=TypeRegistry())
     assert {message.payload for message in changed} == {b'{"on": true}', b'{"on": false}'}
     assert [message.payload == b'{"on": true}' for message in changed] == [signal.value(n) == 1.0 for n in range(40)]
+
+
+def test_a_curve_goes_along_lines_over_the_time_of_the_log():
+    log = [Message(10**18 + at * 500_000_000, "v", json.dumps({"x": 0.5, "n": 1}).encode()) for at in range(7)]
+    curve = Curve((0.5, 1.5, 2.5), (2.0, 10.0, 0.0))
+    injections = [Injection("v", "x", curve), Injection("v", "n", replace(curve, integer=True))]
+    messages, _ = apply.inject_log(log, injections, registry=TypeRegistry())
+    values = [json.loads(message.payload) for message in messages]
+    assert [one["x"] for one in values] == [2.0, 2.0, 6.0, 10.0, 5.0, 0.0, 0.0]
+    assert [one["n"] for one in values] == [2, 2, 6, 10, 5, 0, 0]
+
+
+def test_a_signal_chooses_among_values_of_any_type():
+    log = [Message(10**18 + at, "v", b'{"mode": "idle"}') for at in range(60)]
+    signal = Signal(1.0, 1.499, hold=1, seed=3, integer=True, choices=("idle", "run", "stop"))
+    messages, _ = apply.inject_log(log, [Injection("v", "mode", signal)], registry=TypeRegistry())
+    modes = [json.loads(message.payload)["mode"] for message in messages]
+    assert set(modes) == {"idle", "run", "stop"}
+    assert [signal.choices[int(signal.value(at))] for at in range(60)] == modes
+    assert "choices" not in Injection("v", "n", Signal(1.0, 1.0)).row()["value"]  # digests of older plans hold

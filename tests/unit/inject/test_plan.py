@@ -4,7 +4,7 @@ import pytest
 
 from riot_bus.inject.plan import parse_plan, plan_to_toml, read_plan
 from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 
 
 @pytest.fixture
@@ -71,6 +71,8 @@ def test_round_trip(plan):
         Injection("a", "n", -(2**63)),
         Injection("a", "x", float("-inf")),
         Injection("a", "x", Signal(1.0, 0.5, 2, 11, integer=True)),
+        Injection("a", "x", Signal(0.5, 0.999, 2, 11, integer=True, choices=("on", "off"))),
+        Injection("a", "x", Curve((0.0, 1.5), (3.0, -4.0))),
         Injection("a", "len(x)", Formula("2 * len(x) + 1")),
         Injection("a", "b[0].x", Formula("name == 'a\"b'", base="b[0]")),
         Injection("a", fault="drop", probability=0.25),
@@ -87,7 +89,7 @@ def test_round_trip(plan):
         ("[[inject]]\ntopic='a'\nfield='x'\nsignal={center=1,amplitude=1,hld=2}", "inject[0].signal.hld", "'hold'"),
         ("[[inject]]\nfield='x'\nvalue=1", "inject[0].topic", "required"),
         ("[[inject]]\ntopic='a'\nvalue=1", "inject[0]", "which field"),
-        ("[[inject]]\ntopic='a'\nfield='x'", "inject[0]", "either value, signal or formula"),
+        ("[[inject]]\ntopic='a'\nfield='x'", "inject[0]", "either value, signal, curve or formula"),
         ("[[inject]]\ntopic='a'\nfault='dorp'", "inject[0].fault", "did you mean 'drop'"),
         ("[[inject]]\ntopic='a'\nfault='drop'\nfield='x'", "inject[0]", "takes no field"),
         ("[[inject]]\ntopic='a'\nfault='delay'", "inject[0]", "delay = SECONDS"),
@@ -100,7 +102,14 @@ def test_round_trip(plan):
         ("[[inject]]\ntopic='a'\nfield='x y'\nvalue=1", "inject[0].field", "field path"),
         ("[[inject]]\ntopic='a'\nfield='x'\nformula='y +'", "inject[0].formula", "cannot read"),
         ("[[inject]]\ntopic='a'\nfield='x'\nformula={txt='y'}", "inject[0].formula.txt", "did you mean 'text'"),
-        ("[[inject]]\ntopic='a'\nfield='x'\nformula='y'\nvalue=1", "inject[0]", "either value, signal or formula"),
+        (
+            "[[inject]]\ntopic='a'\nfield='x'\nformula='y'\nvalue=1",
+            "inject[0]",
+            "either value, signal, curve or formula",
+        ),
+        ("[[inject]]\ntopic='a'\nfield='x'\ncurve={times=[0],valeus=[1]}", "inject[0].curve.valeus", "mean 'values'"),
+        ("[[inject]]\ntopic='a'\nfield='x'\ncurve={times=[0,1],values=[1]}", "inject[0].curve", "as many values"),
+        ("[[inject]]\ntopic='a'\nfield='x'\ncurve={times=[1,1],values=[1,2]}", "inject[0].curve", "have to rise"),
         ("[[inject]\n", "plan.toml", "not a TOML file"),
     ],
 )

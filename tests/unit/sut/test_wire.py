@@ -29,7 +29,7 @@ from riot_bus.sut.wire import (
     remember,
 )
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
-from riot_bus.vocabulary.injection import Formula, Injection, Signal
+from riot_bus.vocabulary.injection import Curve, Formula, Injection, Signal
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violation
 
@@ -37,12 +37,15 @@ floats = st.floats(width=64)
 texts = st.text(st.characters(exclude_categories=()), max_size=8)
 unicode = st.text(max_size=8)  # keys and encodings are UTF-8 on the bus
 scalars = st.booleans() | st.integers() | floats | texts | st.binary(max_size=8)
-signals = st.builds(Signal, floats, floats, st.integers(1, 9), st.integers(), st.booleans())
+signals = st.builds(
+    Signal, floats, floats, st.integers(1, 9), st.integers(), st.booleans(), st.tuples(texts, st.integers(), floats)
+)
+curves = st.builds(Curve, st.just((0.0, 1.0)), st.tuples(floats, floats), st.booleans())
 injections = st.builds(
     Injection,
     topic=texts,
     field=st.none() | texts,
-    value=st.none() | scalars | signals | st.builds(Formula, texts, texts),
+    value=st.none() | scalars | signals | curves | st.builds(Formula, texts, texts),
     fault=texts,
     start=floats,
     end=st.none() | floats,
@@ -78,7 +81,7 @@ outcomes = st.builds(
     violations=st.lists(st.builds(Violation, texts, texts, texts, texts), max_size=2).map(tuple),
     seconds=floats,
     detail=texts,
-    observed=st.dictionaries(texts, st.builds(Series, st.tuples(floats), st.tuples(floats)), max_size=2),
+    observed=st.dictionaries(texts, st.builds(Series, st.tuples(floats), st.tuples(scalars)), max_size=2),
     log=st.none() | texts,
     statistics=st.dictionaries(texts, scalars | st.lists(st.integers()) | st.none(), max_size=3),
 )

@@ -1,0 +1,195 @@
+"""Inputs that vary in time, as numbers that a search can set (RIOT II-D)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from riot_bus.backchain.encoding import Encoding, SearchField
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from riot_bus.backchain.fir import Floats
+
+__all__ = ["Dimension", "Drive", "Recombination", "VariedInputs"]
+
+_PARTS = 3
+"""A pulse that another value follows needs no more."""
+_WAVE_POINTS, _MOST_PERIODS = 16, 40
+_BEST, _SPREAD, _ENDS = 6, (0.0, 0.25, 0.75, 1.0), (0.0, 1.0)
+"""Values of a field that are combined with others: of the points that came nearest, quantiles of all, and the ends."""
+
+
+class Dimension(NamedTuple):
+    """One number of an input that varies in time.
+
+    Attributes:
+        search: Its name and range.
+        field: Place of the field that it is a value of; None for a time.
+    """
+
+    search: SearchField
+    field: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What is done to one field in a part of a run.
+
+    Attributes:
+        field: Name of the field.
+        value: What it is set to; None where there are `points`.
+        start: When that begins, in seconds since the first message.
+        end: When it ends, in seconds; None for never.
+        message: Number of the only message that gets it; None for all in that time.
+        points: Times in seconds and values, with straight lines between them, instead of one value.
+        how: In words, when it has the value, or how it moves; empty for a value in the whole run.
+    """
+
+    field: str
+    value: float | None
+    start: float = 0.0
+    end: float | None = None
+    message: int | None = None
+    points: tuple[tuple[float, float], ...] = ()
+    how: str = ""
+
+
+class VariedInputs:
+    """Ways in which fields vary in time: constant by parts, along lines, as waves, and in one message alone.
+
+    Where a field would get its nominal value, it is left alone.
+
+    Args:
+        fields: What may be set.
+        seconds: How long a run lasts.
+        counts: Messages of each field's topic in a run.
+
+    Attributes:
+        families: For each way, the numbers that say what happens.
+        field_of: Name of the field that a number is a value of; numbers that are times have none.
+    """
+
+    def __init__(self, fields: Sequence[SearchField], seconds: float, counts: Sequence[int]) -> None:
+        self._fields = tuple(fields)
+        self._seconds = seconds
+        self._counts = tuple(counts)
+        parts = [one for part in range(1, _PARTS + 1) for one in self._values(f"[part {part}]")]
+        ends = [_time(f"[end of part {part}]", seconds, part / _PARTS) for part in range(1, _PARTS)]
+        lines = [one for point in range(1, _PARTS + 1) for one in self._values(f"[point {point}]") if self._moves(one)]
+        waves = [self._wave_of(one) for one in self._values("[amplitude]") if self._moves(one)]
+        period = SearchField("[period]", seconds / 5, seconds / 20, seconds / _MOST_PERIODS, seconds)
+        alone, place = self._values("[one message]"), _time("[place of the message]", 1.0, 0.5)
+        none: list[SearchField] = []
+        ways = ((parts, ends), (lines, none), (waves, [period]), (alone, [place]))
+        self.families: tuple[tuple[Dimension, ...], ...] = tuple(
+            (*values, *(Dimension(time, None) for time in times)) for values, times in ways if values
+        )
+        self.field_of = {field.name: field.name for field in fields} | {
+            each.search.name: self._fields[each.field].name
+            for family in self.families
+            for each in family
+            if each.field is not None
+        }
+
+    def _values(self, suffix: str) -> list[Dimension]:
+        fields = enumerate(self._fields)
+        return [Dimension(replace(field, name=f"{field.name} {suffix}"), place) for place, field in fields]
+
+    def _moves(self, dimension: Dimension) -> bool:
+        """Return whether a field can go from one value to another through those between."""
+        return dimension.field is not None and not self._fields[dimension.field].choice
+
+    @staticmethod
+    def _wave_of(dimension: Dimension) -> Dimension:
+        one = dimension.search
+        return Dimension(
+            replace(one, nominal=0.0, low=one.low - one.nominal, high=one.high - one.nominal), dimension.field
+        )
+
+    def drives(self, point: Mapping[str, float]) -> list[Drive]:
+        """Return what a point does to the fields; a name that is a field's own means the whole run."""
+        found: list[Drive] = []
+        for field, count in zip(self._fields, self._counts, strict=True):
+            if field.name in point:
+                found.append(Drive(field.name, point[field.name]))
+            found += self._parts(field, point)
+            found += self._lines(field, point)
+            found += self._wave(field, point)
+            value = point.get(f"{field.name} [one message]", field.usual)
+            if value != field.usual:
+                number = round(point["[place of the message]"] * max(0, count - 1))
+                found.append(Drive(field.name, value, message=number, how=f"in message {number + 1} of its topic"))
+        return found
+
+    def _parts(self, field: SearchField, point: Mapping[str, float]) -> Iterator[Drive]:
+        ends = sorted(point.get(f"[end of part {part}]", self._seconds) for part in range(1, _PARTS))
+        for part, (start, end) in enumerate(pairwise([0.0, *ends, math.inf]), start=1):
+            value = point.get(f"{field.name} [part {part}]", field.usual)
+            if value != field.usual and start < end:
+                last = math.isinf(end)
+                how = f"from {start:.3g} s on" if last else f"from {start:.3g} to {end:.3g} s"
+                yield Drive(field.name, value, start, None if last else end, how=how)
+
+    def _lines(self, field: SearchField, point: Mapping[str, float]) -> Iterator[Drive]:
+        values = [point.get(f"{field.name} [point {number}]", field.usual) for number in range(1, _PARTS + 1)]
+        if any(value != field.usual for value in values):
+            points = tuple(zip(np.linspace(0.0, self._seconds, _PARTS).tolist(), values, strict=True))
+            how = "along lines: " + ", ".join(f"{value:g} at {time:.3g} s" for time, value in points)
+            yield Drive(field.name, None, points=points, how=how)
+
+    def _wave(self, field: SearchField, point: Mapping[str, float]) -> Iterator[Drive]:
+        if amplitude := point.get(f"{field.name} [amplitude]", 0.0):
+            period = point["[period]"]
+            times = np.arange(0.0, self._seconds + period / _WAVE_POINTS, period / _WAVE_POINTS).tolist()
+            values = (field.usual + amplitude * math.sin(2 * math.pi * time / period) for time in times)
+            points = tuple(
+                (at, min(max(value, field.low), field.high)) for at, value in zip(times, values, strict=True)
+            )
+            how = f"a wave of {abs(amplitude):g} around {field.usual:g} with a period of {period:.3g} s"
+            yield Drive(field.name, None, points=points, how=how)
+
+
+def _time(name: str, seconds: float, share: float) -> SearchField:
+    return SearchField(name, share * seconds, seconds, 0.0, seconds)
+
+
+class Recombination:
+    """Proposes values that were tried for each field alone, and the ends of what may be tried, for several at once.
+
+    So a plateau is left on which a field only counts where another one has a certain value, or had it before.
+
+    Args:
+        family: The numbers that are proposed.
+        constants: What was tried: vectors in [0, 1]^n, one number for each field, the best first.
+        rng: Random numbers.
+    """
+
+    def __init__(self, family: Sequence[Dimension], constants: Sequence[Floats], rng: np.random.Generator) -> None:
+        self._family = family
+        self._usual = Encoding(tuple(each.search for each in family)).nominal
+        self._rng = rng
+        tried = np.asarray(constants)
+        self._pool = [
+            np.concatenate([tried[:_BEST, field], np.quantile(tried[:, field], _SPREAD)])
+            for field in range(tried.shape[1])
+        ]
+
+    def ask(self) -> Floats:
+        """Return a vector in which each value is the usual one, or one of those."""
+        rng, vector = self._rng, self._usual.copy()
+        share, ends = rng.uniform(0.2, 0.8), rng.random() < 0.5
+        for place, (_, field) in enumerate(self._family):
+            if field is None:
+                vector[place] = rng.random()
+            elif rng.random() < share:
+                vector[place] = rng.choice(_ENDS if ends else self._pool[field])
+        return vector
+
+    def tell(self, vector: Floats, value: float) -> None:
+        """Do nothing: no proposal depends on an answer."""

@@ -1,0 +1,238 @@
+"""Runs of the whole system with external fields driven, and what they tell of internal ones (RIOT II-C)."""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from riot_bus.backchain.permeability import FieldDrive, PermeabilityEdge, PermeabilityResult, Run, analyse
+from riot_bus.chain.external import ExternalField
+from riot_bus.findings.records import Design, EdgeRecord
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.injection import Injection, Signal
+from riot_bus.vocabulary.trial import Series, TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from riot_bus.chain.workspace import StepRun
+    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome, Runner
+
+__all__ = ["DrivenRuns", "Perturbed", "analysed", "as_numbers", "edge_record", "internal_of", "strongest"]
+
+_HOLD = 5
+"""Samples of the slowest internal field for which a value is kept."""
+_DRAWS = 399
+_TEXTS = 8
+"""Of an internal field with texts, those that come most often are told apart."""
+_IS = "\0"
+"""Between a field and one of its texts; no name holds it."""
+_SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
+    "mean": np.mean,
+    "spread": np.std,
+    "last": itemgetter(-1),
+}
+"""What of an internal field is told of a run as a whole."""
+
+Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
+"""Signals of the external fields in a run, and what came of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenRuns:
+    """Runs of the whole system in which external fields are driven.
+
+    Attributes:
+        step: The running step.
+        runner: Executes them; it observes the internal fields, and the times of the external topics.
+        driving: What is played to it; nothing where external components drive it.
+        internals: The internal fields.
+        rate: Messages per second of the slowest of them.
+    """
+
+    step: StepRun
+    runner: Runner
+    driving: tuple[Message, ...]
+    internals: Sequence[str]
+    rate: float
+
+    def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
+        """Return runs in which all fields are driven, each by its own signal in each run.
+
+        Args:
+            fields: External fields.
+            numbers: Of the runs.
+        """
+        found: list[Perturbed] = []
+        for start in range(numbers.start, numbers.stop, self.runner.parallelism):
+            plans = [
+                {field: self._signal(field, run) for field in fields}
+                for run in range(start, min(start + self.runner.parallelism, numbers.stop))
+            ]
+            cases = [
+                self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), start + at)
+                for at, plan in enumerate(plans)
+            ]
+            found += zip(plans, self.runner.run(cases), strict=True)
+            doing = f"{counted(len(fields), 'external field')} perturbed at once"
+            self.step.progress(numbers.start + len(found), numbers.stop, doing)
+        return found
+
+    def between(
+        self, fields: Sequence[ExternalField], numbers: range, *, alpha: float, design: Design = "between runs"
+    ) -> list[EdgeRecord]:
+        """Return what fields do to the mean, the spread and the last of internal ones in runs where they are constant.
+
+        Args:
+            fields: External fields.
+            numbers: Of the runs.
+            alpha: Accepted share of false discoveries for each internal field.
+            design: Beyond nominal, values are spread over all that may be tried, evenly on the scale of searches.
+        """
+        signals = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
+        count = range(len(numbers))
+        cases = [
+            self._case(
+                (
+                    Injection(field.topic, field.path, field.told(value(signal.value(at))))
+                    for field, (signal, value) in signals.items()
+                ),
+                numbers[at],
+            )
+            for at in count
+        ]
+        outcomes: list[Outcome] = []
+        for start in range(0, len(cases), self.runner.parallelism):
+            outcomes += self.runner.run(cases[start : start + self.runner.parallelism])
+            doing = f"{counted(len(fields), 'external field')} constant in each run"
+            self.step.progress(len(outcomes), len(cases), doing)
+        inputs = {
+            field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
+            for field, (signal, _) in signals.items()
+        }
+        told = as_numbers(outcomes, self.internals)
+        found: list[EdgeRecord] = []
+        for summary in _SUMMARIES.values():
+            outputs = {}
+            for name in told[0] if told else ():
+                seen = [(float(run), np.asarray(told[run][name].values, dtype=np.float64)) for run in count]
+                kept = [(run, float(summary(values))) for run, values in seen if len(values)]
+                outputs[name] = Series(tuple(run for run, _ in kept), tuple(value for _, value in kept))
+            # each summary is one more chance to be found by chance
+            result = analysed(
+                [Run(inputs, outputs)], alpha=alpha / len(_SUMMARIES), seed=self.step.workspace.seed, lags=1
+            )
+            found += [edge_record(edge, design) for edge in result.edges]
+        return list(strongest(found).values())
+
+    def runs(self, some: Sequence[Perturbed]) -> list[Run]:
+        """Return runs in which fields were driven, as the analysis takes them."""
+        outputs = as_numbers([outcome for _, outcome in some], self.internals)
+        inputs: list[dict[str, FieldDrive]] = []
+        for plan, outcome in some:
+            times = {field: outcome.observed[field.topic].times for field in plan}
+            inputs.append(
+                {
+                    field.name: FieldDrive(
+                        Series(times[field], tuple(map(signal.value, range(len(times[field]))))), signal
+                    )
+                    for field, signal in plan.items()
+                }
+            )
+        return list(map(Run, inputs, outputs))
+
+    def _case(self, injections: Iterable[Injection], number: int) -> TestCase:
+        return TestCase(self.driving, tuple(injections), seed=self.step.workspace.seed + number)
+
+    def _signal(self, field: ExternalField, run: int) -> Signal:
+        hold = max(1, round(_HOLD * field.rate / self.rate)) if self.rate else _HOLD
+        return field.signal(self._seed(field, run), hold=hold)
+
+    def _drawn(self, field: ExternalField, *, beyond: bool) -> tuple[Signal, Callable[[float], float]]:
+        """Return a signal with one value for each run, and what makes a field's value of it."""
+        if not beyond or field.choices:
+            return field.signal(self._seed(field, -1), hold=1), float
+        search = field.search_field()
+        low, high = search.encode(search.low), search.encode(search.high)
+        return Signal((low + high) / 2, (high - low) / 2, 1, self._seed(field, -2)), search.decode
+
+    def _seed(self, field: ExternalField, run: int) -> int:
+        return zlib.crc32(f"{self.step.workspace.seed}:{run}:{field.name}".encode())
+
+
+def analysed(runs: Sequence[Run], *, alpha: float, seed: int, lags: int = 12) -> PermeabilityResult:
+    """Return what `analyse` finds, with one rate of errors for all that is told of an internal field."""
+    groups: dict[str, set[str]] = {}
+    for name in {name for run in runs for name in run.outputs}:
+        groups.setdefault(internal_of(name), set()).add(name)
+    edges: list[PermeabilityEdge] = []
+    for _, names in sorted(groups.items()):
+        some = [Run(run.inputs, {name: one for name, one in run.outputs.items() if name in names}) for run in runs]
+        found = analyse(some, lags=lags, alpha=alpha / len(names), draws=_DRAWS * len(names), seed=seed)
+        edges += found.edges
+    return PermeabilityResult(tuple(edges), alpha=alpha, runs=len(runs))
+
+
+def as_numbers(outcomes: Sequence[Outcome], internals: Sequence[str]) -> list[dict[str, Series]]:
+    """Return the internal fields of each run as numbers: of one with texts, for each of them whether it has it.
+
+    A text that it always has tells nothing; of two texts, one tells of both.
+    """
+    texts = {
+        name: Counter(one for each in outcomes for one in each.observed[name].values if isinstance(one, str))
+        for name in internals
+    }
+
+    def told(series: Series, name: str) -> dict[str, Series]:
+        if not texts[name]:
+            return {name: series}
+        often = [text for text, _ in texts[name].most_common(_TEXTS)]
+        often = often[: len(often) - 1] if len(texts[name]) <= 2 else often
+        return {
+            f"{name}{_IS}{text}": Series(series.times, tuple(float(value == text) for value in series.values))
+            for text in often
+        }
+
+    return [
+        {key: one for name in internals for key, one in told(outcome.observed[name], name).items()}
+        for outcome in outcomes
+    ]
+
+
+def internal_of(told: str) -> str:
+    """Return the internal field of which something is told as numbers."""
+    return told.partition(_IS)[0]
+
+
+def strongest(edges: Iterable[EdgeRecord]) -> dict[tuple[str, str], EdgeRecord]:
+    """Return for each pair of fields the edge that shows most, of all that is told of the internal one."""
+    found: dict[tuple[str, str], EdgeRecord] = {}
+    for edge in edges:
+        known = found.get((edge.external, edge.internal))
+        if known is None or (edge.permeable, edge.strength) > (known.permeable, known.strength):
+            found[edge.external, edge.internal] = edge
+    return found
+
+
+def edge_record(edge: PermeabilityEdge, design: Design) -> EdgeRecord:
+    """Return what is kept of an edge."""
+    return EdgeRecord(
+        external=edge.external,
+        internal=internal_of(edge.internal),
+        permeable=edge.permeable,
+        strength=edge.strength,
+        low=edge.low,
+        high=edge.high,
+        lag_s=edge.lag_s if design == "within runs" else 0.0,
+        p_value=edge.p_value,
+        design=design,
+    )
