@@ -228,8 +228,8 @@ def region(seeds: int) -> list[dict[str, Any]]:
 
             start = {"goal.x": rng.uniform(-99, 99), "goal.y": rng.uniform(-99, -83)}
             found = map_region(start, axes, ask, seed=seed, tolerance=5.0)
-            sides = (found.x_min, found.x_max, found.y_min, found.y_max)
-            errors.append(max(abs(side - true) for side, true in zip(sides, (-100, 100, -100, -80), strict=True)))
+            sides = zip(found.box.edges, (-100, 100, -100, -80), strict=True)
+            errors.append(max(abs(side - true) for side, true in sides))
             asked.append(len(found.samples) - 1)
         row = {"noise": noise, "runs median": float(np.median(asked)), "runs most": float(max(asked))}
         rows.append(row | {"error median": float(np.median(errors)), "error most": float(max(errors))})

@@ -1,44 +1,64 @@
-"""A box in two fields, fitted to samples that failed or not."""
+"""A box in one or more fields, fitted to samples that failed or not."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Box", "Sample", "fit_box"]
+__all__ = ["Box", "Place", "Sample", "fit_box"]
 
-Sample = tuple[float, float, bool]
-"""Value of the first field, of the second, and whether the run failed."""
+Place = tuple[float, ...]
+"""Value of each field."""
 
 _SWEEPS = 4
 
 
-class Box(NamedTuple):
-    """Ranges of two fields, edges included."""
+class Sample(NamedTuple):
+    """A point, and whether it failed."""
 
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
+    place: Place
+    failed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Ranges of fields, edges included.
+
+    Attributes:
+        edges: Smallest and largest value of the first field, then of the second, and so on: side 2 i is the lower one
+            of field i, side 2 i + 1 the upper one.
+    """
+
+    edges: tuple[float, ...]
 
     @property
-    def spans(self) -> tuple[float, float]:
-        """Width and height."""
-        return self.x_max - self.x_min, self.y_max - self.y_min
+    def ranges(self) -> tuple[tuple[float, float], ...]:
+        """Smallest and largest value of each field."""
+        return tuple(zip(self.edges[::2], self.edges[1::2], strict=True))
 
-    def contains(self, x: float, y: float) -> bool:
-        """Return whether a point is inside."""
-        return self.x_min <= x <= self.x_max and self.y_min <= y <= self.y_max
+    @property
+    def spans(self) -> Place:
+        """Width along each field."""
+        return tuple(high - low for low, high in self.ranges)
 
-    def clearance(self, x: float, y: float, widths: Sequence[float]) -> float:
+    def contains(self, place: Place, *, but: int | None = None) -> bool:
+        """Return whether a point is inside, one field left out of account."""
+        return all(
+            low <= value <= high
+            for axis, (value, (low, high)) in enumerate(zip(place, self.ranges, strict=True))
+            if axis != but
+        )
+
+    def clearance(self, place: Place, widths: Sequence[float]) -> float:
         """Return how far a point is from the nearest edge that matters, in units of `widths`."""
-        outside = max(
-            (self.x_min - x) / widths[0], (x - self.x_max) / widths[0],
-            (self.y_min - y) / widths[1], (y - self.y_max) / widths[1],
-        )  # fmt: skip
-        return abs(outside)
+        outside = (
+            max(low - value, value - high) / width
+            for value, (low, high), width in zip(place, self.ranges, widths, strict=True)
+        )
+        return abs(max(outside))
 
 
 def fit_box(samples: Sequence[Sample], box: Box) -> Box:
@@ -50,26 +70,26 @@ def fit_box(samples: Sequence[Sample], box: Box) -> Box:
         samples: What is known.
         box: Where to begin.
     """
-    edges = list(box)
     for _ in range(_SWEEPS):
-        before = list(edges)
-        for side in range(4):
-            edges[side] = _best_edge(samples, edges, side)
-        if edges == before:
+        before = box
+        for side in range(len(box.edges)):
+            edges = list(box.edges)
+            edges[side] = _best_edge(samples, box, side)
+            box = Box(tuple(edges))
+        if box == before:
             break
-    return Box(*edges)
+    return box
 
 
-def _best_edge(samples: Sequence[Sample], edges: Sequence[float], side: int) -> float:
+def _best_edge(samples: Sequence[Sample], box: Box, side: int) -> float:
     axis, upper = divmod(side, 2)
-    across = edges[2:] if axis == 0 else edges[:2]
-    other = edges[2 * axis + 1 - upper]
+    other = box.edges[2 * axis + 1 - upper]
     relevant = [
-        (sample[axis], sample[2])
-        for sample in samples
-        if across[0] <= sample[1 - axis] <= across[1] and (sample[axis] > other if upper else sample[axis] < other)
+        (place[axis], failed)
+        for place, failed in samples
+        if box.contains(place, but=axis) and (place[axis] > other if upper else place[axis] < other)
     ]
-    return _threshold(relevant, edges[side], upper=bool(upper))
+    return _threshold(relevant, box.edges[side], upper=bool(upper))
 
 
 def _threshold(relevant: Sequence[tuple[float, bool]], old: float, *, upper: bool) -> float:

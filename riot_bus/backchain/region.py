@@ -1,14 +1,15 @@
-"""The crash zone around one failing point, as a box in two external fields (RIOT III, Fig. 2)."""
+"""The crash zone around one failing point, as a box in external fields (RIOT III, Fig. 2)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import islice, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.backchain.box import Box, Sample, fit_box
+from riot_bus.backchain.box import Box, Place, Sample, fit_box
 from riot_bus.statistics.rates import exact_interval
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ __all__ = ["Region", "map_region"]
 _STRIDE = 4.0
 _ROUNDS = 20
 _FIT = 0.9
-
-Place = tuple[float, float]
+_CORNERS = 16
+"""Corners that are looked at: all of them for up to four fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,55 +32,47 @@ class Region:
     """A box in which the failure happens.
 
     Attributes:
-        x_name: First field.
-        y_name: Second field.
-        x_min: Smallest failing value of the first field; so for the others.
-        x_max: See `x_min`.
-        y_min: See `x_min`.
-        y_max: See `x_min`.
-        samples: The start and all asked points (x, y, failed), in order.
+        names: The fields.
+        box: Their ranges.
+        samples: The start and all asked points, in order.
         inside_share: Share of the samples inside the box that failed.
         inside_low: Lower end of its 95 % interval (Clopper-Pearson). Samples crowd at the edges, so this is cautious.
         inside_high: Upper end.
         outside_share: Share of the samples outside the box that failed.
         good: Whether the box describes the zone: away from its edges, nine of ten samples on either side agree.
-        ends: Sides (`x_min`, ...) where it failed at the very end of the field's range: beyond, nothing was tried.
+        ends: Sides of the box where it failed at the very end of the field's range: beyond, nothing was tried.
     """
 
-    x_name: str
-    y_name: str
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
+    names: tuple[str, ...]
+    box: Box
     samples: tuple[Sample, ...]
     inside_share: float
     inside_low: float
     inside_high: float
     outside_share: float
     good: bool
-    ends: tuple[str, ...]
+    ends: frozenset[int]
 
 
 def map_region(
     start: Mapping[str, float],
-    axes: tuple[SearchField, SearchField],
+    axes: Sequence[SearchField],
     ask: Ask[Mapping[str, float]],
     *,
     seed: int,
     budget: int = 80,
-    tolerance: float | tuple[float, float],
+    tolerance: float | Sequence[float],
     parallelism: int = 1,
     progress: Progress | None = None,
 ) -> Region:
-    """Find the boundary of the crash zone around a failing point in two fields.
+    """Find the boundary of the crash zone around a failing point.
 
-    First strides and bisection along both axes; then samples at the corners and on either side of each edge, which move
+    First strides and bisection along each axis; then samples at the corners and on either side of each edge, which move
     the edges until a round of them comes out as foretold.
 
     Args:
         start: A failing point; fields other than the axes keep its values.
-        axes: The two fields.
+        axes: The fields.
         ask: Whether the failure happens at each point.
         seed: Seed of the choice of samples.
         budget: Largest number of points asked.
@@ -88,13 +81,14 @@ def map_region(
         progress: Told after each batch.
 
     Raises:
-        ValueError: `tolerance`, `budget` or `parallelism` is not positive, or both axes are one field.
+        ValueError: `tolerance`, `budget` or `parallelism` is not positive, there are no axes, or two are one field.
     """
-    widths = tolerance if isinstance(tolerance, tuple) else (tolerance, tolerance)
-    if min(widths) <= 0 or budget < 1 or parallelism < 1 or axes[0].name == axes[1].name:
+    widths = [tolerance] * len(axes) if isinstance(tolerance, int | float) else tolerance
+    alike = len({axis.name for axis in axes}) < len(axes)
+    if not axes or alike or min(widths) <= 0 or budget < 1 or parallelism < 1:
         raise ValueError(f"no region map with tolerance {tolerance}, budget {budget}, parallelism {parallelism}")
     mapper = _Mapper(start, axes, widths, ask, budget=budget, parallelism=parallelism, progress=progress)
-    first = Box(*_shoot(mapper, [(side, mapper.start) for side in range(4)]))
+    first = Box(tuple(_shoot(mapper, [(side, mapper.start) for side in range(2 * len(axes))])))
     box = _refine(mapper, first, np.random.default_rng([seed, 41]))
     return _report(mapper, box)
 
@@ -105,8 +99,8 @@ class _Mapper:
     def __init__(
         self,
         start: Mapping[str, float],
-        axes: tuple[SearchField, SearchField],
-        widths: tuple[float, float],
+        axes: Sequence[SearchField],
+        widths: Sequence[float],
         ask: Ask[Mapping[str, float]],
         *,
         budget: int,
@@ -117,9 +111,9 @@ class _Mapper:
         self.widths = tuple(
             max(width, 1.0) if axis.integer else width for axis, width in zip(axes, widths, strict=True)
         )
-        self.start: Place = (start[axes[0].name], start[axes[1].name])
-        self.limits = Box(axes[0].low, axes[0].high, axes[1].low, axes[1].high)
-        self.samples: list[Sample] = [(*self.start, True)]
+        self.start: Place = tuple(start[axis.name] for axis in axes)
+        self.limits = [limit for axis in axes for limit in (axis.low, axis.high)]
+        self.samples: list[Sample] = [Sample(self.start, failed=True)]
         self._fixed = dict(start)
         self._ask = ask
         self._left = budget
@@ -129,15 +123,16 @@ class _Mapper:
 
     def asked(self, places: Sequence[Place]) -> list[bool | None]:
         """Return whether each place fails; None where the budget did not suffice."""
-        known: dict[Place, bool] = {(x, y): failed for x, y, failed in self.samples}
+        known: dict[Place, bool] = dict(self.samples)
         wanted = [self.sensible(place) for place in places]
         new = list(dict.fromkeys(place for place in wanted if place not in known))[: self._left]
         for at in range(0, len(new), self._parallelism):
             batch = new[at : at + self._parallelism]
-            points = [self._fixed | {self.axes[0].name: x, self.axes[1].name: y} for x, y in batch]
-            for (x, y), failed in zip(batch, self._ask(points), strict=True):
-                known[x, y] = failed
-                self.samples.append((x, y, failed))
+            names = [axis.name for axis in self.axes]
+            points = [self._fixed | dict(zip(names, place, strict=True)) for place in batch]
+            for place, failed in zip(batch, self._ask(points), strict=True):
+                known[place] = failed
+                self.samples.append(Sample(place, failed))
             self._left -= len(batch)
             if self._progress is not None:
                 self._progress(self._budget - self._left, self._budget, "boundary of the crash zone")
@@ -145,7 +140,11 @@ class _Mapper:
 
     def sensible(self, place: Place) -> Place:
         """Return a place within the fields' ranges, sensibly rounded."""
-        return self.axes[0].sensible(place[0]), self.axes[1].sensible(place[1])
+        return tuple(axis.sensible(value) for axis, value in zip(self.axes, place, strict=True))
+
+
+def _with(place: Place, axis: int, value: float) -> Place:
+    return (*place[:axis], value, *place[axis + 1 :])
 
 
 def _ray(start: float, end: float, width: float) -> Generator[float, bool | None, float]:
@@ -178,7 +177,7 @@ def _ray(start: float, end: float, width: float) -> Generator[float, bool | None
 
 
 def _shoot(mapper: _Mapper, origins: Sequence[tuple[int, Place]]) -> list[float]:
-    """Return where the zone ends from each failing place towards the given side (x_min, x_max, y_min, y_max)."""
+    """Return where the zone ends from each failing place towards the given side of a box."""
     rays = [_ray(place[side // 2], mapper.limits[side], mapper.widths[side // 2]) for side, place in origins]
     edges = [place[side // 2] for side, place in origins]
     waiting: dict[int, float] = {}
@@ -196,8 +195,8 @@ def _shoot(mapper: _Mapper, origins: Sequence[tuple[int, Place]]) -> list[float]
         now = dict(waiting)
         places = []
         for at, value in now.items():
-            side, (x, y) = origins[at]
-            places.append((value, y) if side < 2 else (x, value))
+            side, place = origins[at]
+            places.append(_with(place, side // 2, value))
         for at, answer in zip(now, mapper.asked(places), strict=True):
             advance(at, answer=answer)
     return edges
@@ -208,76 +207,75 @@ def _refine(mapper: _Mapper, box: Box, rng: np.random.Generator) -> Box:
         probes = _edges(mapper, box, rng)
         if number == 0:
             probes = [(None, place) for place in _corners(mapper, box)] + probes
-        known = {(x, y) for x, y, _ in mapper.samples}
+        known = {place for place, _ in mapper.samples}
         answers = mapper.asked([place for _, place in probes])
         wrong = False
         beyond: list[tuple[int, Place]] = []
         for (side, place), answer in zip(probes, answers, strict=True):
             if answer is None:
                 return fit_box(mapper.samples, box)
-            wrong = wrong or (answer != box.contains(*place) and place not in known)
-            if side is not None and answer and not box.contains(*place):
+            wrong = wrong or (answer != box.contains(place) and place not in known)
+            if side is not None and answer and not box.contains(place):
                 beyond.append((side, place))
         if not wrong:
             return box
-        edges = list(box)
+        edges = list(box.edges)
         for (side, _), edge in zip(beyond, _shoot(mapper, beyond), strict=True):
             edges[side] = edge
-        box = fit_box(mapper.samples, Box(*edges))
+        box = fit_box(mapper.samples, Box(tuple(edges)))
     return box
 
 
 def _corners(mapper: _Mapper, box: Box) -> list[Place]:
     inset = [min(width, span / 4) for width, span in zip(mapper.widths, box.spans, strict=True)]
-    xs = (box.x_min + inset[0], box.x_max - inset[0])
-    ys = (box.y_min + inset[1], box.y_max - inset[1])
-    return [mapper.sensible((x, y)) for x in xs for y in ys]
+    ends = [(low + step, high - step) for (low, high), step in zip(box.ranges, inset, strict=True)]
+    return [mapper.sensible(place) for place in islice(product(*ends), _CORNERS)]
 
 
 def _edges(mapper: _Mapper, box: Box, rng: np.random.Generator) -> list[tuple[int | None, Place]]:
     """Return one place just inside and one just outside each edge, somewhere along it, with the edge's number."""
     probes: list[tuple[int | None, Place]] = []
-    for side, (edge, limit) in enumerate(zip(box, mapper.limits, strict=True)):
+    for side, (edge, limit) in enumerate(zip(box.edges, mapper.limits, strict=True)):
         axis = side // 2
         outward = 1.0 if side % 2 else -1.0
         width, span = mapper.widths[axis], box.spans[axis]
-        along = box[2:] if axis == 0 else box[:2]
-        margin = min(mapper.widths[1 - axis], (along[1] - along[0]) / 4)
         for step in (-min(0.8 * width, span / 3), 0.8 * width):
             value = edge + outward * step
-            other = float(rng.uniform(along[0] + margin, along[1] - margin))
+            along = tuple(_along(range_, width, rng) for range_, width in zip(box.ranges, mapper.widths, strict=True))
             if step > 0 and (value - limit) * outward > 0:
                 if edge == limit:
                     continue
                 value = limit
-            place = mapper.sensible((value, other) if axis == 0 else (other, value))
-            probes.append((side, place))
+            probes.append((side, mapper.sensible(_with(along, axis, value))))
     return probes
 
 
+def _along(range_: tuple[float, float], width: float, rng: np.random.Generator) -> float:
+    margin = min(width, (range_[1] - range_[0]) / 4)
+    return float(rng.uniform(range_[0] + margin, range_[1] - margin))
+
+
 def _report(mapper: _Mapper, box: Box) -> Region:
-    inside = [failed for x, y, failed in mapper.samples if box.contains(x, y)]
-    outside = [failed for x, y, failed in mapper.samples if not box.contains(x, y)]
+    inside = [failed for place, failed in mapper.samples if box.contains(place)]
+    outside = [failed for place, failed in mapper.samples if not box.contains(place)]
     low, high = exact_interval(sum(inside), len(inside))
-    clear = [one for one in mapper.samples if box.clearance(one[0], one[1], mapper.widths) > 0.5]
-    right = [[failed for x, y, failed in clear if box.contains(x, y) is side] for side in (True, False)]
-    good = bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1])
-    names = mapper.axes[0].name, mapper.axes[1].name
-    failing = [one for one in mapper.samples if one[2]]
-    tried = [
-        abs(edge - limit) <= mapper.widths[side // 2]
-        and any(one[side // 2] == mapper.axes[side // 2].sensible(limit) for one in failing)
-        for side, (edge, limit) in enumerate(zip(box, mapper.limits, strict=True))
-    ]
-    ends = tuple(name for name, at_end in zip(Box._fields, tried, strict=True) if at_end)
+    clear = [one for one in mapper.samples if box.clearance(one.place, mapper.widths) > 0.5]
+    right = [[failed for place, failed in clear if box.contains(place) is side] for side in (True, False)]
+    failing = [place for place, failed in mapper.samples if failed]
+    ends = {
+        side
+        for side, (edge, limit) in enumerate(zip(box.edges, mapper.limits, strict=True))
+        if abs(edge - limit) <= mapper.widths[side // 2]
+        and any(place[side // 2] == mapper.axes[side // 2].sensible(limit) for place in failing)
+    }
     return Region(
-        *names,
-        *box,
+        tuple(axis.name for axis in mapper.axes),
+        box,
         samples=tuple(mapper.samples),
         inside_share=sum(inside) / len(inside) if inside else 0.0,
         inside_low=low,
         inside_high=high,
         outside_share=sum(outside) / len(outside) if outside else 0.0,
-        good=good,
-        ends=ends,
+        good=bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1]),
+        ends=frozenset(ends),
     )

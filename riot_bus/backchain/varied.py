@@ -68,7 +68,7 @@ class VariedInputs:
     Args:
         fields: What may be set.
         seconds: How long a run lasts.
-        counts: Messages of each field's topic in a run.
+        counts: Messages of each field's topic in a run; 0 of what has one value in each run in any case.
 
     Attributes:
         families: For each way, the numbers that say what happens.
@@ -87,8 +87,9 @@ class VariedInputs:
         alone, place = self._values("[one message]"), _time("[place of the message]", 1.0, 0.5)
         none: list[SearchField] = []
         ways = ((parts, ends), (lines, none), (waves, [period]), (alone, [place]))
+        still = [Dimension(self._fields[place], place) for place, count in enumerate(self._counts) if not count]
         self.families: tuple[tuple[Dimension, ...], ...] = tuple(
-            (*values, *(Dimension(time, None) for time in times)) for values, times in ways if values
+            (*values, *(Dimension(time, None) for time in times), *still) for values, times in ways if values
         )
         self.field_of = {field.name: field.name for field in fields} | {
             each.search.name: self._fields[each.field].name
@@ -98,8 +99,11 @@ class VariedInputs:
         }
 
     def _values(self, suffix: str) -> list[Dimension]:
-        fields = enumerate(self._fields)
-        return [Dimension(replace(field, name=f"{field.name} {suffix}"), place) for place, field in fields]
+        return [
+            Dimension(replace(field, name=f"{field.name} {suffix}"), place)
+            for place, field in enumerate(self._fields)
+            if self._counts[place]
+        ]
 
     def _moves(self, dimension: Dimension) -> bool:
         """Return whether a field can go from one value to another through those between."""

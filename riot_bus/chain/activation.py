@@ -8,12 +8,12 @@ from collections import Counter
 from dataclasses import replace
 from itertools import islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING, Literal, TypeGuard
 
 import numpy as np
 
 from riot_bus.backchain.activation import Activation, Evaluation, activate
-from riot_bus.backchain.axes import choose_axes
+from riot_bus.backchain.box import Sample
 from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.backchain.region import Region, map_region
 from riot_bus.backchain.varied import VariedInputs
@@ -27,6 +27,7 @@ from riot_bus.findings.records import (
     PermeabilityRecord,
     PointRecord,
     ProportionRecord,
+    RangeRecord,
     RegionRecord,
     RuleRecord,
 )
@@ -39,7 +40,7 @@ from riot_bus.sut.system_trial import write_log
 from riot_bus.types.latest import place_of
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
-from riot_bus.vocabulary.injection import Curve, Injection
+from riot_bus.vocabulary.injection import PARAMETERS, Curve, Injection
 from riot_bus.vocabulary.trial import Outcome, Scalar, Series, TestCase
 
 if TYPE_CHECKING:
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from riot_bus.backchain.box import Sample
     from riot_bus.backchain.varied import Drive
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.chain.workspace import StepRun
@@ -64,7 +64,8 @@ against none of ten have a chance of 0.001 if the rates are the same, six of twe
 """
 _CONTROL_SEEDS = 1 << 20
 """Runs with nominal inputs have seeds that no other run of the step has."""
-_REGION_BUDGET = 80
+_REGION_BUDGET, _AXES = 80, 2
+"""Runs for a map of two fields; of more fields, if the failure needs more, in proportion."""
 _SIMPLER = 8
 """Points that are tried with constant values where values that vary in time were found."""
 _ODD = (math.nan, math.inf, -math.inf)
@@ -222,18 +223,19 @@ class _System:
                 break
         return False
 
-    def seen(self, axes: tuple[str, str]) -> list[Sample]:
-        """Return what came of two fields in runs that were for something else, the nominal ones included."""
-        x, y = axes
+    def seen(self, axes: Sequence[str]) -> list[Sample]:
+        """Return what came of some fields in runs that were for something else, the nominal ones included."""
         failed, total = self.controls()
-        nominal = (self.fields[x].nominal, self.fields[y].nominal)
+        nominal = tuple(self.fields[name].nominal for name in axes)
         phases = ("search", "needed")  # the others are of the region, or one point again and again
         asked = [
-            (point.values.get(x), point.values.get(y), point.failed) for point in self.points if point.phase in phases
+            (tuple(filter(_is_number, map(point.values.get, axes))), point.failed)
+            for point in self.points
+            if point.phase in phases
         ]
         return [
-            *((one, other, bad) for one, other, bad in asked if _number(one) and _number(other)),
-            *((*nominal, number < failed) for number in range(total)),
+            *(Sample(place, bad) for place, bad in asked if len(place) == len(axes)),
+            *(Sample(nominal, number < failed) for number in range(total)),
         ]
 
     def controls(self, least: int = _AGAIN[0][1]) -> tuple[int, int]:
@@ -335,7 +337,7 @@ def _varied(fields: Sequence[ExternalField], driving: Sequence[Message], file: S
     seconds = pace.duration / pace.speed
     if driving and driving[-1].time > driving[0].time:
         seconds = min(seconds, (driving[-1].time - driving[0].time) / 1e9)
-    counts = [1 + round(field.rate * pace.duration / speed) for field in fields]
+    counts = [0 if field.parameter else 1 + round(field.rate * pace.duration / speed) for field in fields]
     return VariedInputs([field.search_field() for field in fields], seconds, counts)
 
 
@@ -343,7 +345,7 @@ def _odd(value: Scalar) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _number(value: Scalar | None) -> TypeGuard[float]:
+def _is_number(value: Scalar | None) -> TypeGuard[float]:
     return isinstance(value, int | float)
 
 
@@ -430,14 +432,16 @@ def _replay(system: _System, case: TestCase | None, log: str | None) -> tuple[in
     target = system.folder / "activation.mcap"
     if case is not None and case.messages:
         context, file = system.step.workspace.context, system.step.workspace.context.file
-        external, _ = inject_log(case.messages, case.injections, registry=context.registry, seed=case.seed)
+        injections = [each for each in case.injections if each.topic != PARAMETERS]
+        external, _ = inject_log(case.messages, injections, registry=context.registry, seed=case.seed)
         write_log(target, external, context=context, metadata={"system": file.system.name, "seed": str(case.seed)})
     elif log is None:
         return 0, 0
     elif Path(log).is_file():
         shutil.copyfile(log, target)
     external = read_log(target)
-    cases = [TestCase(external, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
+    parameters = tuple(each for each in (case.injections if case else ()) if each.topic == PARAMETERS)
+    cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
     outcomes = system.runner.run(cases)
     return len(external), sum(outcome.failed_as(system.finding.signature) for outcome in outcomes)
 
@@ -455,55 +459,46 @@ def _axes(permeable: PermeabilityRecord, fields: Mapping[str, ExternalField]) ->
 
 
 def _region(system: _System, preferred: Sequence[str], found: Mapping[str, float]) -> RegionRecord | None:
-    """Map the failing region over two fields; the others stay nominal if the failure does not need them.
+    """Map the failing region over the numbers that were found, and the most telling others if these are fewer than two.
 
-    There is none where fields have to vary in time, or are not finite.
+    What is no number keeps its value. There is no region where fields have to vary in time, or are not finite.
     """
-    if len(preferred) < 2 or found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
+    if found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
         return None
-
-    def fails(points: Sequence[Mapping[str, float]]) -> list[bool]:
-        return [one.failed for one in system.run(points, "region")]
-
-    nominal = {name: system.fields[name].nominal for name in preferred}
-    axes, fixed = choose_axes(preferred, found, nominal, fails)
-    start = {name: found.get(name, nominal[name]) for name in axes}
-
-    def ask(points: Sequence[Mapping[str, float]]) -> list[bool]:
-        return fails([{**point, **fixed} for point in points])
-
-    x, y = (system.fields[name].search_field() for name in axes)
+    chosen = [name for name in preferred if name in found]
+    chosen += [name for name in preferred if name not in found][: max(0, _AXES - len(chosen))]
+    if not chosen:
+        return None
+    axes = [system.fields[name].search_field() for name in sorted(chosen, key=preferred.index)]
+    fixed = {name: value for name, value in found.items() if name not in chosen}
     region = map_region(
-        start,
-        (x, y),
-        ask,
+        {axis.name: found.get(axis.name, axis.nominal) for axis in axes},
+        axes,
+        lambda points: [one.failed for one in system.run([{**fixed, **point} for point in points], "region")],
         seed=system.step.workspace.seed,
-        budget=_REGION_BUDGET,
-        tolerance=(_EDGE * x.spread, _EDGE * y.spread),
+        budget=_REGION_BUDGET * max(_AXES, len(axes)) // _AXES,
+        tolerance=[_EDGE * axis.spread for axis in axes],
         parallelism=system.runner.parallelism,
         progress=system.step.progress,
     )
-    seen = [] if fixed else system.seen(axes)
-    return _region_record(region, axes, seen)
+    return _region_record(region, [] if fixed else system.seen([axis.name for axis in axes]), system.in_words(fixed))
 
 
-def _region_record(region: Region, axes: tuple[str, str], others: Sequence[Sample]) -> RegionRecord:
+def _region_record(region: Region, others: Sequence[Sample], fixed: str) -> RegionRecord:
     """Return a region and how often the system fails inside it, by its own samples and others at hand."""
-    inside = [bad for x, y, bad in (*region.samples, *others) if _within(region, x, y)]
+    inside = [failed for place, failed in (*region.samples, *others) if region.box.contains(place)]
     share = proportion(sum(inside), len(inside))
     record = RegionRecord(
-        x=axes[0],
-        y=axes[1],
-        x_min=region.x_min,
-        x_max=region.x_max,
-        y_min=region.y_min,
-        y_max=region.y_max,
+        ranges=tuple(_range(region, axis) for axis in range(len(region.names))),
         inside=ProportionRecord(value=share.rate, low=share.low, high=share.high, count=share.hits, total=share.total),
-        ends=region.ends,
     )
-    text = f"{' and '.join(record.bounds())}: {share.hits} of {counted(share.total, 'run')} inside failed"
+    where = f"{' and '.join(record.bounds())}{f', with {fixed}' if fixed else ''}"
+    text = f"{where}: {share.hits} of {counted(share.total, 'run')} inside failed"
     return record.model_copy(update={"text": text if region.good else f"{text}; the zone is not a box"})
 
 
-def _within(region: Region, x: float, y: float) -> bool:
-    return region.x_min <= x <= region.x_max and region.y_min <= y <= region.y_max
+def _range(region: Region, axis: int) -> RangeRecord:
+    low, high = region.box.ranges[axis]
+    sides: dict[int, Literal["low", "high"]] = {2 * axis: "low", 2 * axis + 1: "high"}
+    ends = tuple(word for side, word in sides.items() if side in region.ends)
+    return RangeRecord(field=region.names[axis], low=low, high=high, ends=ends)

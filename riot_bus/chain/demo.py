@@ -83,7 +83,7 @@ def _figures(analysis: Analysis) -> dict[str, Any]:
         "permeable_fields": list(one.permeability.permeable) if one.permeability else [],
         "activation_runs": one.activation.runs if one.activation else None,
         "activation_replay_rate": one.activation.replay_rate if one.activation else None,
-        "region": region.model_dump(include={"x_min", "x_max", "y_min", "y_max"}) if region else None,
+        "region": {each.field: (each.low, each.high) for each in region.ranges} if region else None,
         "trials": {step.name: record.trials for step, record in one.steps if record is not None},
         "stopped": analysis.stopped or None,
         "report": str(analysis.report),

@@ -9,18 +9,17 @@ from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.campaign.targets import targets_of
+from riot_bus.campaign.targets import Target, targets_of
 from riot_bus.chain.logs import nominal_values
 from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
-from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.injection import PARAMETERS, Signal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from riot_bus.campaign.targets import Target
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.sut.system import RunPace, SystemFile
+    from riot_bus.sut.system import Parameter, RunPace, SystemFile
     from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["ExternalField", "driving_log", "external_fields", "external_messages", "message_rate", "system_log"]
@@ -32,7 +31,7 @@ _MOST_TEXTS = 16
 
 @dataclass(frozen=True, slots=True)
 class ExternalField:
-    """One field of an external topic, as a number: of a field with choices, the number is the place among them.
+    """One field of an external topic, or a parameter of commands, as a number: the place among choices if it has some.
 
     Attributes:
         nominal: Median in the nominal log; of a field with choices the most frequent one.
@@ -60,6 +59,11 @@ class ExternalField:
     def integer(self) -> bool:
         """Whether its number is a whole one."""
         return bool(self.choices) or "int" in self.type or self.type == "bool"
+
+    @property
+    def parameter(self) -> bool:
+        """Whether it is a parameter of commands, which has one value in a run."""
+        return self.topic == PARAMETERS
 
     @property
     def alone(self) -> bool:
@@ -153,7 +157,7 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
 
 
 def external_fields(workspace: Workspace) -> list[ExternalField]:
-    """List all external fields but bytes, with their behaviour in the nominal log.
+    """List all external fields but bytes, with their behaviour in the nominal log, and the parameters of riot.toml.
 
     Raises:
         ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
@@ -183,7 +187,19 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
                 fields.append(_chosen(target, choices, seen, rate))
             elif numbers := [float(value) for value in seen if _finite(value)]:
                 fields.append(_described(topic, target.path, target.type, numbers, rate, file))
-    return fields
+    return fields + [_parameter(name, each) for name, each in file.external.parameters.items()]
+
+
+def _parameter(name: str, told: Parameter) -> ExternalField:
+    if told.range is None:
+        return _chosen(Target(PARAMETERS, name, "", 0), told.values, [told.nominal], 0.0)
+    nominal, (low, high) = float(told.nominal), told.range
+    kind, spread = "int64" if isinstance(told.nominal, int) else "float64", (high - low) / 10
+    return ExternalField(_name(PARAMETERS, name), PARAMETERS, name, kind, nominal, spread, low, high, told.range, 0.0)
+
+
+def _name(topic: str, path: str) -> str:
+    return f"{topic.removeprefix('#')}:{path}"
 
 
 def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scalar, ...]:
@@ -197,7 +213,7 @@ def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scala
 def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar], rate: float) -> ExternalField:
     often = [one for one, _ in Counter(seen).most_common() if one in choices]
     nominal, last = float(choices.index(often[0]) if often else 0), float(len(choices) - 1)
-    name = f"{target.topic}:{target.path}"
+    name = _name(target.topic, target.path)
     return ExternalField(
         name, target.topic, target.path, target.type, nominal, 0.5, 0.0, last, (0.0, last), rate, choices
     )

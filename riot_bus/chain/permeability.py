@@ -68,7 +68,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     topics = sorted({name.rpartition(":")[0] for name in internals})
     reaching = frozenset().union(*(graph.reaching(topic) for topic in topics))
     fields = external_fields(workspace)
-    reach = [field for field in fields if not prune or field.topic in reaching]
+    reach = [field for field in fields if not prune or field.parameter or field.topic in reaching]
     pruned = tuple(field.name for field in fields if field not in reach)
     driven = [field for field in reach if not field.alone]
     if not internals or not driven:
@@ -77,14 +77,15 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             where=str(file.path),
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
-    observed = (*internals, *sorted({field.topic for field in driven}))
+    signalled = [field for field in driven if not field.parameter]
+    observed = (*internals, *sorted({field.topic for field in signalled}))
     driving = driving_log(workspace, file.system.perturbed_run)
     runner = step.system_runner(observe=observed, pace=file.system.perturbed_run)
     system = DrivenRuns(step, runner, driving, internals, _slowest_internal(workspace, topics))
-    done = system.within(driven, range(runs))
+    done = system.within(signalled, range(runs))
     result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)
     if result.doubtful():
-        fresh = system.within(driven, range(runs, runs + max(_FEWEST_AGAIN, runs // 2)))
+        fresh = system.within(signalled, range(runs, runs + max(_FEWEST_AGAIN, runs // 2)))
         done += fresh
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.chain.external import driving_log
+from riot_bus.chain.external import driving_log, external_fields
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
@@ -14,6 +14,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.statistics.noise import Noise
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
+from riot_bus.vocabulary.injection import PARAMETERS, Injection
 from riot_bus.vocabulary.trial import TestCase, Verdict
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def reproduce(
             step = "riot test --whole-system" if finding.whole_system else "riot activate"
             raise ConfigError(f"no {path.name}", where=str(folder), hint=f"run `{step}` first")
         messages = read_log(path)
+        parameters = () if finding.whole_system else _parameters(folder, workspace)
         pace = workspace.context.file.system.trial_run
         judged, why = workspace.judged_in_system(finding, driving_log(workspace, pace))
         if why:
@@ -83,12 +85,12 @@ def reproduce(
         noise = Noise.after(*shown) if shown else noise_of(finding)
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
-        messages = FailingLog.load(path, registry=registry).messages
+        messages, parameters = FailingLog.load(path, registry=registry).messages, ()
         runner = workspace.runners.unit(finding.unit, lambda: workspace.known_unit_log(finding.unit))
         noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
     ordered = finding.ordered and not whole_system
     most = times or (_MOST_RUNS if whole_system else _MOST)
-    cases = [TestCase(messages, seed=workspace.seed + number, ordered=ordered) for number in range(most)]
+    cases = [TestCase(messages, parameters, seed=workspace.seed + number, ordered=ordered) for number in range(most)]
     outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
     others = sorted(
@@ -106,6 +108,16 @@ def reproduce(
         + (f", others fail differently: {', '.join(others)}" if others else "")
         + (f", where about {noise.rate:.0%} did" if not others else ""),
         hint="repeat with more --times for a clearer picture",
+    )
+
+
+def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:
+    """Return the parameters of commands with which the external messages made the whole system fail."""
+    found = ActivationRecord.load(folder).found or {}
+    return tuple(
+        Injection(PARAMETERS, field.path, found[field.name])
+        for field in external_fields(workspace)
+        if field.parameter and field.name in found
     )
 
 

@@ -686,31 +686,34 @@ class PointRecord(_Model):
     phase: str = "search"
 
 
-class RegionRecord(_Model):
-    """The part of the plane of two external fields in which the whole system fails."""
+class RangeRecord(_Model):
+    """Values of one external field."""
 
-    x: str
-    y: str
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
+    field: str
+    low: float
+    high: float
+    ends: tuple[Literal["low", "high"], ...] = Field(default=(), description="ends beyond which nothing was tried")
+
+    def text(self, number: Callable[[float], str] = "{:.4g}".format) -> str:
+        """Return what it says; `number` writes a number."""
+        low, high = number(self.low), number(self.high)
+        if len(self.ends) > 1:
+            return f"{self.field} anywhere from {low} to {high}, as far as was tried"
+        if "low" in self.ends:
+            return f"{self.field} <= {high} (tried from {low} on)"
+        return f"{self.field} >= {low} (tried up to {high})" if self.ends else f"{low} <= {self.field} <= {high}"
+
+
+class RegionRecord(_Model):
+    """Ranges of external fields within which the whole system fails, others being as in the point that was found."""
+
+    ranges: tuple[RangeRecord, ...]
     inside: ProportionRecord | None = None
-    ends: tuple[str, ...] = Field(default=(), description="sides beyond which nothing was tried")
     text: str = ""
 
-    def bounds(self, number: Callable[[float], str] = "{:.4g}".format) -> tuple[str, str]:
-        """Return what the failure needs of either field; `number` writes a number."""
-        return self._bound("x", self.x, number), self._bound("y", self.y, number)
-
-    def _bound(self, axis: str, field: str, number: Callable[[float], str]) -> str:
-        low, high = (number(getattr(self, f"{axis}_{side}")) for side in ("min", "max"))
-        first, last = (f"{axis}_{side}" in self.ends for side in ("min", "max"))
-        if first and last:
-            return f"{field} anywhere from {low} to {high}, as far as was tried"
-        if first or last:
-            return f"{field} <= {high} (tried from {low} on)" if first else f"{field} >= {low} (tried up to {high})"
-        return f"{low} <= {field} <= {high}"
+    def bounds(self, number: Callable[[float], str] = "{:.4g}".format) -> tuple[str, ...]:
+        """Return what the failure needs of each field; `number` writes a number."""
+        return tuple(each.text(number) for each in self.ranges)
 
 
 class ActivationRecord(Artefact):

@@ -124,7 +124,7 @@ class FindingView:
     def externals(self) -> tuple[str, ...]:
         """The external fields that matter most: the region's, then the others that reach the unit."""
         region = self.activation.region if self.activation else None
-        names = [region.x, region.y] if region else []
+        names = [each.field for each in region.ranges] if region else []
         names += list((self.activation.found or {}) if self.activation else {}) if not names else []
         names += list(self.permeability.permeable) if self.permeability and not names else []
         return tuple(dict.fromkeys(names))

@@ -98,17 +98,20 @@ def region_plots(
 ) -> list[Plot]:
     """Return the map of trials around the crash region, and the one over the whole searched range.
 
+    A region in more fields is drawn in its first two; one of a single field is not drawn.
+
     Args:
         points: Runs of the whole system.
         region: The crash region.
         nominal: Center and spread of external fields.
     """
-    names = (region.x, region.y)
-    if region.x == region.y:
+    if len(region.ranges) < 2:
         return []
+    first, second = region.ranges[:2]
+    names = (first.field, second.field)
     kinds: tuple[Kind, ...] = ("refused", "passed", "failed")
     dots = [Dots(kind, _places(((one.values, _kind(one) == kind) for one in points), *names)) for kind in kinds]
-    sides = [(region.x_min, region.x_max), (region.y_min, region.y_max)]
+    sides = [(first.low, first.high), (second.low, second.high)]
     if not all(math.isfinite(end) for side in sides for end in side):
         return []
     boxes = [PlotArea("region", sides[0], sides[1])]

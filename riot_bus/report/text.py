@@ -56,8 +56,8 @@ def _facts(view: FindingView) -> list[tuple[str, str]]:
         facts.append(("rule", ", ".join(told)))
     region = view.activation.region if view.activation else None
     if region:
-        x_bound, y_bound = (clean(each, limit=160) for each in region.bounds(number))
-        facts += [("region", x_bound), ("", y_bound)]
+        bounds = [clean(each, limit=160) for each in region.bounds(number)]
+        facts += zip(["region", *[""] * len(bounds)], bounds, strict=False)
     facts += [(clean(step.name, limit=9), clean(record.summary, limit=160)) for step, record in view.further]
     done = [record for _, record in view.steps if record]
     trials = sum(record.trials for record in done)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import ComponentProcess, Launcher
     from riot_bus.sut.system import Ready, RunPace
-    from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.message import Message, Scalar
 
 __all__ = ["TrialPlace", "TrialSetup"]
 
@@ -70,6 +70,7 @@ class TrialPlace:
         context: The system.
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
+        parameters: Values of {param:NAME} in commands, where these are not the nominal ones.
         imports: Modules that Python components import, by name; trials fill it.
         kept: What goes on over trials.
     """
@@ -120,9 +121,12 @@ class TrialSetup:
         intercept: Sequence[str] = (),
         pipeline: Pipeline | None = None,
         stall: float = 10.0,
+        parameters: Mapping[str, Scalar] | None = None,
         imports: MutableMapping[str, Sequence[str]] | None = None,
     ) -> None:
         self.context = context
+        nominal = {name: each.nominal for name, each in context.file.external.parameters.items()}
+        self._parameters: Mapping[str, Scalar] = nominal | dict(parameters or {})
         self.launcher = launcher
         self.directory = directory
         self.processes: dict[str, ComponentProcess] = {}
@@ -197,6 +201,7 @@ class TrialSetup:
             "{slot}": str(self.launcher.slot),
             "{domain}": str(1 + self.launcher.slot % _DOMAINS),
         }
+        words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
         for text in (*component.command, *component.env.values(), component.cwd):
             words |= {word: str(self._free_port(word)) for word in FREE_PORT.findall(text)}
         fixed = self.context.file.system.surroundings == "fixed"
@@ -603,6 +608,11 @@ class TrialSetup:
 @functools.cache
 def _tell_unwatched(why: str) -> None:
     _LOG.warning("crashes by a signal are told apart by the signal alone: components cannot be traced (%s)", why)
+
+
+def _as_word(value: Scalar) -> str:
+    """Return a parameter as commands take it: `true` rather than `True`."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _fill(text: str, words: Mapping[str, str]) -> str:

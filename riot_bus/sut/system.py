@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FREE_PORT",
+    "PARAMETER",
     "Component",
     "External",
     "Ready",
@@ -38,6 +39,7 @@ __all__ = [
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
+PARAMETER = re.compile(r"\{param:([^{}]*)\}")
 FREE_PORT = re.compile(r"\{free_port(?::\w{1,40})?\}", re.ASCII)
 """Placeholders of a port: with a name, there is one for each."""
 
@@ -128,8 +130,8 @@ class ResourceLimits(_Table):
 class Component(_Table):
     """`[components.NAME]`: one process.
 
-    `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration}
-    {speed} {slot} {domain} {free_port} {free_port:NAME}. `resources` says how many of which of `[resources]` it needs.
+    `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration} {speed} {slot}
+    {domain} {free_port} {free_port:NAME} {param:NAME}. `resources` says how many of which of `[resources]` it needs.
     """
 
     command: tuple[str, ...] = Field(min_length=1)
@@ -146,12 +148,33 @@ class Component(_Table):
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
 
+class Parameter(_Table):
+    """`[external.parameters]`: what {param:NAME} in commands stands for, and what else the outside may choose."""
+
+    nominal: bool | int | float | str
+    range: tuple[float, float] | None = None
+    values: tuple[bool | int | float | str, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_told(self) -> Self:
+        if isinstance(self.nominal, bool) and not self.values and self.range is None:
+            object.__setattr__(self, "values", (False, True))
+        if (self.range is None) == (not self.values):
+            raise MistakeError("give either range = [LEAST, MOST] or values = [...]")
+        if self.values and self.nominal not in self.values:
+            raise MistakeError(f"the nominal value {self.nominal!r} is none of the values")
+        if self.range is not None and (isinstance(self.nominal, str) or not self.range[0] < self.range[1]):
+            raise MistakeError(f"{list(self.range)} is no range of {self.nominal!r}")
+        return self
+
+
 class External(_Table):
     """`[external]`: topics that the outside world controls, what their fields may be, and fields that it does not."""
 
     topics: tuple[str, ...] = ()
     ranges: dict[str, tuple[float, float]] = {}
     values: dict[str, Annotated[tuple[bool | int | float | str, ...], Field(min_length=1)]] = {}
+    parameters: dict[str, Parameter] = {}
     exclude: tuple[str, ...] = ()
 
 
@@ -217,6 +240,10 @@ class SystemFile(_Table):
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
+            for text in (*component.command, *component.env.values(), component.cwd):
+                for parameter in PARAMETER.findall(text):
+                    if parameter not in self.external.parameters:
+                        raise _unknown(f"components.{name}.command", f"{{param:{parameter}}}", self.external.parameters)
             for resource, count in component.resources.items():
                 if resource not in self.resources:
                     raise _unknown(f"components.{name}.resources", resource, self.resources)

@@ -25,6 +25,7 @@ from riot_bus.sut.system import RunPace, Settle
 from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
+from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
@@ -125,10 +126,16 @@ class SystemTrial:
         if not inside:
             raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
         home = file.segment_of(file.components[inside[0]])
-        if case.injections and outside:
+        injections = tuple(each for each in case.injections if each.topic != PARAMETERS)
+        parameters = {
+            str(each.field): each.value
+            for each in case.injections
+            if each.topic == PARAMETERS and isinstance(each.value, bool | int | float | str | bytes)
+        }
+        if injections and outside:
             file.check_outside_apart()
-        injected = {injection.topic for injection in case.injections} if not case.messages else set()
-        injector, seen = Injector(case.injections, seed=case.seed), list[Message]()
+        injected = {injection.topic for injection in injections} if not case.messages else set()
+        injector, seen = Injector(injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)
         begin = time.time_ns()
         with ExitStack() as stack:
@@ -142,6 +149,7 @@ class SystemTrial:
                     intercept=context.topics(*sorted(injected)),
                     pipeline=Pipeline([injector, tap], registry=registry),
                     stall=_STALL,
+                    parameters=parameters,
                     imports=place.imports,
                 )
             )
@@ -166,7 +174,7 @@ class SystemTrial:
             if probe:
                 probe.begin()
             if case.messages:
-                messages, _ = inject_log(case.messages, case.injections, registry=registry, seed=case.seed)
+                messages, _ = inject_log(case.messages, injections, registry=registry, seed=case.seed)
                 self._play(messages, stage, tap.observe)
             else:
                 self._drive(outside, inside, stage, case.seed)

@@ -89,7 +89,10 @@ FINDING_FILES: dict[str, Any] = {
         "best_distance": -1.2,
         "replays": 10,
         "replays_failed": 10,
-        "region": {"x": _GOAL, "y": _SPEED, "x_min": 0, "x_max": 4, "y_min": 5, "y_max": 9, "inside": _RATE},
+        "region": {
+            "ranges": [{"field": _GOAL, "low": 0, "high": 4}, {"field": _SPEED, "low": 5, "high": 9, "ends": ["high"]}],
+            "inside": _RATE,
+        },
         "points": _POINTS,
         "messages": 2,
     },

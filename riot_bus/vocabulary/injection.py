@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Scalar
 
-__all__ = ["Curve", "Formula", "Injection", "Signal"]
+__all__ = ["PARAMETERS", "Curve", "Formula", "Injection", "Signal"]
+
+PARAMETERS = "#param"
+"""Topic of injections that set a parameter of commands by its name, and no field of messages: no key is called so."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,7 +72,7 @@ def test_a_fault_behind_ros_2_comes_from_mavlink(riot, tmp_path: Path) -> None:
     assert activation.found.get(LAT, 0) > 474_299_000 or activation.found.get(LON, 0) > 85_699_000
     assert activation.replays_failed >= 0.9 * activation.replays
     assert activation.region is not None
-    assert {activation.region.x, activation.region.y} & {LAT, LON} & _moved(activation)
+    assert {each.field for each in activation.region.ranges} & {LAT, LON} & _moved(activation)
 
 
 def _moved(activation: ActivationRecord) -> set[str]:

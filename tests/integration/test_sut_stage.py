@@ -103,6 +103,28 @@ time.sleep(3600)
 """
 
 
+def test_parameters_of_commands_are_nominal_unless_a_trial_sets_them(tmp_path: Path) -> None:
+    (tmp_path / "part.py").write_text("import sys\nprint(*sys.argv[1:], flush=True)")
+    path = tmp_path / "riot.toml"
+    path.write_text(
+        '[components.part]\ncommand = ["{python}", "part.py", "gain={param:gain}", "{param:on}", "{param:name}"]\n'
+        "[external.parameters]\ngain = { nominal = 1.5, range = [0, 9] }\non = { nominal = true }\n"
+        'name = { nominal = "a b", values = ["a b", "c"] }\n'
+    )
+    context, told = open_system(path), []
+    for number, parameters in enumerate([{}, {"gain": -0.25, "on": False}]):
+        directory = tmp_path / str(number)
+        directory.mkdir()
+        with (
+            Launcher(0) as launcher,
+            TrialSetup(context, launcher, directory, segments=["system"], parameters=parameters) as one,
+        ):
+            process = one.start("part", seed=0)
+            assert launcher.wait([process], timeout=60)
+            told.append(process.printed().strip())
+    assert told == ["gain=1.5 true a b", "gain=-0.25 false a b"]
+
+
 def test_parallel_trials_have_folders_domains_and_ports_of_their_own(tmp_path: Path) -> None:
     (tmp_path / "part.py").write_text(TELLS)
     for slot in ("0", "1"):

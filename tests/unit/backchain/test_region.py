@@ -27,8 +27,7 @@ def test_crash_zone_of_the_paper_within_five_metres(noise, parallelism):
         rng = np.random.default_rng(seed)
         start = {"goal.x": rng.uniform(-99, 99), "goal.y": rng.uniform(-99, -83), "vx": 0.5}
         found = map_region(start, AXES, zone(noise, rng), seed=seed, tolerance=5.0, parallelism=parallelism)
-        sides = (found.x_min, found.x_max, found.y_min, found.y_max)
-        assert sides == pytest.approx((-100, 100, -100, -80), abs=5.0)
+        assert found.box.edges == pytest.approx((-100, 100, -100, -80), abs=5.0)
         assert found.inside_low <= found.inside_share <= found.inside_high
         asked.append(len(found.samples) - 1)
     assert np.median(asked) <= 50
@@ -56,8 +55,8 @@ def test_sides_beyond_which_nothing_was_tried_are_told():
         seed=0,
         tolerance=1.0,
     )
-    assert (found.x_min, found.x_max) == pytest.approx((low, high), abs=1.0)
-    assert found.ends == ("x_min", "x_max")
+    assert found.box.ranges[0] == pytest.approx((low, high), abs=1.0)
+    assert found.ends == {0, 1}
     near = map_region(
         {"goal.x": 0.0, "goal.y": -90.0},
         AXES,
@@ -65,7 +64,7 @@ def test_sides_beyond_which_nothing_was_tried_are_told():
         seed=0,
         tolerance=1.0,
     )
-    assert near.ends == ("x_max",)  # at the lower end itself it passes
+    assert near.ends == {1}  # at the lower end itself it passes
 
 
 def test_a_zone_that_is_no_box_is_called_so():
@@ -87,14 +86,14 @@ def test_misleading_rays_are_repaired():
         ]
 
     found = map_region({"goal.x": 0.0, "goal.y": -98.5}, AXES, notched, seed=2, tolerance=5.0)
-    assert found.x_max == pytest.approx(100, abs=5.0)
+    assert found.box.ranges[0][1] == pytest.approx(100, abs=5.0)
 
 
 def test_zone_that_fills_the_range_and_small_budgets():
     everything = map_region(
         {"goal.x": 0.0, "goal.y": 0.0}, AXES, lambda points: [True] * len(points), seed=0, tolerance=5.0
     )
-    assert (everything.x_min, everything.x_max, everything.y_min, everything.y_max) == (-5000, 5000, -5000, 5000)
+    assert everything.box.edges == (-5000, 5000, -5000, 5000)
     count = []
 
     def ask(points):
@@ -132,9 +131,9 @@ def test_a_zone_beside_the_end_of_a_range_ends_there():
         return [one["goal.x"] > 4990 and one["goal.y"] > 4000 for one in points]
 
     found = map_region({"goal.x": 4995.0, "goal.y": 4500.0}, AXES, corner, seed=1, tolerance=5.0)
-    assert (found.x_max, found.y_max) == (5000, 5000)
-    assert found.x_min == pytest.approx(4990, abs=5)
-    assert found.y_min == pytest.approx(4000, abs=5)
+    assert found.box.edges[1::2] == (5000, 5000)
+    assert found.box.ranges[0][0] == pytest.approx(4990, abs=5)
+    assert found.box.ranges[1][0] == pytest.approx(4000, abs=5)
 
 
 def test_a_zone_that_ends_just_before_the_end_of_a_range_is_probed_up_to_there():
@@ -145,7 +144,7 @@ def test_a_zone_that_ends_just_before_the_end_of_a_range_is_probed_up_to_there()
         return [4000 < one["goal.x"] < 4998 and abs(one["goal.y"]) < 500 for one in points]
 
     found = map_region({"goal.x": 4500.0, "goal.y": 0.0}, AXES, ask, seed=1, tolerance=5.0)
-    assert found.x_max == pytest.approx(4998, abs=5)
+    assert found.box.ranges[0][1] == pytest.approx(4998, abs=5)
     assert max(one["goal.x"] for one in asked) == 5000
     assert found.good
 
@@ -161,3 +160,34 @@ def test_an_edge_that_never_comes_to_rest_ends_with_the_rounds():
     found = map_region({"goal.x": 0.0, "goal.y": 0.0}, AXES, shaking, seed=0, budget=2000, tolerance=1.0)
     assert not found.good
     assert len(found.samples) < 2000
+
+
+def test_one_field_has_an_interval():
+    def inside(points):
+        return [20 < one["goal.x"] < 300 for one in points]
+
+    found = map_region({"goal.x": 50.0, "vx": 1.0}, AXES[:1], inside, seed=0, tolerance=1.0)
+    assert found.box.edges == pytest.approx((20, 300), abs=1.0)
+    assert found.good
+    assert len(found.samples) < 40
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_three_fields_have_a_box(seed):
+    axes = (*AXES, SearchField("vx", 0.5, 0.2, -10, 10))
+
+    def ask(points):
+        return [abs(one["goal.x"]) < 100 and -100 < one["goal.y"] < -80 and one["vx"] > 2 for one in points]
+
+    start = {"goal.x": 10.0, "goal.y": -90.0, "vx": 4.0}
+    found = map_region(start, axes, ask, seed=seed, budget=120, tolerance=(5.0, 2.0, 0.2))
+    assert found.box.edges == pytest.approx((-100, 100, -100, -80, 2, 10), abs=5.0)
+    assert found.box.ranges[2] == pytest.approx((2, 10), abs=0.2)
+    assert found.ends == {5}
+    assert found.good
+
+
+def test_axes_have_to_be_different_fields():
+    for axes in ((), (AXES[0], AXES[0])):
+        with pytest.raises(ValueError, match="no region map"):
+            map_region({"goal.x": 1.0}, axes, lambda points: [True] * len(points), seed=0, tolerance=1.0)

@@ -31,6 +31,7 @@ from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.system import RunPace
 from riot_bus.types.registry import TypeRegistry
+from riot_bus.vocabulary.injection import PARAMETERS
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, TestCase, Verdict, Violation
 
@@ -180,6 +181,7 @@ class Machine:
         system_wrong: As `wrong`, likewise.
         governor: What the governor makes of what the panel says.
         known: What the drive does in nominal runs of the whole system.
+        parameters: Those of the latest run of the whole system that were not nominal.
         judged: The units that runs of the whole system judge, in the order in which their runners were asked for.
     """
 
@@ -192,6 +194,7 @@ class Machine:
     system_wrong: Callable[[TestCase], bool] = never
     governor: Callable[[Sequence[Message]], list[Message]] = commands
     known: Baseline = field(default_factory=lambda: Baseline(trials=4))
+    parameters: dict[str | None, Any] = field(default_factory=dict)
     executed: list[TestCase] = field(default_factory=list)
     judged: list[str] = field(default_factory=list)
     closed: bool = False
@@ -234,7 +237,9 @@ class Machine:
 
     def drive(self, case: TestCase, observe: Sequence[str], record: Path | None) -> Outcome:
         given = case.messages or panel(case.seed)
-        readings, _ = inject_log(given, case.injections, registry=TypeRegistry(), seed=case.seed)
+        injections = [each for each in case.injections if each.topic != PARAMETERS]
+        readings, _ = inject_log(given, injections, registry=TypeRegistry(), seed=case.seed)
+        self.parameters = {each.field: each.value for each in case.injections if each.topic == PARAMETERS}
         made = self.governor(readings)
         if record is not None:
             with LogWriter(record, metadata={"seed": str(case.seed)}) as writer:

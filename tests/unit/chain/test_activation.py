@@ -11,6 +11,7 @@ import pytest
 
 from riot_bus.chain.activation import _axes, activation, least_distance
 from riot_bus.chain.external import ExternalField
+from riot_bus.chain.reproduce import reproduce
 from riot_bus.findings.records import (
     ActivationRecord,
     EdgeRecord,
@@ -40,6 +41,7 @@ from tests.unit.chain.machine import (
     SPEED,
     Bench,
     bench,
+    commands,
     hangs,
     never_hangs,
     panel,
@@ -84,9 +86,10 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     assert all(said(message)["knob"] < 20 for message in read_log(one.folder / "activation.mcap"))
     region = record.region
     assert region is not None
-    assert (region.x, region.y) == ("panel:knob", "panel:lever")
-    assert region.x_max < 30
-    assert set(region.ends) == {"x_min", "y_max"}
+    knob, lever = region.ranges
+    assert (knob.field, lever.field) == ("panel:knob", "panel:lever")
+    assert knob.high < 30
+    assert (knob.ends, lever.ends) == (("low",), ("high",))
     assert "(tried from -1000 on) and panel:lever >= 0.5" in region.text
     assert region.inside is not None
     assert region.inside.count == region.inside.total
@@ -109,11 +112,14 @@ def test_a_log_of_the_outside_is_changed_until_the_system_fails(tmp_path: Path, 
     assert knobs == {record.found["panel:knob"]}
 
 
-def test_one_permeable_field_has_no_region(tmp_path: Path, slow: dict[str, Any]) -> None:
+def test_one_permeable_field_has_an_interval(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:knob", 0.9))
     record = activation(one.run(), one.folder, budget=60)
     assert record.found is not None
-    assert record.region is None
+    assert record.region is not None
+    (knob,) = record.region.ranges
+    assert (knob.field, knob.low, knob.ends) == ("panel:knob", -1000, ("low",))
+    assert 15 < knob.high < 25
     assert record.replays == 10
 
 
@@ -339,6 +345,9 @@ def test_texts_that_riot_toml_states_are_driven_and_named(tmp_path: Path, slow: 
     assert "panel:gear = reverse" in record.text
     assert {said(message)["gear"] for message in read_log(one.folder / "activation.mcap")} == {"reverse"}
     assert record.replays_failed == 10
+    assert record.region is not None
+    assert [each.field for each in record.region.ranges] == ["panel:knob"]
+    assert ", with panel:gear = reverse: " in record.region.text
 
 
 def test_without_a_permeable_field_the_outside_cannot_be_searched(tmp_path: Path, slow: dict[str, Any]) -> None:
@@ -380,3 +389,45 @@ def test_the_unit_is_judged_where_its_monitor_asks_for_nominal_runs(tmp_path: Pa
     activation(one.run(), one.folder, budget=4)
     assert one.machine.judged == ["drive"]
     assert len(one.machine.executed) == 1 + 4 + 4  # the nominal run; answers of the one are none of the other
+
+
+TUNED = """
+[external.parameters]
+gain = { nominal = 1.0, range = [-2.0, 2.0] }
+profile = { nominal = "calm", values = ["calm", "sport"] }
+
+[external.ranges]"""
+
+
+def test_parameters_of_commands_are_inputs_like_fields(tmp_path: Path, slow: dict[str, Any]) -> None:
+    """The drive is only driven backwards by another gain, in another profile."""
+    write_nominal(tmp_path)
+    one = ready(tmp_path, slow, system=LOGGED.replace("[external.ranges]", TUNED))
+    machine = one.machine
+
+    def tuned(readings: Sequence[Message]) -> list[Message]:
+        gain = machine.parameters.get("gain", 1.0) if machine.parameters.get("profile") == "sport" else 1.0
+        return [
+            each.with_(payload=json.dumps({"mode": "step", "speed": 3.0 * gain, "note": ""}).encode())
+            for each in commands(readings)
+        ]
+
+    machine.governor = tuned
+    write_fields(one, SPEED)
+    reached = one.workspace.carry_out(find_step("permeability"), one.folder)
+    assert isinstance(reached, PermeabilityRecord)
+    assert set(reached.permeable) <= {"param:gain", "param:profile"}
+    assert reached.permeable
+    parameters = [edge for edge in reached.edges if edge.external.startswith("param:")]
+    assert {edge.external for edge in parameters} == {"param:gain", "param:profile"}
+    assert "within runs" not in {edge.design for edge in parameters}
+    edges = tuple(edge.model_copy(update={"permeable": True}) for edge in parameters)  # one may not show by itself
+    reached.model_copy(update={"edges": edges}).save(one.folder)
+    record = one.workspace.carry_out(find_step("activate"), one.folder, budget=100)
+    assert isinstance(record, ActivationRecord)
+    assert record.found is not None
+    assert record.found["param:profile"] == "sport"
+    assert record.found["param:gain"] < 1 / 3
+    assert (record.replays, record.replays_failed, record.messages) == (10, 10, COUNT)
+    assert "param:profile = sport" in record.text
+    assert reproduce(one.workspace, one.folder, times=3, whole_system=True).answer == "still failing"

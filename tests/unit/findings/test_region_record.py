@@ -1,20 +1,23 @@
 from __future__ import annotations
 
+from typing import Literal
+
 import pytest
 
-from riot_bus.findings.records import RegionRecord
+from riot_bus.findings.records import RangeRecord, RegionRecord
 
 
 @pytest.mark.parametrize(
     ("ends", "text"),
     [
         ((), "-100 <= goal <= 20.5"),
-        (("x_min",), "goal <= 20.5 (tried from -100 on)"),
-        (("x_max",), "goal >= -100 (tried up to 20.5)"),
-        (("x_min", "x_max"), "goal anywhere from -100 to 20.5, as far as was tried"),
+        (("low",), "goal <= 20.5 (tried from -100 on)"),
+        (("high",), "goal >= -100 (tried up to 20.5)"),
+        (("low", "high"), "goal anywhere from -100 to 20.5, as far as was tried"),
     ],
 )
-def test_nothing_is_said_of_what_was_not_tried(ends: tuple[str, ...], text: str) -> None:
-    region = RegionRecord(x="goal", y="speed", x_min=-100.0, x_max=20.5, y_min=0.0, y_max=1.0, ends=ends)
+def test_nothing_is_said_of_what_was_not_tried(ends: tuple[Literal["low", "high"], ...], text: str) -> None:
+    goal = RangeRecord(field="goal", low=-100.0, high=20.5, ends=ends)
+    region = RegionRecord(ranges=(goal, RangeRecord(field="speed", low=0.0, high=1.0)))
     assert region.bounds() == (text, "0 <= speed <= 1")
     assert region.bounds(lambda one: f"<{one}>")[1] == "<0.0> <= speed <= <1.0>"

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from riot_bus.findings.records import PointRecord, ProportionRecord, RegionRecord, RuleRecord, RuleSample
+from riot_bus.findings.records import PointRecord, ProportionRecord, RangeRecord, RegionRecord, RuleRecord, RuleSample
 from riot_bus.report.plots import Plot, region_plots, rule_plot
 from riot_bus.report.svg import COLOURS
 from riot_bus.vocabulary.errors import MissingExtraError
@@ -27,8 +27,9 @@ def rule(*samples: tuple[dict[str, bool | int | float | str], bool]) -> RuleReco
     )
 
 
-def region(**changes: float) -> RegionRecord:
-    return RegionRecord(**({"x": "x", "y": "y", "x_min": -100, "x_max": 100, "y_min": -100, "y_max": -80} | changes))
+def region(x: tuple[float, float] = (-100, 100), y: tuple[float, float] = (-100, -80)) -> RegionRecord:
+    ranges = {"x": x, "y": y}.items()
+    return RegionRecord(ranges=tuple(RangeRecord(field=name, low=low, high=high) for name, (low, high) in ranges))
 
 
 def text(plot: Plot) -> str:
@@ -98,17 +99,19 @@ def test_region_without_points() -> None:
     assert len(region_plots([], region())) == 1
 
 
-@pytest.mark.parametrize("changes", [{"x_max": math.inf}, {"y_min": math.nan}])
-def test_unbounded_region_has_no_map(changes: dict[str, float]) -> None:
+@pytest.mark.parametrize("changes", [{"x": (-100, math.inf)}, {"y": (math.nan, -80)}])
+def test_unbounded_region_has_no_map(changes: dict[str, tuple[float, float]]) -> None:
     assert region_plots([], region(**changes)) == []
 
 
-def test_same_field_twice_has_no_map() -> None:
-    assert region_plots([], region().model_copy(update={"y": "x"})) == []
+def test_one_field_has_no_map_and_of_three_the_first_two_have() -> None:
+    x, y = region().ranges
+    assert region_plots([], RegionRecord(ranges=(x,))) == []
+    assert len(region_plots([], RegionRecord(ranges=(x, y, x)))) == 1
 
 
 def test_point_region() -> None:
-    flat = region(x_min=0, x_max=0, y_min=0, y_max=0)
+    flat = region((0, 0), (0, 0))
     points = [PointRecord(values={"x": 0, "y": 0}, distance=0, failed=True)]
     assert len(region_plots(points, flat, nominal={"x": (0, 1), "y": (0, 1)})) == 2
 

@@ -65,6 +65,11 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", '[[monitors]]\nkind = "range"\nmin = 1', 9, ("'field' is missing",)),
         ("[unit.one]", '[[monitors]]\nkind = "rate"\ntopic = "x"\ngap = -1', 12, ("gap", "greater than 0", "-1")),
         ("[unit.one]", '[[monitors]]\nkind = "finite"\nfield = "x"', 9, ("names no field",)),
+        ('command = ["true"]', 'command = ["true", "{param:gain}"]', 6, ("'{param:gain}' is not described",)),
+        ("[unit.one]", "[external.parameters]\ngain = { nominal = 1.0 }", 10, ("range = [LEAST, MOST]",)),
+        ("[unit.one]", "[external.parameters]\ngain = { nominal = 1, range = [3, 2] }", 10, ("no range of 1",)),
+        ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("none of the values",)),
+        ("[unit.one]", '[external.values]\n"a:b" = []', 10, ("at least 1",)),
     ],
 )
 def test_mistakes_are_named_with_their_place(
