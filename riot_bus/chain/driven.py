@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, Runner
 
-__all__ = ["DrivenRuns", "Perturbed", "analysed", "as_numbers", "edge_record", "internal_of", "strongest"]
+__all__ = ["DrivenRuns", "Perturbed", "Usual", "analysed", "as_numbers", "edge_record", "internal_of", "strongest"]
 
 _HOLD = 5
 """Samples of the slowest internal field for which a value is kept."""
@@ -43,8 +44,25 @@ _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
 }
 """What of an internal field is told of a run as a whole."""
 
+_LIVELY = 0.5
+"""An internal field is frozen if it has less than this share of the values that it has in nominal runs."""
+
 Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
 """Signals of the external fields in a run, and what came of it."""
+
+
+class Usual(NamedTuple):
+    """What an internal field does in a nominal run.
+
+    Attributes:
+        rate: Its messages per second in the nominal log.
+        values: How many it has in a run.
+        moves: Whether it has more than one value.
+    """
+
+    rate: float
+    values: float
+    moves: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +74,14 @@ class DrivenRuns:
         runner: Executes them; it observes the internal fields, and the times of the external topics.
         driving: What is played to it; nothing where external components drive it.
         internals: The internal fields.
-        rate: Messages per second of the slowest of them.
+        usual: What each of them does in a nominal run.
     """
 
     step: StepRun
     runner: Runner
     driving: tuple[Message, ...]
     internals: Sequence[str]
-    rate: float
+    usual: Mapping[str, Usual]
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
         """Return runs in which all fields are driven, each by its own signal in each run.
@@ -72,18 +90,22 @@ class DrivenRuns:
             fields: External fields.
             numbers: Of the runs.
         """
+        return self._driven([fields] * len(numbers), numbers)
+
+    def _driven(self, groups: Sequence[Sequence[ExternalField]], numbers: range) -> list[Perturbed]:
+        """Return a run for each group of fields, in which these are driven."""
         found: list[Perturbed] = []
-        for start in range(numbers.start, numbers.stop, self.runner.parallelism):
-            plans = [
-                {field: self._signal(field, run) for field in fields}
-                for run in range(start, min(start + self.runner.parallelism, numbers.stop))
-            ]
+        plans = [
+            {field: self._signal(field, run) for field in group} for group, run in zip(groups, numbers, strict=True)
+        ]
+        for start in range(0, len(plans), self.runner.parallelism):
+            some = plans[start : start + self.runner.parallelism]
             cases = [
-                self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), start + at)
-                for at, plan in enumerate(plans)
+                self._case((Injection(field.topic, field.path, signal) for field, signal in plan.items()), run)
+                for plan, run in zip(some, numbers[start:], strict=False)
             ]
-            found += zip(plans, self.runner.run(cases), strict=True)
-            doing = f"{counted(len(fields), 'external field')} perturbed at once"
+            found += zip(some, self.runner.run(cases), strict=True)
+            doing = f"{counted(max(map(len, groups)), 'external field')} perturbed at once"
             self.step.progress(numbers.start + len(found), numbers.stop, doing)
         return found
 
@@ -134,6 +156,44 @@ class DrivenRuns:
             found += [edge_record(edge, design) for edge in result.edges]
         return list(strongest(found).values())
 
+    def freezes(self, outcome: Outcome) -> bool:
+        """Return whether an internal field has far fewer values than in nominal runs, or one where it has several."""
+        for name, usual in self.usual.items():
+            values = outcome.observed[name].values
+            if len(values) < _LIVELY * usual.values or (usual.moves and len(set(values)) < 2):
+                return True
+        return False
+
+    def freezing(self, fields: Sequence[ExternalField], numbers: range) -> tuple[list[ExternalField], int]:
+        """Find the fields without which the inside does not freeze; those of a message that is refused, for example.
+
+        Args:
+            fields: External fields that freeze it when they are driven together.
+            numbers: Of the runs, at most.
+
+        Returns:
+            These fields, and how many runs it took. Those that the runs did not suffice to tell apart are among them;
+            there are none if it also freezes when nothing is driven.
+        """
+        ((_, idle),) = self._driven([[]], numbers[:1])
+        if self.freezes(idle):
+            return [], 1
+        by_topic: dict[str, list[ExternalField]] = {}
+        for field in fields:
+            by_topic.setdefault(field.topic, []).append(field)
+        waiting, found, spent = deque(by_topic.values()), list[ExternalField](), 1
+        while waiting and spent < len(numbers):
+            count = min(self.runner.parallelism, len(waiting), len(numbers) - spent)
+            groups = [waiting.popleft() for _ in range(count)]
+            outcomes = self._driven(groups, numbers[spent : spent + count])
+            spent += count
+            for group, (_, outcome) in zip(groups, outcomes, strict=True):
+                if self.freezes(outcome):
+                    half = len(group) // 2
+                    found += group if not half else []
+                    waiting.extend([group[:half], group[half:]] if half else [])
+        return [*found, *chain.from_iterable(waiting)], spent
+
     def runs(self, some: Sequence[Perturbed]) -> list[Run]:
         """Return runs in which fields were driven, as the analysis takes them."""
         outputs = as_numbers([outcome for _, outcome in some], self.internals)
@@ -154,7 +214,8 @@ class DrivenRuns:
         return TestCase(self.driving, tuple(injections), seed=self.step.workspace.seed + number)
 
     def _signal(self, field: ExternalField, run: int) -> Signal:
-        hold = max(1, round(_HOLD * field.rate / self.rate)) if self.rate else _HOLD
+        slowest = min((each.rate for each in self.usual.values()), default=0.0)
+        hold = max(1, round(_HOLD * field.rate / slowest)) if slowest else _HOLD
         return field.signal(self._seed(field, run), hold=hold)
 
     def _drawn(self, field: ExternalField, *, beyond: bool) -> tuple[Signal, Callable[[float], float]]:

@@ -231,6 +231,7 @@ def _described(
     spread = pstdev(numbers)
     if spread <= 1e-9 * max(1.0, abs(nominal)):
         spread = abs(nominal) / 10 or 1.0
+        spread = max(spread, 1.0) if "int" in type_name else spread
     low, high = (min(numbers), max(numbers)) if len(set(numbers)) > 1 else (nominal - spread, nominal + spread)
     if type_name == "bool":
         low, high, spread = 0.0, 1.0, 0.5

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.permeability import may_latch
-from riot_bus.chain.driven import DrivenRuns, analysed, edge_record, internal_of, strongest
-from riot_bus.chain.external import driving_log, external_fields, message_rate
-from riot_bus.chain.logs import internal_name
+from riot_bus.chain.driven import DrivenRuns, Perturbed, Usual, analysed, edge_record, internal_of, strongest
+from riot_bus.chain.external import ExternalField, driving_log, external_fields, message_rate
+from riot_bus.chain.logs import internal_name, nominal_values
 from riot_bus.chain.topic_graphs import declared_graph
 from riot_bus.findings.records import EdgeRecord, FieldsRecord, FindingRecord, PermeabilityRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from riot_bus.chain.external import ExternalField
     from riot_bus.chain.workspace import StepRun, Workspace
     from riot_bus.findings.records import Design
 
@@ -28,9 +27,12 @@ _ALPHA = 0.01
 _ALPHA_AGAIN = 0.05
 """In further runs, of which only what has been found already is asked."""
 _FEWEST_AGAIN = 4
+_SEARCHED = 3
+"""Runs at most that look for what freezes the inside, likewise."""
 _BETWEEN = 3
 """Runs in which fields are constant, as a multiple of the long ones: each tells one value."""
 _UNTOLD = "no internal field had values by which it could be told"
+_FREEZING = "inner fields hardly move when it is driven, as if it was refused, so others were driven without it"
 _ALONE = "a text that is always the same in the nominal log, and riot.toml states no other under [external.values]"
 
 
@@ -81,16 +83,17 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     observed = (*internals, *sorted({field.topic for field in signalled}))
     driving = driving_log(workspace, file.system.perturbed_run)
     runner = step.system_runner(observe=observed, pace=file.system.perturbed_run)
-    system = DrivenRuns(step, runner, driving, internals, _slowest_internal(workspace, topics))
-    done = system.within(signalled, range(runs))
+    system = DrivenRuns(step, runner, driving, internals, _usual(workspace, internals))
+    done, freezing, count = _driven_without_refused(system, signalled, runs)
+    driven, signalled = ([field for field in some if field not in freezing] for some in (driven, signalled))
     result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)
     if result.doubtful():
-        fresh = system.within(signalled, range(runs, runs + max(_FEWEST_AGAIN, runs // 2)))
-        done += fresh
+        fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
+        done, count = done + fresh, count + len(fresh)
         again = analysed(system.runs(fresh), alpha=_ALPHA_AGAIN, seed=workspace.seed)
         result = result.confirmed_by(again, analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed))
     edges = strongest(edge_record(edge, "within runs") for edge in result.edges)
-    within, count = system.runs(done), len(done)
+    within = system.runs(done)
     seen = {name for run in within for name, series in run.outputs.items() if series.values}
     valued = {name for name in internals if any(outcome.observed[name].values for _, outcome in done)}
     told = {external for external, _ in edges}
@@ -117,7 +120,11 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     return PermeabilityRecord(
         edges=tuple(sorted(edges.values(), key=_rank)),
         runs=count,
-        untested={field.name: _ALONE if field.alone else _UNTOLD for field in reach if field.name not in told},
+        untested={
+            field.name: _ALONE if field.alone else _FREEZING if field in freezing else _UNTOLD
+            for field in reach
+            if field.name not in told
+        },
         pruned=pruned,
         nominal={field.name: (field.nominal, field.spread) for field in driven},
         tree=[graph.backtrack_tree(topic, file.external.topics).as_json() for topic in topics],
@@ -126,15 +133,43 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     )
 
 
-def _slowest_internal(workspace: Workspace, topics: Sequence[str]) -> float:
-    """Return the lowest message rate of the relevant topics in the nominal log."""
-    registry = workspace.context.registry
-    times: dict[str, list[int]] = {topic: [] for topic in topics}
-    for message in workspace.nominal_messages():
-        topic = registry.topic(message.key)
-        if topic in times:
+def _driven_without_refused(
+    system: DrivenRuns, fields: Sequence[ExternalField], runs: int
+) -> tuple[list[Perturbed], list[ExternalField], int]:
+    """Return so many runs in which fields are driven, those that freeze the inside and are left out, and all runs."""
+    done = system.within(fields, range(runs))
+    if sum(system.freezes(outcome) for _, outcome in done) <= runs // 2:
+        return done, [], runs
+    freezing, spent = system.freezing(fields, range(runs, (1 + _SEARCHED) * runs))
+    if not freezing:
+        return done, [], runs + spent
+    first = runs + spent
+    return (
+        system.within([field for field in fields if field not in freezing], range(first, first + runs)),
+        freezing,
+        first + runs,
+    )
+
+
+def _usual(workspace: Workspace, internals: Sequence[str]) -> dict[str, Usual]:
+    """Return what internal fields do in the nominal log, and how many values they have in a run at its pace."""
+    registry, system = workspace.context.registry, workspace.context.file.system
+    messages = workspace.nominal_messages()
+    paths: dict[str, list[str]] = {}
+    for name in internals:
+        topic, _, path = name.rpartition(":")
+        paths.setdefault(topic, []).append(path)
+    values = nominal_values(messages, paths, registry=registry)
+    times: dict[str, list[int]] = {topic: [] for topic in paths}
+    for message in messages:
+        if (topic := registry.topic(message.key)) in times:
             times[topic].append(message.time)
-    return min(message_rate(some) for some in times.values())
+    found = {}
+    for name in internals:
+        rate, seen = message_rate(times[name.rpartition(":")[0]]), values[name]
+        count = rate / system.nominal_run.speed * system.perturbed_run.duration
+        found[name] = Usual(rate, min(count, len(seen)), len(set(seen)) > 1)
+    return found
 
 
 def _all_reached(edges: Mapping[tuple[str, str], EdgeRecord], internals: Iterable[str]) -> bool:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.driven import DrivenRuns, as_numbers, internal_of, strongest
+from riot_bus.chain.driven import DrivenRuns, Usual, as_numbers, internal_of, strongest
 from riot_bus.chain.external import external_fields
 from riot_bus.findings.records import Design, EdgeRecord
 from riot_bus.sut.system import RunPace
@@ -60,7 +60,7 @@ def test_of_several_edges_of_a_pair_the_one_that_shows_most_is_kept() -> None:
 def driven(folder: Path) -> tuple[Bench, DrivenRuns]:
     one = bench(folder)
     runner = one.machine.system(RunPace(duration=3), observe=(SPEED, MODE, "panel"))
-    return one, DrivenRuns(one.run(), runner, (), (SPEED, MODE), rate=20.0)
+    return one, DrivenRuns(one.run(), runner, (), (SPEED, MODE), {SPEED: Usual(20.0, 60.0, moves=True)})
 
 
 def test_each_field_has_its_own_signal_in_each_run(tmp_path: Path) -> None:

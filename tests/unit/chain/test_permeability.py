@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from tests.unit.chain.machine import (
     bench,
     commands,
     panel,
+    said,
     share,
     write_fields,
     write_minimal,
@@ -117,9 +120,35 @@ def test_a_text_inside_that_only_changes_beyond_the_nominal_range_is_reached(tmp
     assert record.untested == {}
 
 
-def silent(readings: Sequence[Message]) -> list[Message]:
-    """What a governor says whose commands lack what they should say."""
-    return [each.with_(payload=b"{}") for each in commands(readings)]
+def checked(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that refuses readings whose attitude is no unit quaternion."""
+    return commands([each for each in readings if abs(math.hypot(said(each)["w"], said(each)["z"]) - 1) < 0.01])
+
+
+def test_fields_that_the_system_refuses_are_found_and_do_not_hide_the_others(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        readings = [each.with_(payload=json.dumps(said(each) | {"w": 1.0, "z": 0.0}).encode()) for each in panel(0)]
+        for pair in zip(readings, checked(readings), strict=True):
+            for message in pair:
+                writer.write(message)
+    one = bench(tmp_path, LOGGED, governor=checked)
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert record.permeable == ("panel:knob",)
+    assert set(record.untested) == {"panel:w", "panel:z"}
+    assert {edge.external for edge in record.edges} == {"panel:knob", "panel:lever", "panel:heat"}
+    assert record.runs <= 8 + 24 + 8
+    assert "2 fields not tested: inner fields hardly move when it is driven, as if it was refused" in record.summary
+
+
+def test_a_system_that_hardly_moves_by_itself_has_no_field_that_is_refused(tmp_path: Path) -> None:
+    write_nominal(tmp_path)  # of another version, which said more
+    one = bench(tmp_path, LOGGED, governor=lambda readings: commands(readings[::7]))
+    write_minimal(one)
+    write_fields(one, SPEED)
+    record = permeability(one.run(), one.folder)
+    assert not any("refused" in why for why in record.untested.values())
 
 
 def test_what_may_be_chance_has_to_show_again_in_fresh_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
