@@ -729,6 +729,8 @@ class ActivationRecord(Artefact):
     region: RegionRecord | None = None
     points: tuple[PointRecord, ...] = ()
     messages: int = 0
+    needed: int = Field(default=0, description="external messages that are enough; 0 if that was not found out")
+    needed_proven: bool = Field(default=False, description="whether none of these can be missed")
     text: str = Field(default="", description="how the search ended")
     unneeded: tuple[str, ...] = Field(default=(), description="searched fields that were left alone in the end")
     controls: int = Field(default=0, description="runs with nominal inputs, for comparison")
@@ -747,6 +749,11 @@ class ActivationRecord(Artefact):
             replays, messages = counted(self.replays, "replay"), counted(self.messages, "external message")
             nominal = f", {self.controls_failed} of {self.controls} with nominal inputs" if self.controls else ""
             parts.append(f"{self.replays_failed} of {replays} of {messages} fail{nominal}")
+        if self.needed:
+            shown = "" if self.needed_proven else ", perhaps fewer"
+            parts.append(
+                f"{counted(self.needed, 'external message')} {'is' if self.needed == 1 else 'are'} enough{shown}"
+            )
         if self.chance:
             points = counted(self.chance, "other point" if self.found else "point")
             parts.append(f"at {points} it came, but was not shown to come more often there than with nominal inputs")

@@ -24,7 +24,7 @@ PAGE = "report.html"
 _ROWS = 60
 _TAIL = 6000
 _PATHS = 200
-_SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "reproduce.sh")
+_SHARED = ("failure.mcap", "minimal.mcap", "activation.mcap", "activation-minimal.mcap", "reproduce.sh")
 _FORMS = ("rule.json", "sanitize.py", "sanitize.hpp")
 _MEANING: dict[Severity, str] = {
     "unit only": "The unit fails on these inputs. Nothing shows yet that the system can produce them.",

@@ -103,7 +103,7 @@ HOSTILE_TEXT = "</code></style><script>alert(1)</script>\"'><b onclick=alert(2)>
 """What anybody on the network may call a node, a topic or an error."""
 
 _STEP_OF = {step.kind.FILE: step.name for step in STEPS}
-_KEPT_KEYS = {"kind"}  # their values are one of a few words
+_KEPT_KEYS = {"kind", "ends"}  # their values are some of a few words
 _FREE_KEYS = {"values", "others", "found", "nominal", "scale", "injections"}  # their keys are names
 
 

@@ -1,0 +1,82 @@
+"""The region around a failing point of the whole system, for the record (RIOT III, Fig. 2)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Literal
+
+from riot_bus.backchain.region import Region, map_region
+from riot_bus.findings.records import PermeabilityRecord, ProportionRecord, RangeRecord, RegionRecord
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.counting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from riot_bus.backchain.box import Sample
+    from riot_bus.chain.driven_system import DrivenSystem
+    from riot_bus.chain.external import ExternalField
+
+__all__ = ["axes_of", "crash_region"]
+
+_REGION_BUDGET, _AXES = 80, 2
+"""Runs for a map of two fields; of more fields, if the failure needs more, in proportion."""
+_EDGE = 0.05
+
+
+def axes_of(permeable: PermeabilityRecord, fields: Mapping[str, ExternalField]) -> list[str]:
+    """Return the permeable external fields that are numbers, the strongest of each relevant field first."""
+    chosen: list[str] = []
+    edges = sorted((edge for edge in permeable.edges if edge.permeable), key=lambda edge: -edge.strength)
+    for internal in sorted({edge.internal for edge in edges}):
+        best = next(edge.external for edge in edges if edge.internal == internal)
+        if best not in chosen:
+            chosen.append(best)
+    chosen += [name for name in permeable.permeable if name not in chosen]
+    return [name for name in chosen if not fields[name].choices]
+
+
+def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[str, float]) -> RegionRecord | None:
+    """Map the failing region over the numbers that were found, and the most telling others if these are fewer than two.
+
+    What is no number keeps its value. There is no region where fields have to vary in time, or are not finite.
+    """
+    if found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
+        return None
+    chosen = [name for name in preferred if name in found]
+    chosen += [name for name in preferred if name not in found][: max(0, _AXES - len(chosen))]
+    if not chosen:
+        return None
+    axes = [system.fields[name].search_field() for name in sorted(chosen, key=preferred.index)]
+    fixed = {name: value for name, value in found.items() if name not in chosen}
+    region = map_region(
+        {axis.name: found.get(axis.name, axis.nominal) for axis in axes},
+        axes,
+        lambda points: [one.failed for one in system.run([{**fixed, **point} for point in points], "region")],
+        seed=system.step.workspace.seed,
+        budget=_REGION_BUDGET * max(_AXES, len(axes)) // _AXES,
+        tolerance=[_EDGE * axis.spread for axis in axes],
+        parallelism=system.runner.parallelism,
+        progress=system.step.progress,
+    )
+    return _record(region, [] if fixed else system.seen([axis.name for axis in axes]), system.in_words(fixed))
+
+
+def _record(region: Region, others: Sequence[Sample], fixed: str) -> RegionRecord:
+    """Return a region and how often the system fails inside it, by its own samples and others at hand."""
+    inside = [failed for place, failed in (*region.samples, *others) if region.box.contains(place)]
+    share = proportion(sum(inside), len(inside))
+    record = RegionRecord(
+        ranges=tuple(_range(region, axis) for axis in range(len(region.names))),
+        inside=ProportionRecord(value=share.rate, low=share.low, high=share.high, count=share.hits, total=share.total),
+    )
+    where = f"{' and '.join(record.bounds())}{f', with {fixed}' if fixed else ''}"
+    text = f"{where}: {share.hits} of {counted(share.total, 'run')} inside failed"
+    return record.model_copy(update={"text": text if region.good else f"{text}; the zone is not a box"})
+
+
+def _range(region: Region, axis: int) -> RangeRecord:
+    low, high = region.box.ranges[axis]
+    sides: dict[int, Literal["low", "high"]] = {2 * axis: "low", 2 * axis + 1: "high"}
+    ends = tuple(word for side, word in sides.items() if side in region.ends)
+    return RangeRecord(field=region.names[axis], low=low, high=high, ends=ends)

@@ -1,0 +1,335 @@
+"""The whole system as a search sees it: runs with external inputs, and how near they come to the rule (RIOT II-D)."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from itertools import islice, product
+from typing import TYPE_CHECKING, TypeGuard
+
+import numpy as np
+
+from riot_bus.backchain.activation import Activation, Evaluation
+from riot_bus.backchain.box import Sample
+from riot_bus.backchain.varied import VariedInputs
+from riot_bus.chain.external import ExternalField, external_fields
+from riot_bus.chain.logs import internal_name
+from riot_bus.chain.prediction import alike, column_of
+from riot_bus.findings.records import FindingRecord, PointRecord, RuleRecord
+from riot_bus.generalize.rule import Rule
+from riot_bus.statistics.rates import chance_of_difference
+from riot_bus.types.latest import place_of
+from riot_bus.vocabulary.injection import Curve, Injection
+from riot_bus.vocabulary.trial import Outcome, Scalar, Series, TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from riot_bus.backchain.varied import Drive
+    from riot_bus.campaign.store import StoredRunner
+    from riot_bus.chain.workspace import StepRun
+    from riot_bus.sut.baseline import Baseline
+    from riot_bus.sut.system import SystemFile
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["AGAIN", "DrivenSystem", "least_distance"]
+
+AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
+"""Runs at a failing point, and with nominal inputs, that are compared one pair after the other. Four failures of four
+against none of ten have a chance of 0.001 if the rates are the same, six of twenty against none of forty one of 0.0008.
+"""
+_CONTROL_SEEDS = 1 << 20
+"""Runs with nominal inputs have seeds that no other run of the step has."""
+_SIMPLER = 8
+"""Points that are tried with constant values where values that vary in time were found."""
+_ODD = (math.nan, math.inf, -math.inf)
+
+
+def least_distance(
+    rule: Rule, observed: Mapping[str, Series], scale: Mapping[str, float], topics: Sequence[str] = ()
+) -> float | None:
+    """Return the least distance to the rule over a run; None when a field of the rule was never seen.
+
+    Fields are joined in time: at each sample of any of them, the latest value of every other; of a message before the
+    latest one, the value that it had.
+
+    Args:
+        rule: The unit-level rule.
+        observed: Its variables over time.
+        scale: Nominal spread of each variable.
+        topics: Topic of each message of the short log in which the variables are named.
+    """
+    stamps: dict[str, NDArray[np.float64]] = {}
+    values: dict[str, Sequence[Scalar]] = {}
+    for name in rule.variables:
+        place, series = place_of(name, topics), observed[internal_name(name)]
+        stamps[name] = np.asarray(series.times[place.back :])
+        values[name] = series.values[: len(stamps[name])]
+    if not all(map(len, stamps.values())):
+        return None
+    times = np.unique(np.concatenate(list(stamps.values())))
+    times = times[times >= max(one[0] for one in stamps.values())]
+    columns = {
+        name: column_of([values[name][at] for at in np.searchsorted(one, times, side="right") - 1])
+        for name, one in stamps.items()
+    }
+    rows = alike(columns, len(times))
+    return min(float(np.min(rule.distance({name: one[at] for name, one in columns.items()}, scale))) for at in rows)
+
+
+class DrivenSystem:
+    """Runs of the whole system with external fields held at given values.
+
+    Args:
+        step: The running step.
+        folder: The finding.
+        driving: What is played to it, with these fields changed; nothing where external components drive it.
+        judged: The unit that is held against its nominal runs.
+        names: Of the fields that may be set.
+        budget: Runs at most that failing points are asked again with.
+    """
+
+    def __init__(
+        self,
+        step: StepRun,
+        folder: Path,
+        driving: tuple[Message, ...],
+        judged: tuple[str, Baseline] | None = None,
+        *,
+        names: Sequence[str] = (),
+        budget: int = 200,
+    ) -> None:
+        workspace = step.workspace
+        self.step = step
+        self.folder = folder
+        self.finding = FindingRecord.load(folder)
+        self.record = RuleRecord.load(folder)
+        self.rule = Rule.from_json(self.record.rule)
+        self.fields: dict[str, ExternalField] = {field.name: field for field in external_fields(workspace)}
+        self.varied = _varied([self.fields[name] for name in names], driving, workspace.context.file)
+        self.runner: StoredRunner = step.system_runner(
+            observe=sorted({internal_name(name) for name in self.rule.variables}),
+            pace=workspace.context.file.system.trial_run,
+            judged=judged,
+            timed=False,
+        )
+        self.driving = driving
+        self.points: list[PointRecord] = []
+        self.failing: dict[frozenset[tuple[str, float]], tuple[TestCase, str | None]] = {}
+        self.chance, self.others = 0, Counter[str]()
+        self._controls = 0, 0
+        self._left = budget
+
+    def run(self, points: Sequence[Mapping[str, float]], phase: str) -> list[Evaluation]:
+        """Run the system at each point.
+
+        Args:
+            points: See `VariedInputs.drives`.
+            phase: What these runs are for, as the record says it.
+        """
+        cases: list[TestCase] = []
+        for point in points:
+            injections = tuple(map(self._injection, self.varied.drives(point)))
+            seed = self.step.workspace.seed + len(self.points) + len(cases)
+            cases.append(TestCase(self.driving, injections, seed))
+        evaluations = []
+        for point, case, outcome in zip(points, cases, self.runner.run(cases), strict=True):
+            evaluation = self._judge(outcome)
+            self.points.append(
+                PointRecord(
+                    values=self.told(point), distance=evaluation.distance, failed=evaluation.failed, phase=phase
+                )
+            )
+            if evaluation.failed:
+                self.failing.setdefault(frozenset(point.items()), (case, outcome.log))
+            evaluations.append(evaluation)
+        return evaluations
+
+    def search(self, points: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        """Run the system at each point; a failure counts if it comes again more often than with nominal inputs."""
+        evaluations: list[Evaluation] = []
+        for point, found in zip(points, self.run(points, "search"), strict=True):
+            if found.failed and not any(one.failed for one in evaluations) and not self._comes_again(point):
+                self.chance += 1
+                found = replace(found, failed=False)
+            evaluations.append(found)
+        return evaluations
+
+    def only_odd(self) -> bool:
+        """Return whether all trials that taught the rule and failed had a value that is not finite."""
+        failing = [sample for sample in self.record.samples if sample.failed]
+        return bool(failing) and all(any(map(_odd, sample.values.values())) for sample in failing)
+
+    def search_odd(self, names: Sequence[str], budget: int) -> Activation:
+        """Return what comes of values that are not finite, in each field alone and in all; nothing if they do no harm.
+
+        Args:
+            names: Of the fields.
+            budget: Runs at most.
+        """
+        points: list[dict[str, float]] = []
+        if any(any(map(_odd, sample.values.values())) for sample in self.record.samples if sample.failed):
+            carry = [name for name in names if not self.fields[name].integer]
+            points = [{name: value} for value in _ODD for name in carry]
+            points += [dict.fromkeys(carry, value) for value in _ODD if len(carry) > 1]
+        history: list[tuple[Mapping[str, float], Evaluation]] = []
+        found = None
+        while found is None and (batch := points[len(history) : min(len(history) + self.runner.parallelism, budget)]):
+            history += zip(batch, self.search(batch), strict=True)
+            found = next((point for point, one in history if one.failed), None)
+            self.step.progress(len(history), len(points), "values that are not finite")
+        nearest = min((one.distance for _, one in history if one.distance is not None), default=None)
+        return Activation(found, len(history), nearest, tuple(history))
+
+    def _comes_again(self, point: Mapping[str, float]) -> bool:
+        """Return whether a failure comes again more often at a point than in runs with nominal inputs.
+
+        The more often that was asked, the surer it has to be: all false answers together have a chance of a percent.
+        Where the runs for it are used up, nothing is shown any more.
+        """
+        asked = self.chance + 1
+        failed = total = 0
+        for number, (count, controls) in enumerate(AGAIN):
+            self._left -= count - total
+            if self._left < 0:
+                break
+            failed += sum(one.failed for one in self.run([point] * (count - total), "again"))
+            total = count
+            if chance_of_difference(failed, total, *self.controls(controls)) <= _CHANCE / (asked * (asked + 1)):
+                return True
+            if number and failed < _FEWEST_AGAIN:
+                break
+        return False
+
+    def seen(self, axes: Sequence[str]) -> list[Sample]:
+        """Return what came of some fields in runs that were for something else, the nominal ones included."""
+        failed, total = self.controls()
+        nominal = tuple(self.fields[name].nominal for name in axes)
+        phases = ("search", "needed")  # the others are of the region, or one point again and again
+        asked = [
+            (tuple(filter(_is_number, map(point.values.get, axes))), point.failed)
+            for point in self.points
+            if point.phase in phases
+        ]
+        return [
+            *(Sample(place, bad) for place, bad in asked if len(place) == len(axes)),
+            *(Sample(nominal, number < failed) for number in range(total)),
+        ]
+
+    def controls(self, least: int = AGAIN[0][1]) -> tuple[int, int]:
+        """Return how many runs with nominal inputs failed likewise, and how many there were; there are so many then."""
+        failed, total = self._controls
+        if total < least:
+            first = self.step.workspace.seed + _CONTROL_SEEDS
+            cases = [TestCase(self.driving, seed=first + number) for number in range(total, least)]
+            outcomes = self.runner.run(cases)
+            self._controls = failed + sum(one.failed_as(self.finding.signature) for one in outcomes), least
+        return self._controls
+
+    def needed(self, found: Mapping[str, float]) -> dict[str, float]:
+        """Return the inputs of a failing point without those that can be left alone, each one and all together.
+
+        Fields come first; of fields that vary in time, then the numbers that say how.
+        """
+        kept = dict(found)
+        fields: dict[str, list[str]] = {}
+        for name in found:
+            if field := self.varied.field_of.get(name):
+                fields.setdefault(field, []).append(name)
+        kept = self._without_idle(dict(found), list(fields.values()))
+        if kept.keys() <= self.fields.keys():
+            return kept
+        return self._without_idle(kept, [[name] for name in kept if name in self.varied.field_of])
+
+    def simplest(self, found: Mapping[str, float]) -> dict[str, float]:
+        """Return inputs that are constant if these suffice, of the values that fields have in a failing point."""
+        values: dict[str, dict[float, None]] = {}
+        for drive in self.varied.drives(found):
+            if drive.value is not None:
+                values.setdefault(drive.field, {})[drive.value] = None
+        points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), _SIMPLER)]
+        if not found.keys() <= self.fields.keys():
+            for point, one in zip(points, self.run(points, "needed"), strict=True):
+                if one.failed and self._comes_again(point):
+                    return point
+        return dict(found)
+
+    def _without_idle(self, found: dict[str, float], groups: Sequence[Sequence[str]]) -> dict[str, float]:
+        if len(groups) < 2:
+            return found
+        alone = self.run([{name: found[name] for name in found if name not in group} for group in groups], "needed")
+        idle = [group for group, one in zip(groups, alone, strict=True) if one.failed]
+        while idle:
+            kept = {name: value for name, value in found.items() if not any(name in group for group in idle)}
+            if self.moved(kept) and self._comes_again(kept):
+                return kept
+            del idle[0]  # the one that tells most
+        return found
+
+    def moved(self, point: Mapping[str, float]) -> set[str]:
+        """Return the fields that a point does something to."""
+        return {each.field for each in self.varied.drives(point)}
+
+    def told(self, point: Mapping[str, float]) -> dict[str, Scalar]:
+        """Return a point with the values that fields get, in their own types."""
+        return {name: self._told(name, value) for name, value in point.items()}
+
+    def in_words(self, point: Mapping[str, float]) -> str:
+        """Return what a point does to the fields."""
+        return ", ".join(
+            f"{each.field} {each.how}"
+            if each.value is None
+            else f"{each.field} = {_shown(self._told(each.field, each.value))} {each.how}".rstrip()
+            for each in self.varied.drives(point)
+        )
+
+    def _told(self, name: str, value: float) -> Scalar:
+        field = self.varied.field_of.get(name)
+        return value if field is None else self.fields[field].told(value)
+
+    def _injection(self, drive: Drive) -> Injection:
+        field = self.fields[drive.field]
+        if drive.value is None:
+            times, values = zip(*drive.points, strict=True)
+            return Injection(field.topic, field.path, Curve(times, values, field.integer))
+        first = drive.message or 0
+        return Injection(
+            field.topic,
+            field.path,
+            field.told(drive.value),
+            start=drive.start,
+            end=drive.end,
+            first=first,
+            last=drive.message,
+        )
+
+    def _judge(self, outcome: Outcome) -> Evaluation:
+        failed = outcome.failed_as(self.finding.signature)
+        self.others.update({each.signature for each in outcome.violations} if not failed else ())
+        near = least_distance(self.rule, outcome.observed, self.record.scale, self.record.topics)
+        return Evaluation(near, failed)
+
+
+def _varied(fields: Sequence[ExternalField], driving: Sequence[Message], file: SystemFile) -> VariedInputs:
+    pace, speed = file.system.trial_run, file.system.nominal_run.speed
+    seconds = pace.duration / pace.speed
+    if driving and driving[-1].time > driving[0].time:
+        seconds = min(seconds, (driving[-1].time - driving[0].time) / 1e9)
+    counts = [0 if field.parameter else 1 + round(field.rate * pace.duration / speed) for field in fields]
+    return VariedInputs([field.search_field() for field in fields], seconds, counts)
+
+
+def _odd(value: Scalar) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def _is_number(value: Scalar | None) -> TypeGuard[float]:
+    return isinstance(value, int | float)
+
+
+def _shown(value: Scalar) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

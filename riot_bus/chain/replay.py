@@ -1,0 +1,98 @@
+"""Replays of what came from outside in a failing run of the whole system, and the few messages that it needs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.chain.questions import FreshCases
+from riot_bus.generalize.minimize import minimize
+from riot_bus.inject.apply import inject_log
+from riot_bus.log.reader import read_log
+from riot_bus.statistics.noise import Noise
+from riot_bus.sut.system_trial import write_log
+from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.injection import PARAMETERS
+from riot_bus.vocabulary.trial import TestCase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from riot_bus.chain.driven_system import DrivenSystem
+
+__all__ = ["REPLAYS", "Replay", "replay"]
+
+REPLAYS = 10
+_RELIABLE = 0.9
+"""Where fewer replays fail, what a failure needs is not searched for."""
+_BUDGET = 60
+"""Runs for that search: it takes about log2 of all messages for each that is needed."""
+
+
+class Replay(NamedTuple):
+    """What replays have shown.
+
+    Attributes:
+        messages: How many came from outside; 0 if they were not kept.
+        failed: How many of `REPLAYS` replays of them failed again.
+        needed: How many of them are enough; 0 if that was not found out.
+        proven: Whether it was shown that none of these can be missed.
+    """
+
+    messages: int = 0
+    failed: int = 0
+    needed: int = 0
+    proven: bool = False
+
+
+def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Replay:
+    """Play the external messages of a failing run alone to fresh runs, all of them and then fewer; write the logs.
+
+    Args:
+        system: The system.
+        case: The failing run; None if there is none.
+        log: What came from outside in it; None where that is what the case plays.
+    """
+    target, context = system.folder / "activation.mcap", system.step.workspace.context
+    metadata = {"system": context.file.system.name, "seed": str(case.seed if case else 0)}
+    if case is not None and case.messages:
+        injections = [each for each in case.injections if each.topic != PARAMETERS]
+        external, _ = inject_log(case.messages, injections, registry=context.registry, seed=case.seed)
+        write_log(target, external, context=context, metadata=metadata)
+    elif log is None:
+        return Replay()
+    elif Path(log).is_file():
+        shutil.copyfile(log, target)
+    external = read_log(target)
+    parameters = tuple(each for each in (case.injections if case else ()) if each.topic == PARAMETERS)
+    cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(REPLAYS)]
+    failed = sum(outcome.failed_as(system.finding.signature) for outcome in system.runner.run(cases))
+    if failed < _RELIABLE * REPLAYS:
+        return Replay(len(external), failed)
+    runner = FreshCases(system.runner, after=1)  # the first trial of the whole is one of the replays
+
+    def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
+        asked = [
+            TestCase(tuple(external[place] for place in part), parameters, seed=system.step.workspace.seed)
+            for part in parts
+            if part  # without any, external components would drive the system
+        ]
+        answers = iter([outcome.failed_as(system.finding.signature) for outcome in runner.run(asked)] if asked else [])
+        return [next(answers) if part else False for part in parts]
+
+    try:
+        minimal = minimize(
+            len(external),
+            ask,
+            groups=[context.registry.topic(message.key) for message in external],
+            noise=Noise.after(failed, REPLAYS, nominal_total=system.controls()[1]),
+            budget=_BUDGET,
+            parallelism=runner.parallelism,
+            progress=system.step.progress,
+        )
+    except InconclusiveError:  # chance has led the search to what does not fail
+        return Replay(len(external), failed)
+    kept = [external[place] for place in minimal.kept]
+    write_log(system.folder / "activation-minimal.mcap", kept, context=context, metadata=metadata)
+    return Replay(len(external), failed, len(kept), minimal.one_minimal)
