@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Box", "Place", "Sample", "fit_box"]
+__all__ = ["Box", "Place", "RegionSample", "fit_box"]
 
 Place = tuple[float, ...]
 """Value of each field."""
@@ -16,7 +16,7 @@ Place = tuple[float, ...]
 _SWEEPS = 4
 
 
-class Sample(NamedTuple):
+class RegionSample(NamedTuple):
     """A point, and whether it failed."""
 
     place: Place
@@ -61,7 +61,7 @@ class Box:
         return abs(max(outside))
 
 
-def fit_box(samples: Sequence[Sample], box: Box) -> Box:
+def fit_box(samples: Sequence[RegionSample], box: Box) -> Box:
     """Return the box near a given one that contradicts the fewest samples.
 
     Edges are moved in turn; among equally good places the middle of the interval nearest to the old edge is taken.
@@ -81,7 +81,7 @@ def fit_box(samples: Sequence[Sample], box: Box) -> Box:
     return box
 
 
-def _best_edge(samples: Sequence[Sample], box: Box, side: int) -> float:
+def _best_edge(samples: Sequence[RegionSample], box: Box, side: int) -> float:
     axis, upper = divmod(side, 2)
     other = box.edges[2 * axis + 1 - upper]
     relevant = [

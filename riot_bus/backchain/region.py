@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.backchain.box import Box, Place, Sample, fit_box
+from riot_bus.backchain.box import Box, Place, RegionSample, fit_box
 from riot_bus.statistics.rates import exact_interval
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Region:
 
     names: tuple[str, ...]
     box: Box
-    samples: tuple[Sample, ...]
+    samples: tuple[RegionSample, ...]
     inside_share: float
     inside_low: float
     inside_high: float
@@ -113,7 +113,7 @@ class _Mapper:
         )
         self.start: Place = tuple(start[axis.name] for axis in axes)
         self.limits = [limit for axis in axes for limit in (axis.low, axis.high)]
-        self.samples: list[Sample] = [Sample(self.start, failed=True)]
+        self.samples: list[RegionSample] = [RegionSample(self.start, failed=True)]
         self._fixed = dict(start)
         self._ask = ask
         self._left = budget
@@ -132,7 +132,7 @@ class _Mapper:
             points = [self._fixed | dict(zip(names, place, strict=True)) for place in batch]
             for place, failed in zip(batch, self._ask(points), strict=True):
                 known[place] = failed
-                self.samples.append(Sample(place, failed))
+                self.samples.append(RegionSample(place, failed))
             self._left -= len(batch)
             if self._progress is not None:
                 self._progress(self._budget - self._left, self._budget, "boundary of the crash zone")

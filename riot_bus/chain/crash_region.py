@@ -13,7 +13,7 @@ from riot_bus.vocabulary.counting import counted
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.backchain.box import Sample
+    from riot_bus.backchain.box import RegionSample
     from riot_bus.chain.driven_system import DrivenSystem
     from riot_bus.chain.external import ExternalField
 
@@ -62,7 +62,7 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
     return _record(region, [] if fixed else system.seen([axis.name for axis in axes]), system.in_words(fixed))
 
 
-def _record(region: Region, others: Sequence[Sample], fixed: str) -> RegionRecord:
+def _record(region: Region, others: Sequence[RegionSample], fixed: str) -> RegionRecord:
     """Return a region and how often the system fails inside it, by its own samples and others at hand."""
     inside = [failed for place, failed in (*region.samples, *others) if region.box.contains(place)]
     share = proportion(sum(inside), len(inside))

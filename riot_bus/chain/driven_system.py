@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeGuard
 import numpy as np
 
 from riot_bus.backchain.activation import Activation, Evaluation
-from riot_bus.backchain.box import Sample
+from riot_bus.backchain.box import RegionSample
 from riot_bus.backchain.varied import VariedInputs
 from riot_bus.chain.external import ExternalField, external_fields
 from riot_bus.chain.logs import internal_name
@@ -205,7 +205,7 @@ class DrivenSystem:
                 break
         return False
 
-    def seen(self, axes: Sequence[str]) -> list[Sample]:
+    def seen(self, axes: Sequence[str]) -> list[RegionSample]:
         """Return what came of some fields in runs that were for something else, the nominal ones included."""
         failed, total = self.controls()
         nominal = tuple(self.fields[name].nominal for name in axes)
@@ -216,8 +216,8 @@ class DrivenSystem:
             if point.phase in phases
         ]
         return [
-            *(Sample(place, bad) for place, bad in asked if len(place) == len(axes)),
-            *(Sample(nominal, number < failed) for number in range(total)),
+            *(RegionSample(place, bad) for place, bad in asked if len(place) == len(axes)),
+            *(RegionSample(nominal, number < failed) for number in range(total)),
         ]
 
     def controls(self, least: int = AGAIN[0][1]) -> tuple[int, int]:

@@ -22,7 +22,15 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import Parameter, RunPace, SystemFile
     from riot_bus.vocabulary.message import Message, Scalar
 
-__all__ = ["ExternalField", "driving_log", "external_fields", "external_messages", "message_rate", "system_log"]
+__all__ = [
+    "ExternalField",
+    "driving_log",
+    "external_fields",
+    "external_messages",
+    "message_rate",
+    "parameter_name",
+    "system_log",
+]
 
 _REACH = 2500.0
 _MOST_TEXTS = 16
@@ -195,11 +203,12 @@ def _parameter(name: str, told: Parameter) -> ExternalField:
         return _chosen(Target(PARAMETERS, name, "", 0), told.values, [told.nominal], 0.0)
     nominal, (low, high) = float(told.nominal), told.range
     kind, spread = "int64" if isinstance(told.nominal, int) else "float64", (high - low) / 10
-    return ExternalField(_name(PARAMETERS, name), PARAMETERS, name, kind, nominal, spread, low, high, told.range, 0.0)
+    return ExternalField(parameter_name(name), PARAMETERS, name, kind, nominal, spread, low, high, told.range, 0.0)
 
 
-def _name(topic: str, path: str) -> str:
-    return f"{topic.removeprefix('#')}:{path}"
+def parameter_name(name: str) -> str:
+    """Return how findings call a parameter of commands."""
+    return f"{PARAMETERS.removeprefix('#')}:{name}"
 
 
 def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scalar, ...]:
@@ -213,7 +222,7 @@ def _choices(name: str, seen: Sequence[Scalar], file: SystemFile) -> tuple[Scala
 def _chosen(target: Target, choices: tuple[Scalar, ...], seen: Sequence[Scalar], rate: float) -> ExternalField:
     often = [one for one, _ in Counter(seen).most_common() if one in choices]
     nominal, last = float(choices.index(often[0]) if often else 0), float(len(choices) - 1)
-    name = _name(target.topic, target.path)
+    name = parameter_name(target.path) if target.topic == PARAMETERS else f"{target.topic}:{target.path}"
     return ExternalField(
         name, target.topic, target.path, target.type, nominal, 0.5, 0.0, last, (0.0, last), rate, choices
     )

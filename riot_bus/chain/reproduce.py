@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.chain.external import driving_log, external_fields
+from riot_bus.chain.external import driving_log, parameter_name
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import noise_of
 from riot_bus.chain.workspace import StepRun
@@ -114,10 +114,9 @@ def reproduce(
 def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:
     """Return the parameters of commands with which the external messages made the whole system fail."""
     found = ActivationRecord.load(folder).found or {}
+    names = workspace.context.file.external.parameters
     return tuple(
-        Injection(PARAMETERS, field.path, found[field.name])
-        for field in external_fields(workspace)
-        if field.parameter and field.name in found
+        Injection(PARAMETERS, one, found[parameter_name(one)]) for one in names if parameter_name(one) in found
     )
 
 

@@ -5,7 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from riot_bus.backchain.activation import Evaluation, activate
-from riot_bus.backchain.box import Box, Sample, fit_box
+from riot_bus.backchain.box import Box, RegionSample, fit_box
 from riot_bus.backchain.encoding import Encoding, SearchField
 from riot_bus.backchain.fir import standardise
 from riot_bus.backchain.graph import ComponentTopics, TopicGraph
@@ -60,8 +60,8 @@ def test_backtrack_tree_holds_exactly_the_externals_that_reach(graph, topic, ext
 
 @given(st.lists(st.tuples(numbers, numbers, st.booleans()), max_size=20))
 def test_fitted_boxes_are_ordered(samples):
-    some = [Sample((x, y), failed) for x, y, failed in samples]
-    box = fit_box([*some, Sample((0.0, 0.0), failed=True)], Box((-1.0, 1.0, -1.0, 1.0)))
+    some = [RegionSample((x, y), failed) for x, y, failed in samples]
+    box = fit_box([*some, RegionSample((0.0, 0.0), failed=True)], Box((-1.0, 1.0, -1.0, 1.0)))
     assert all(low <= high for low, high in box.ranges)
 
 
