@@ -47,8 +47,15 @@ _SUMMARIES: dict[str, Callable[[NDArray[np.float64]], Any]] = {
 _LIVELY = 0.5
 """An internal field is frozen if it has less than this share of the values that it has in nominal runs."""
 
+_PROMISING = 0.05
+"""Where an internal field is reached by nothing, a smaller chance than this is worth further runs."""
+
 Perturbed = tuple[Mapping[ExternalField, Signal], "Outcome"]
 """Signals of the external fields in a run, and what came of it."""
+
+
+_Drawn = Mapping[ExternalField, tuple[Signal, Callable[[float], float]]]
+"""A signal with one value for each run, and what makes a field's value of it."""
 
 
 class Usual(NamedTuple):
@@ -111,35 +118,53 @@ class DrivenRuns:
 
     def between(
         self, fields: Sequence[ExternalField], numbers: range, *, alpha: float, design: Design = "between runs"
-    ) -> list[EdgeRecord]:
+    ) -> tuple[list[EdgeRecord], int]:
         """Return what fields do to the mean, the spread and the last of internal ones in runs where they are constant.
 
         Args:
             fields: External fields.
-            numbers: Of the runs.
-            alpha: Accepted share of false discoveries for each internal field.
+            numbers: Of the runs; as many more follow if nothing reaches an internal field, but something nearly does.
+            alpha: Accepted share of false discoveries for each internal field in each of the two looks.
             design: Beyond nominal, values are spread over all that may be tried, evenly on the scale of searches.
+
+        Returns:
+            The edges, and how many runs there were.
         """
-        signals = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
-        count = range(len(numbers))
+        drawn = {field: self._drawn(field, beyond=design == "beyond nominal") for field in fields}
+        outcomes = self._constant(drawn, 0, numbers)
+        edges = self._followed(drawn, outcomes, alpha=alpha, design=design)
+        if _promising(edges):
+            outcomes += self._constant(drawn, len(numbers), range(numbers.stop, numbers.stop + len(numbers)))
+            edges = self._followed(drawn, outcomes, alpha=alpha, design=design)
+        return edges, len(outcomes)
+
+    def _constant(self, drawn: _Drawn, first: int, numbers: range) -> list[Outcome]:
+        """Return runs in which each field has the next value that is drawn for it, from the given one on."""
         cases = [
             self._case(
                 (
                     Injection(field.topic, field.path, field.told(value(signal.value(at))))
-                    for field, (signal, value) in signals.items()
+                    for field, (signal, value) in drawn.items()
                 ),
-                numbers[at],
+                number,
             )
-            for at in count
+            for at, number in enumerate(numbers, start=first)
         ]
         outcomes: list[Outcome] = []
         for start in range(0, len(cases), self.runner.parallelism):
             outcomes += self.runner.run(cases[start : start + self.runner.parallelism])
-            doing = f"{counted(len(fields), 'external field')} constant in each run"
+            doing = f"{counted(len(drawn), 'external field')} constant in each run"
             self.step.progress(len(outcomes), len(cases), doing)
+        return outcomes
+
+    def _followed(
+        self, drawn: _Drawn, outcomes: Sequence[Outcome], *, alpha: float, design: Design
+    ) -> list[EdgeRecord]:
+        """Return what internal fields have to do with the values that external ones had in each run."""
+        count = range(len(outcomes))
         inputs = {
             field.name: FieldDrive(Series(tuple(map(float, count)), tuple(map(signal.value, count))), signal)
-            for field, (signal, _) in signals.items()
+            for field, (signal, _) in drawn.items()
         }
         told = as_numbers(outcomes, self.internals)
         found: list[EdgeRecord] = []
@@ -228,6 +253,11 @@ class DrivenRuns:
 
     def _seed(self, field: ExternalField, run: int) -> int:
         return zlib.crc32(f"{self.step.workspace.seed}:{run}:{field.name}".encode())
+
+
+def _promising(edges: Sequence[EdgeRecord]) -> bool:
+    reached = {edge.internal for edge in edges if edge.permeable}
+    return any(edge.p_value <= _PROMISING for edge in edges if edge.internal not in reached)
 
 
 def analysed(runs: Sequence[Run], *, alpha: float, seed: int, lags: int = 12) -> PermeabilityResult:

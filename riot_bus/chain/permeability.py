@@ -45,7 +45,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         runs: Long runs of the whole system; half as many more follow if an effect is so weak that it may be chance, and
             three times as many in which fields are constant, if some tell nothing within runs, such as those of a
             message that is sent once, if nothing reaches an internal field, or if only the first value of a field
-            seems to count. If then still nothing reaches one, as many follow with values beyond the nominal ones.
+            seems to count. If then still nothing reaches one, as many follow with values beyond the nominal ones. Where
+            something nearly shows in either, there are twice as many.
         prune: Leave out external topics that cannot reach a relevant topic by the declared graph.
 
     Raises:
@@ -110,9 +111,9 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     )
     for design, some in designs:
         if some and (design == "between runs" or not _all_reached(edges, valued)):
-            numbers = range(count, count + _BETWEEN * runs)
-            count = numbers.stop
-            for edge in system.between(some, numbers, alpha=_ALPHA, design=design):
+            found, spent = system.between(some, range(count, count + _BETWEEN * runs), alpha=_ALPHA, design=design)
+            count += spent
+            for edge in found:
                 pair = edge.external, edge.internal
                 if pair not in edges or (edge.permeable and not edges[pair].permeable):
                     edges[pair] = edge

@@ -79,7 +79,9 @@ def test_each_field_has_its_own_signal_in_each_run(tmp_path: Path) -> None:
 def test_fields_are_constant_in_a_run(tmp_path: Path, design: Design, internal: str, external: str) -> None:
     one, system = driven(tmp_path)
     fields = external_fields(one.workspace)
-    edges = system.between(fields, range(24), alpha=0.01, design=design)
+    edges, spent = system.between(fields, range(24), alpha=0.01, design=design)
+    assert spent in (24, 48)
+    assert len({case.seed for case in one.machine.executed}) == spent
     assert {(edge.external, edge.internal) for edge in edges if edge.permeable and edge.internal == internal} == {
         (external, internal)
     }
