@@ -77,6 +77,11 @@ class Activation:
         near = f"not activated in {counted(self.runs, 'run')}: the rule came no nearer than {self.best_distance:g}"
         return f"{near}; another field may gate the effect, see permeability and relevance"
 
+    def followed_by(self, other: Activation) -> Activation:
+        """Return how this search ended, which found nothing, with one behind it."""
+        near = [one for one in (self.best_distance, other.best_distance) if one is not None]
+        return Activation(other.found, self.runs + other.runs, min(near, default=None), self.history + other.history)
+
     def with_inputs(self, text: str) -> str:
         """Return the line for people where inputs were found, with these named as the user knows them."""
         return f"activated after {counted(self.runs, 'run')} with {text}"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.backchain.activation import activate
+from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.chain.crash_region import axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
@@ -58,21 +57,22 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {why}")
     names = permeable.permeable
     system = DrivenSystem(step, folder, driving, judged, names=names, budget=max(budget, AGAIN[-1][0]))
-    odd, only_odd = system.search_odd(names, budget), system.only_odd()
-    if odd.found is not None or only_odd or odd.runs == budget:
-        result = odd
-    else:
+    odd, only_odd = system.odd_points(names)[:budget], system.only_odd()
+    finite = 0 if only_odd else max(1, budget - len(odd))
+    result = Activation(None, 0, None, ())
+    if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
             system.search,
             seed=step.workspace.seed,
-            budget=budget - odd.runs,
+            budget=finite,
             parallelism=system.runner.parallelism,
             methods=portfolio,
             families=system.varied.families,
             progress=step.progress,
         )
-        result = replace(result, runs=odd.runs + result.runs)
+    if result.found is None:
+        result = result.followed_by(system.search_each(odd[: budget - result.runs]))
     found, played, region = None, Replay(), None
     text = result.text + (f"; {_ONLY_ODD}" if only_odd else "")
     if result.found is not None:

@@ -164,21 +164,19 @@ class DrivenSystem:
         failing = [sample for sample in self.record.samples if sample.failed]
         return bool(failing) and all(any(map(_odd, sample.values.values())) for sample in failing)
 
-    def search_odd(self, names: Sequence[str], budget: int) -> Activation:
-        """Return what comes of values that are not finite, in each field alone and in all; nothing if they do no harm.
+    def odd_points(self, names: Sequence[str]) -> list[dict[str, float]]:
+        """Return points that are not finite, in each field alone and in all; none if the unit never failed so."""
+        if not any(any(map(_odd, sample.values.values())) for sample in self.record.samples if sample.failed):
+            return []
+        carry = [name for name in names if not self.fields[name].integer]
+        alone = [{name: value} for value in _ODD for name in carry]
+        return alone + [dict.fromkeys(carry, value) for value in _ODD if len(carry) > 1]
 
-        Args:
-            names: Of the fields.
-            budget: Runs at most.
-        """
-        points: list[dict[str, float]] = []
-        if any(any(map(_odd, sample.values.values())) for sample in self.record.samples if sample.failed):
-            carry = [name for name in names if not self.fields[name].integer]
-            points = [{name: value} for value in _ODD for name in carry]
-            points += [dict.fromkeys(carry, value) for value in _ODD if len(carry) > 1]
+    def search_each(self, points: Sequence[Mapping[str, float]]) -> Activation:
+        """Return what comes of points, one after the other until one fails."""
         history: list[tuple[Mapping[str, float], Evaluation]] = []
         found = None
-        while found is None and (batch := points[len(history) : min(len(history) + self.runner.parallelism, budget)]):
+        while found is None and (batch := points[len(history) : len(history) + self.runner.parallelism]):
             history += zip(batch, self.search(batch), strict=True)
             found = next((point for point, one in history if one.failed), None)
             self.step.progress(len(history), len(points), "values that are not finite")

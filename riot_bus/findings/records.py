@@ -762,7 +762,7 @@ class ActivationRecord(Artefact):
         if self.played:
             parts.append("the outside was played from the nominal log")
         if self.region is not None:
-            parts.append(f"region {', '.join(self.region.bounds())}")
+            parts.append(f"region {self.region.text or ' and '.join(self.region.bounds())}")
         return "; ".join(parts)
 
     @property
