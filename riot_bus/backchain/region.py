@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from riot_bus.backchain.encoding import SearchField
     from riot_bus.vocabulary.trial import Ask, Progress
 
-__all__ = ["Region", "map_region"]
+__all__ = ["FIT", "Region", "map_region"]
 
 _STRIDE = 4.0
 _ROUNDS = 20
-_FIT = 0.9
+FIT = 0.9
+"""Share of samples with which a box has to agree, on either side of its edges."""
 _CORNERS = 16
 """Corners that are looked at: all of them for up to four fields."""
 
@@ -147,12 +148,21 @@ def _with(place: Place, axis: int, value: float) -> Place:
     return (*place[:axis], value, *place[axis + 1 :])
 
 
-def _ray(start: float, end: float, width: float) -> Generator[float, bool | None, float]:
-    """Yield values to ask between a failing one and the end of the range; return where the zone ends."""
+def _ray(start: float, end: float, width: float, nominal: float) -> Generator[float, bool | None, float]:
+    """Yield values to ask between a failing one and the end of the range; return where the zone ends.
+
+    If the nominal value is in between, it comes first: large steps could miss that it passes.
+    """
     inside, outside = start, end
     sign = math.copysign(1.0, end - start)
-    stride = width
-    while abs(inside - end) > 0:
+    stride, asked = width, False
+    if min(start, end) < nominal < max(start, end):
+        failed = yield nominal
+        if failed is None:
+            return inside
+        inside, outside, asked = (nominal, end, False) if failed else (start, nominal, True)
+        stride = max(width, _STRIDE * abs(inside - start))
+    while not asked and abs(inside - end) > 0:
         value = start + sign * stride if stride < abs(end - start) else end
         failed = yield value
         if failed is None:
@@ -176,9 +186,14 @@ def _ray(start: float, end: float, width: float) -> Generator[float, bool | None
     return (inside + outside) / 2
 
 
+def _along_axis(mapper: _Mapper, side: int, place: Place) -> Generator[float, bool | None, float]:
+    axis = side // 2
+    return _ray(place[axis], mapper.limits[side], mapper.widths[axis], mapper.axes[axis].nominal)
+
+
 def _shoot(mapper: _Mapper, origins: Sequence[tuple[int, Place]]) -> list[float]:
     """Return where the zone ends from each failing place towards the given side of a box."""
-    rays = [_ray(place[side // 2], mapper.limits[side], mapper.widths[side // 2]) for side, place in origins]
+    rays = [_along_axis(mapper, side, place) for side, place in origins]
     edges = [place[side // 2] for side, place in origins]
     waiting: dict[int, float] = {}
 
@@ -276,6 +291,6 @@ def _report(mapper: _Mapper, box: Box) -> Region:
         inside_low=low,
         inside_high=high,
         outside_share=sum(outside) / len(outside) if outside else 0.0,
-        good=bool(inside) and sum(right[0]) >= _FIT * len(right[0]) and sum(right[1]) <= (1 - _FIT) * len(right[1]),
+        good=bool(inside) and sum(right[0]) >= FIT * len(right[0]) and sum(right[1]) <= (1 - FIT) * len(right[1]),
         ends=frozenset(ends),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
-from riot_bus.backchain.region import Region, map_region
+from riot_bus.backchain.region import FIT, Region, map_region
 from riot_bus.findings.records import PermeabilityRecord, ProportionRecord, RangeRecord, RegionRecord
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
@@ -72,7 +72,8 @@ def _record(region: Region, others: Sequence[RegionSample], fixed: str) -> Regio
     )
     where = f"{' and '.join(record.bounds())}{f', with {fixed}' if fixed else ''}"
     text = f"{where}: {share.hits} of {counted(share.total, 'run')} inside failed"
-    return record.model_copy(update={"text": text if region.good else f"{text}; the zone is not a box"})
+    boxed = region.good and share.rate >= FIT
+    return record.model_copy(update={"text": text if boxed else f"{text}; the zone is not a box"})
 
 
 def _range(region: Region, axis: int) -> RangeRecord:

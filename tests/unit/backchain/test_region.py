@@ -191,3 +191,12 @@ def test_axes_have_to_be_different_fields():
     for axes in ((), (AXES[0], AXES[0])):
         with pytest.raises(ValueError, match="no region map"):
             map_region({"goal.x": 1.0}, axes, lambda points: [True] * len(points), seed=0, tolerance=1.0)
+
+
+def test_large_steps_do_not_miss_the_nominal_values():
+    """It fails beyond 60 on either side of nominal: the zone around 175 ends at 60, not at the end of the range."""
+    found = map_region(
+        {"goal.x": 175.0}, AXES[:1], lambda points: [abs(one["goal.x"]) > 60 for one in points], seed=0, tolerance=1.0
+    )
+    assert found.box.edges == pytest.approx((60, 5000), abs=1.0)
+    assert found.ends == {1}
