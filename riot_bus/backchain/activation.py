@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Activation", "Evaluation", "activate"]
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
+"""Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
 _REPEATS = 30
 _DOWN = 0.9
 """A distance that is less than this share of the nominal one is no noise."""
@@ -210,7 +211,7 @@ class _Search:
         seeds: Seeds of every choice.
         portfolio: Search methods.
         tried: Vectors of constant fields that were tried, the best first, of which the first points are made. By
-            default the family are constant fields, and star probes come first.
+            default the family are constant fields, and each is followed alone first.
 
     Attributes:
         encoding: Points as vectors.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,11 +42,14 @@ class _Line:
     refined: bool = False
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
+    """A question: one step of a field, or along a line to a value of it, or neither."""
+
     vector: Floats
+    step: int | None = None
     line: _Line | None = None
-    value: float = field(default=math.nan)
+    value: float = math.nan
 
 
 class CoordinateSearch:
@@ -113,15 +116,15 @@ class CoordinateSearch:
                 shares = [min(max(self._base[place] + sign * reach, 0.0), 1.0) for sign in (-1, 1)]
             for share in shares:
                 if self._value(place, share) != self._value(place, self._base[place]):
-                    yield _Asked(self._moved({place: share}), value=float(place))
+                    yield _Asked(self._moved({place: share}), step=place)
 
     def _follow(self, answers: list[tuple[_Asked, float]]) -> None:
         """Choose the fields that come nearer; without any, ask wider or smaller steps."""
         assert self._base_distance is not None
         best: dict[int, tuple[float, float]] = {}
         for asked, distance in answers:
-            place = int(asked.value)
-            if distance < _NEARER * self._base_distance:
+            place = asked.step
+            if place is not None and distance < _NEARER * self._base_distance:
                 best[place] = min(best.get(place, (math.inf, 0.0)), (distance, self._value(place, asked.vector[place])))
         if not best:
             self._reach += 1
@@ -186,7 +189,7 @@ class CoordinateSearch:
         if following in (value, line.bad):
             return None
         vector = self._moved({line.field: self._share(line.field, following)})
-        return _Asked(vector, line, self._value(line.field, vector[line.field]))
+        return _Asked(vector, line=line, value=self._value(line.field, vector[line.field]))
 
     def _moved(self, shares: Mapping[int, float]) -> Floats:
         vector = self._base.copy()

@@ -250,7 +250,7 @@ class DrivenSystem:
             if drive.value is not None:
                 values.setdefault(drive.field, {})[drive.value] = None
         points = [dict(zip(values, one, strict=True)) for one in islice(product(*values.values()), _SIMPLER)]
-        if not found.keys() <= self.fields.keys():
+        if values and not found.keys() <= self.fields.keys():
             for point, one in zip(points, self.run(points, "needed"), strict=True):
                 if one.failed and self._comes_again(point):
                     return point
