@@ -35,6 +35,8 @@ _REPEATS = 30
 _DOWN = 0.9
 """A distance that is less than this share of the nominal one is no noise."""
 _FAR = 1e100
+_FIRST = 6
+"""Runs that each way to vary gets before what came nearest is preferred."""
 _RECOMBINED = 24
 """Of what varies in time, so many points are made of constant ones before the search methods begin."""
 
@@ -162,6 +164,8 @@ class _Wanted:
 class _Turns:
     """Takes turns among constant fields and ways in which they vary: every other one has what came nearest so far.
 
+    Each has a few turns before that.
+
     Args:
         constant: The search among constant fields.
         families: The ways to vary.
@@ -191,7 +195,10 @@ class _Turns:
             self._searches.append(_Search(family, (self._seed, 1 + number), self._methods, tried))
         self._families = []
         self._turn += 1
-        order = sorted(self._searches, key=lambda each: (each.nearest if self._turn % 2 else 0.0, each.runs))
+        order = sorted(
+            self._searches,
+            key=lambda each: (each.runs >= _FIRST, each.nearest if self._turn % 2 else 0.0, each.runs),
+        )
         return next((found for each in order if (found := self._of(each, size))), [])
 
     def _of(self, search: _Search, size: int) -> list[_Wanted]:
