@@ -9,7 +9,7 @@ from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.chain.crash_region import axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
-from riot_bus.chain.replay import REPLAYS, Replay, replay
+from riot_bus.chain.replay import Replay, replay
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.plugins import SEARCHES
 from riot_bus.vocabulary.errors import InconclusiveError
@@ -85,7 +85,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         found=None if found is None else system.told(found),
         runs=result.runs,
         best_distance=result.best_distance,
-        replays=REPLAYS if played.messages else 0,
+        replays=played.total,
         replays_failed=played.failed,
         region=region,
         points=tuple(system.points),

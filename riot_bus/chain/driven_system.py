@@ -42,6 +42,8 @@ AGAIN, _FEWEST_AGAIN, _CHANCE = ((4, 10), (10, 10), (20, 40)), 2, 0.003
 """Runs at a failing point, and with nominal inputs, that are compared one pair after the other. Four failures of four
 against none of ten have a chance of 0.001 if the rates are the same, six of twenty against none of forty one of 0.0008.
 """
+_FRESH, _FRESH_CHANCE = 20, 0.05
+"""Further runs of either kind where a failing point does not always fail: those before were looked at several times."""
 _CONTROL_SEEDS = 1 << 20
 """Runs with nominal inputs have seeds that no other run of the step has."""
 _SIMPLER = 8
@@ -198,10 +200,19 @@ class DrivenSystem:
             failed += sum(one.failed for one in self.run([point] * (count - total), "again"))
             total = count
             if chance_of_difference(failed, total, *self.controls(controls)) <= _CHANCE / (asked * (asked + 1)):
-                return True
+                return failed == total or self._still_comes(point)
             if number and failed < _FEWEST_AGAIN:
                 break
         return False
+
+    def _still_comes(self, point: Mapping[str, float]) -> bool:
+        """Return whether fresh runs alone show that a failure comes more often at a point than with nominal inputs."""
+        self._left -= _FRESH
+        known = self._controls
+        failed = sum(one.failed for one in self.run([point] * _FRESH, "again"))
+        controls = self.controls(known[1] + _FRESH)
+        fresh = controls[0] - known[0], controls[1] - known[1]
+        return chance_of_difference(failed, _FRESH, *fresh) <= _FRESH_CHANCE
 
     def seen(self, axes: Sequence[str]) -> list[RegionSample]:
         """Return what came of some fields in runs that were for something else, the nominal ones included."""

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from riot_bus.chain.driven_system import DrivenSystem
 
-__all__ = ["REPLAYS", "Replay", "replay"]
+__all__ = ["Replay", "replay"]
 
-REPLAYS = 10
+_REPLAYS = 10
 _RELIABLE = 0.9
 """Where fewer replays fail, what a failure needs is not searched for."""
 _BUDGET = 60
@@ -35,12 +35,14 @@ class Replay(NamedTuple):
 
     Attributes:
         messages: How many came from outside; 0 if they were not kept.
-        failed: How many of `REPLAYS` replays of them failed again.
+        total: How many replays there were of them.
+        failed: How many of these failed again.
         needed: How many of them are enough; 0 if that was not found out.
         proven: Whether it was shown that none of these can be missed.
     """
 
     messages: int = 0
+    total: int = 0
     failed: int = 0
     needed: int = 0
     proven: bool = False
@@ -66,10 +68,10 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
         shutil.copyfile(log, target)
     external = read_log(target)
     parameters = tuple(each for each in (case.injections if case else ()) if each.topic == PARAMETERS)
-    cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(REPLAYS)]
+    cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
     failed = sum(outcome.failed_as(system.finding.signature) for outcome in system.runner.run(cases))
-    if failed < _RELIABLE * REPLAYS:
-        return Replay(len(external), failed)
+    if failed < _RELIABLE * _REPLAYS:
+        return Replay(len(external), _REPLAYS, failed)
     runner = FreshCases(system.runner, after=1)  # the first trial of the whole is one of the replays
 
     def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
@@ -86,13 +88,13 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
             len(external),
             ask,
             groups=[context.registry.topic(message.key) for message in external],
-            noise=Noise.after(failed, REPLAYS, nominal_total=system.controls()[1]),
+            noise=Noise.after(failed, _REPLAYS, nominal_total=system.controls()[1]),
             budget=_BUDGET,
             parallelism=runner.parallelism,
             progress=system.step.progress,
         )
     except InconclusiveError:  # chance has led the search to what does not fail
-        return Replay(len(external), failed)
+        return Replay(len(external), _REPLAYS, failed)
     kept = [external[place] for place in minimal.kept]
     write_log(system.folder / "activation-minimal.mcap", kept, context=context, metadata=metadata)
-    return Replay(len(external), failed, len(kept), minimal.one_minimal)
+    return Replay(len(external), _REPLAYS, failed, len(kept), minimal.one_minimal)

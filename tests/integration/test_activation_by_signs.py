@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain import activation
+from riot_bus.chain import replay
 from riot_bus.chain.reproduce import reproduce
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import (
@@ -78,7 +78,7 @@ def find(workspace: Workspace, fault: str) -> Path:
 def test_a_unit_that_ends_or_falls_silent_does_so_in_the_whole_system(
     tmp_path: Path, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(activation, "_REPLAYS", 1)
+    monkeypatch.setattr(replay, "_REPLAYS", 1)
     with Workspace(write(tmp_path, fault), tmp_path / "out", jobs=2) as workspace:
         folder, pace = find(workspace, fault), workspace.context.file.system.trial_run
         nominal = workspace.runners.in_system("pump", lambda: workspace.unit_log("pump"), pace, ())

@@ -39,7 +39,7 @@ def driven(folder: Path, system: str = LOGGED, **machine: Any) -> DrivenSystem:
 def test_one_message_of_many_is_enough(tmp_path: Path) -> None:
     system = driven(tmp_path)
     case = TestCase(tuple(panel(0)), (SLOW,))
-    assert replay(system, case, None) == Replay(COUNT, 10, 1, proven=True)
+    assert replay(system, case, None) == Replay(COUNT, 10, 10, 1, proven=True)
     assert len(read_log(system.folder / "activation.mcap")) == COUNT
     (kept,) = read_log(system.folder / "activation-minimal.mcap")
     assert said(kept)["knob"] == 5.0
