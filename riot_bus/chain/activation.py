@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["activation"]
 
+_NONE_ODD = "the unit failed with values that are not finite only, and no field that reaches it can have such"
 _ONLY_ODD = "all failing trials of the unit had a value that is not finite, so only such values were tried"
 
 
@@ -58,6 +59,8 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
     names = permeable.permeable
     system = DrivenSystem(step, folder, driving, judged, names=names, budget=max(budget, AGAIN[-1][0]))
     odd, only_odd = system.odd_points(names)[:budget], system.only_odd()
+    if only_odd and not odd:
+        return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {_NONE_ODD}")
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
     if finite:

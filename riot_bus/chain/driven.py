@@ -189,7 +189,9 @@ class DrivenRuns:
                 return True
         return False
 
-    def freezing(self, fields: Sequence[ExternalField], numbers: range) -> tuple[list[ExternalField], int]:
+    def freezing(
+        self, fields: Sequence[ExternalField], numbers: range
+    ) -> tuple[list[ExternalField], list[ExternalField], int]:
         """Find the fields without which the inside does not freeze; those of a message that is refused, for example.
 
         Args:
@@ -197,12 +199,12 @@ class DrivenRuns:
             numbers: Of the runs, at most.
 
         Returns:
-            These fields, and how many runs it took. Those that the runs did not suffice to tell apart are among them;
-            there are none if it also freezes when nothing is driven.
+            These fields, those that the runs did not suffice to tell apart, and how many runs it took. There are none
+            of either if it also freezes when nothing is driven.
         """
         ((_, idle),) = self._driven([[]], numbers[:1])
         if self.freezes(idle):
-            return [], 1
+            return [], [], 1
         by_topic: dict[str, list[ExternalField]] = {}
         for field in fields:
             by_topic.setdefault(field.topic, []).append(field)
@@ -217,7 +219,7 @@ class DrivenRuns:
                     half = len(group) // 2
                     found += group if not half else []
                     waiting.extend([group[:half], group[half:]] if half else [])
-        return [*found, *chain.from_iterable(waiting)], spent
+        return found, list(chain.from_iterable(waiting)), spent
 
     def runs(self, some: Sequence[Perturbed]) -> list[Run]:
         """Return runs in which fields were driven, as the analysis takes them."""

@@ -33,6 +33,9 @@ _BETWEEN = 3
 """Runs in which fields are constant, as a multiple of the long ones: each tells one value."""
 _UNTOLD = "no internal field had values by which it could be told"
 _FREEZING = "inner fields hardly move when it is driven, as if it was refused, so others were driven without it"
+_UNSETTLED = (
+    "inner fields hardly move when it is driven with others, and the runs did not suffice to tell which of them it is"
+)
 _ALONE = "a text that is always the same in the nominal log, and riot.toml states no other under [external.values]"
 
 
@@ -85,8 +88,8 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
     driving = driving_log(workspace, file.system.perturbed_run)
     runner = step.system_runner(observe=observed, pace=file.system.perturbed_run)
     system = DrivenRuns(step, runner, driving, internals, _usual(workspace, internals))
-    done, freezing, count = _driven_without_refused(system, signalled, runs)
-    driven, signalled = ([field for field in some if field not in freezing] for some in (driven, signalled))
+    done, apart, count = _driven_without_refused(system, signalled, runs)
+    driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
     result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)
     if result.doubtful():
         fresh = system.within(signalled, range(count, count + max(_FEWEST_AGAIN, runs // 2)))
@@ -122,7 +125,7 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
         edges=tuple(sorted(edges.values(), key=_rank)),
         runs=count,
         untested={
-            field.name: _ALONE if field.alone else _FREEZING if field in freezing else _UNTOLD
+            field.name: _ALONE if field.alone else apart.get(field.name, _UNTOLD)
             for field in reach
             if field.name not in told
         },
@@ -136,20 +139,18 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
 
 def _driven_without_refused(
     system: DrivenRuns, fields: Sequence[ExternalField], runs: int
-) -> tuple[list[Perturbed], list[ExternalField], int]:
-    """Return so many runs in which fields are driven, those that freeze the inside and are left out, and all runs."""
+) -> tuple[list[Perturbed], dict[str, str], int]:
+    """Return so many runs in which fields are driven, those that are left out, and why, and the number of all runs."""
     done = system.within(fields, range(runs))
     if sum(system.freezes(outcome) for _, outcome in done) <= runs // 2:
-        return done, [], runs
-    freezing, spent = system.freezing(fields, range(runs, (1 + _SEARCHED) * runs))
-    if not freezing:
-        return done, [], runs + spent
+        return done, {}, runs
+    freezing, unsettled, spent = system.freezing(fields, range(runs, (1 + _SEARCHED) * runs))
+    apart = {field.name: _FREEZING for field in freezing} | {field.name: _UNSETTLED for field in unsettled}
+    if not apart:
+        return done, {}, runs + spent
     first = runs + spent
-    return (
-        system.within([field for field in fields if field not in freezing], range(first, first + runs)),
-        freezing,
-        first + runs,
-    )
+    left = [field for field in fields if field.name not in apart]
+    return system.within(left, range(first, first + runs)), apart, first + runs
 
 
 def _usual(workspace: Workspace, internals: Sequence[str]) -> dict[str, Usual]:

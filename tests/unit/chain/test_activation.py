@@ -31,6 +31,7 @@ from tests.unit.chain.machine import (
     COUNT,
     LOGGED,
     SPEED,
+    SYSTEM,
     Bench,
     bench,
     commands,
@@ -255,6 +256,19 @@ def test_a_failure_of_values_that_are_not_finite_is_searched_with_such_values(
     assert set(record.found) == {"panel:heat"}
     assert (record.replays_failed, record.region, record.runs) == (10, None, 4)
     assert "panel:heat = nan" in record.text
+
+
+def test_where_no_field_can_have_what_the_unit_fails_with_nothing_is_tried_and_that_is_said(
+    tmp_path: Path, slow: dict[str, Any]
+) -> None:
+    system = SYSTEM.replace("[external.ranges]", '[external.values]\n"panel:*" = [1.0, 2.0]\n\n[external.ranges]')
+    one = ready(tmp_path, slow, ("panel:knob", 0.9), system=system)
+    samples = (RuleSample(values={SPEED: float("inf")}, failed=True),)
+    RuleRecord.load(one.folder).model_copy(update={"samples": samples}).save(one.folder)
+    record = one.workspace.carry_out(find_step("activate"), one.folder)
+    assert isinstance(record, ActivationRecord)
+    assert (record.found, record.runs, record.points) == (None, 0, ())
+    assert record.summary.startswith("not tested: the unit failed with values that are not finite only")
 
 
 def geared(readings: Sequence[Message]) -> list[Message]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,9 @@ from riot_bus.chain.external import external_fields
 from riot_bus.findings.records import Design, EdgeRecord
 from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.injection import Signal
+from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, Series, Verdict
-from tests.unit.chain.machine import MODE, SPEED, Bench, bench
+from tests.unit.chain.machine import MODE, SPEED, Bench, bench, commands, said
 
 
 def outcome(**values: tuple[object, ...]) -> Outcome:
@@ -70,6 +72,24 @@ def test_each_field_has_its_own_signal_in_each_run(tmp_path: Path) -> None:
     assert len(signals) == len({signal.seed for signal in signals}) == 9
     assert {signal.hold for signal in signals} == {5}
     assert all(run.inputs.keys() == {"panel:knob", "panel:lever", "panel:heat"} for run in system.runs(found))
+
+
+def fresh_only(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that refuses readings whose heat is the one of before."""
+    heats = [said(each)["heat"] for each in readings]
+    return commands([each for place, each in enumerate(readings) if not place or heats[place] != heats[place - 1]])
+
+
+def test_fields_that_too_few_runs_tell_apart_are_not_said_to_freeze_anything(tmp_path: Path) -> None:
+    one = bench(tmp_path, governor=fresh_only)
+    runner = one.machine.system(RunPace(duration=3), observe=(SPEED, "panel"))
+    system = DrivenRuns(one.run(), runner, (), (SPEED,), {SPEED: Usual(20.0, 60.0, moves=True)})
+    fields = external_fields(one.workspace)
+    (heat,) = (field for field in fields if field.path == "heat")
+    assert system.freezing(fields, range(2)) == ([], fields, 2)
+    found, unsettled, spent = system.freezing(fields, range(24))
+    assert (found, unsettled) == ([heat], [])
+    assert spent <= 8
 
 
 @pytest.mark.parametrize(
