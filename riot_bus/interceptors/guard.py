@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import logging
 import math
+import operator
 import re
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+from riot_bus.generalize.arrays import with_column
 from riot_bus.generalize.forms.function import judge_of
 from riot_bus.generalize.forms.repair import Repair, why_not_repairable
 from riot_bus.generalize.rule import Rule
 from riot_bus.types.latest import place_of
-from riot_bus.vocabulary.elements import is_counted
+from riot_bus.vocabulary.elements import Elements, quantity_of
 from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.selector import parse_selector
@@ -35,6 +37,13 @@ _MOST_BYTES = 1 << 24
 """No rule.json is larger: it has a few hundred samples."""
 _WILD = re.compile(r"[*$?#]")
 _NUMBERED = re.compile(r"(.+)\[(\d{1,6})\]:[^:]*", re.DOTALL)
+_BEYOND: Mapping[str, Callable[[Any, Any], bool]] = {
+    "max": operator.gt,
+    "min": operator.lt,
+    "isnan": lambda element, _: math.isnan(element),
+    "nonfinite": lambda element, _: not math.isfinite(element),
+}
+"""By quantity of elements: which of them are not as they may be, for a wanted value of it."""
 _MOST_BACK = 64
 """So many earlier messages of a topic are remembered at most: logs that a rule is learnt on are short."""
 
@@ -57,7 +66,8 @@ class RuleGuard:
         rule: A finding's rule.json.
         action: What is done with a message for which the rule holds: drop it; clamp its fields to the nearest values
             for which the rule does not hold; hold its fields at those of the last good message; or report it and let
-            it pass. Where clamp or hold cannot help, it is dropped.
+            it pass. Where clamp or hold cannot help, it is dropped. Of an array whose elements the rule is about, those
+            alone are changed that are too large, too small or no numbers.
     """
 
     name: ClassVar[str] = "guard"
@@ -85,6 +95,7 @@ class RuleGuard:
         self._judge = judge_of(self._rule.terms, self._names)
         self._delivered: list[Any] = [None] * len(self._names)
         self._good: set[str] = set()
+        self._good_elements: dict[tuple[str, str], Elements] = {}
         self._repairs = self._clamps(record) if self.action == "clamp" else {}
 
     def _by_topic(self, topics: Sequence[str]) -> dict[str, list[_Field]]:
@@ -120,7 +131,7 @@ class RuleGuard:
         repairs = {}
         for topic, fields in self._fields.items():
             # the length of an array is none of a message's values: changing it would invent elements
-            movable = [self._names[each.place] for each in fields if not each.back and not is_counted(each.path)]
+            movable = [self._names[one.place] for one in fields if not one.back and not one.path.startswith("len(")]
             if why := self._why_not(movable, types):
                 hint = "use drop or hold"
                 raise ConfigError(f"clamp is not defined for {topic}: {why}", where=str(self.rule), hint=hint)
@@ -154,6 +165,8 @@ class RuleGuard:
         if values is not None:
             self._delivered = values
             self._good.add(event.topic)
+            if self.action == "hold":
+                self._keep_elements(event, fields)
         if not event.dropped:
             self._remember(event)
 
@@ -199,7 +212,7 @@ class RuleGuard:
             try:
                 for place, path, back in fields:
                     if not back and wanted[place] is not values[place]:
-                        event.set(path, wanted[place])
+                        self._set(event, path, wanted[place])
                 now = self._read(event, fields)
             except PayloadError:
                 now = None
@@ -209,6 +222,28 @@ class RuleGuard:
         event.drop()
         self._tell(event, values, "dropped")
         return None
+
+    def _keep_elements(self, event: Event, fields: Sequence[_Field]) -> None:
+        for _, path, back in fields:
+            if not back and (quantity := quantity_of(path)):
+                self._good_elements[event.topic, quantity.path] = event.read_elements(quantity.path)
+
+    def _set(self, event: Event, path: str, wanted: Any) -> None:
+        """Set a field; of a quantity of elements, those of them that are beyond it, held ones to what they were."""
+        quantity = quantity_of(path)
+        if quantity is None:
+            event.set(path, wanted)
+            return
+        now = event.read_elements(quantity.path)
+        if self.action == "clamp":
+            event.set_elements(quantity.path, with_column(now, path, None, wanted))
+            return
+        good = self._good_elements[event.topic, quantity.path]
+        if len(good) != len(now):
+            raise PayloadError("the last good array has another length", where=quantity.path)
+        beyond = _BEYOND[quantity.kind]
+        held = [old if beyond(new, wanted) else new for old, new in zip(good, now, strict=True)]
+        event.set_elements(quantity.path, Elements(held))
 
     def _wanted(self, topic: str, values: list[Any]) -> list[Any] | None:
         if self.action == "clamp":

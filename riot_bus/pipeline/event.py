@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from riot_bus.types.elements import read_field
+from riot_bus.types.elements import read_elements, read_field
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message, Qos
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.types.model import MessageType
     from riot_bus.types.registry import TypeRegistry
+    from riot_bus.vocabulary.elements import Elements
     from riot_bus.vocabulary.trial import Scalar
 
 State = tuple[
@@ -203,6 +204,21 @@ class Event:
         payload = kind.rebuild(payload, {path: value})
         # integers wrap and floats narrow: note what is there now
         self.patched(payload, Change(self.interceptor, "set", path, before, kind.read(payload, path)))
+
+    def read_elements(self, path: str) -> Elements:
+        """Return the numbers of an array, or of one field of its records: `path` has one `[*]`, as in `poses[*].x`."""
+        return read_elements(self._known_type(), self.payload, path)
+
+    def set_elements(self, path: str, wanted: Elements) -> None:
+        """Set the numbers of such an array; raises PayloadError when it has more or fewer of them."""
+        kind, payload, before = self._known_type(), self.payload, self.read_elements(path)
+        if len(wanted) != len(before):
+            raise PayloadError(f"{len(before)} elements are not set to {len(wanted)}", where=path)
+        array, _, rest = path.partition("[*]")
+        pairs = enumerate(zip(before, wanted, strict=True))
+        changes = {f"{array}[{place}]{rest}": new for place, (old, new) in pairs if repr(old) != repr(new)}
+        if changes:
+            self.patched(kind.rebuild(payload, changes), Change(self.interceptor, "set", path))
 
     def replace(self, payload: bytes) -> None:
         """Replace the whole payload."""

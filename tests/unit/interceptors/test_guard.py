@@ -226,8 +226,57 @@ def test_elements_of_arrays(rule, bench):
     for n, ranges in enumerate([[1, 2], [1, 200], [], [99.5, 100]]):
         run.feed(0.1 * n, {"ranges": ranges})
     assert [json.loads(payload)["ranges"] for payload in run.payloads()] == [[1, 2], [], [99.5, 100]]
+
+
+def of_elements(quantity, *literals):
+    feature = Feature("raw", (f"a:{quantity}(ranges[*])",))
+    return Rule((tuple(Literal(feature, *each) for each in literals),))
+
+
+def ranges_after(guard, bench, arrays):
+    run = bench(guard)
+    for n, ranges in enumerate(arrays):
+        run.feed(0.1 * n, {"ranges": ranges})
+    return [json.loads(payload)["ranges"] for payload in run.payloads()], guard.done
+
+
+@pytest.mark.parametrize(
+    ("quantity", "literal", "bad", "clamped"),
+    [
+        ("max", (">", 100), [200, 7, 101], [100, 7, 100]),  # any(ranges[*]) > 100
+        ("max", ("<=", 3), [1, 3, 2], [1, 4, 2]),  # all(ranges[*]) <= 3
+        ("min", ("<", -5), [-9, 7, -6], [-5, 7, -5]),  # any(ranges[*]) < -5
+        ("min", (">", 50), [60, 70, 80], [50, 70, 80]),  # all(ranges[*]) > 50
+    ],
+)
+def test_clamp_moves_the_elements_that_are_beyond(rule, bench, quantity, literal, bad, clamped):
+    path = rule(of_elements(quantity, literal), types={f"a:{quantity}(ranges[*])": "int64"})
+    assert ranges_after(RuleGuard(path, "clamp"), bench, [bad]) == ([clamped], {"clamped": 1})
+
+
+def test_there_is_no_nearest_number_to_an_element_that_is_none(rule):
+    path = rule(of_elements("isnan", ("==", True)), types={"a:isnan(ranges[*])": "bool"})
     with pytest.raises(ConfigError, match="clamp is not defined for a"):
-        RuleGuard(rule(far, types={"a:max(ranges[*])": "int64"}), "clamp")
+        RuleGuard(path, "clamp")
+
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "literal", "arrays", "delivered", "done"),
+    [
+        ("isnan", ("==", True), [[1.5, 2.5], [NAN, 3.5]], [[1.5, 2.5], [1.5, 3.5]], {"held": 1}),
+        ("nonfinite", ("==", True), [[1.5, 2.5], [4.5, -INF]], [[1.5, 2.5], [4.5, 2.5]], {"held": 1}),
+        ("max", (">", 100), [[1, 2], [300, 90]], [[1, 2], [1, 2]], {"held": 1}),  # 90 is beyond the last good 2
+        ("isnan", ("==", True), [[1.5, 2.5], [NAN, 3.5, 4.5]], [[1.5, 2.5]], {"dropped": 1}),  # of another length
+        ("isnan", ("==", True), [[NAN, 3.5], [1.5, 2.5]], [[1.5, 2.5]], {"dropped": 1}),  # nothing good came before
+        ("isnan", ("==", True), [[1.5], [NAN], [2.5], [NAN]], [[1.5], [1.5], [2.5], [2.5]], {"held": 2}),
+    ],
+)
+def test_hold_takes_elements_from_the_last_good_message(rule, bench, quantity, literal, arrays, delivered, done):
+    guard = RuleGuard(rule(of_elements(quantity, literal)), "hold")
+    assert ranges_after(guard, bench, arrays) == (delivered, done)
 
 
 def test_lengths_are_not_clamped(rule):
