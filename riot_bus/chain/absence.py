@@ -115,12 +115,11 @@ def write_other_cause(
     workspace = step.workspace
     other = other_cause(folder)
     other.mkdir(exist_ok=True)
-    rate = proportion(*failed)
     record = finding.model_copy(
         update={
             "id": other.name,
             "occurrences": failed[0],
-            "rate": ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total),
+            "rate": ProportionRecord.of(proportion(*failed)),
             "injections": (),
             "delivered": (),
             "messages": len(log.messages),

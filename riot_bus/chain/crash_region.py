@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shutil
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.backchain.region import FIT, Region, map_region
+from riot_bus.chain.region_rule import FOLDER, RegionRule, box_rule, learnt_rule, with_simple_limits
 from riot_bus.findings.records import PermeabilityRecord, ProportionRecord, RangeRecord, RegionRecord
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
@@ -13,7 +15,6 @@ from riot_bus.vocabulary.counting import counted
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from riot_bus.backchain.box import RegionSample
     from riot_bus.chain.driven_system import DrivenSystem
     from riot_bus.chain.external import ExternalField
 
@@ -41,13 +42,15 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
 
     What is no number keeps its value. There is no region where fields have to vary in time, or are not finite.
     """
+    shutil.rmtree(system.folder / FOLDER, ignore_errors=True)  # of an earlier search
     if found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
         return None
     chosen = [name for name in preferred if name in found]
     chosen += [name for name in preferred if name not in found][: max(0, _AXES - len(chosen))]
     if not chosen:
         return None
-    axes = [system.fields[name].search_field() for name in sorted(chosen, key=preferred.index)]
+    fields = [system.fields[name] for name in sorted(chosen, key=preferred.index)]
+    axes = [field.search_field() for field in fields]
     fixed = {name: value for name, value in found.items() if name not in chosen}
     region = map_region(
         {axis.name: found.get(axis.name, axis.nominal) for axis in axes},
@@ -59,21 +62,26 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
         parallelism=system.runner.parallelism,
         progress=system.step.progress,
     )
-    return _record(region, [] if fixed else system.seen([axis.name for axis in axes]), system.in_words(fixed))
-
-
-def _record(region: Region, others: Sequence[RegionSample], fixed: str) -> RegionRecord:
-    """Return a region and how often the system fails inside it, by its own samples and others at hand."""
-    inside = [failed for place, failed in (*region.samples, *others) if region.box.contains(place)]
+    samples = [*region.samples, *([] if fixed else system.seen([axis.name for axis in axes]))]
+    region = with_simple_limits(region, fields, samples)
+    inside = [failed for place, failed in samples if region.box.contains(place)]
     share = proportion(sum(inside), len(inside))
     record = RegionRecord(
-        ranges=tuple(_range(region, axis) for axis in range(len(region.names))),
-        inside=ProportionRecord(value=share.rate, low=share.low, high=share.high, count=share.hits, total=share.total),
+        ranges=tuple(_range(region, axis) for axis in range(len(axes))), inside=ProportionRecord.of(share)
     )
-    where = f"{' and '.join(record.bounds())}{f', with {fixed}' if fixed else ''}"
+    where = f"{' and '.join(record.bounds())}{f', with {system.in_words(fixed)}' if fixed else ''}"
     text = f"{where}: {share.hits} of {counted(share.total, 'run')} inside failed"
-    boxed = region.good and share.rate >= FIT
-    return record.model_copy(update={"text": text if boxed else f"{text}; the zone is not a box"})
+    rule: RegionRule | None
+    if region.good and share.rate >= FIT:
+        told = {name: system.fields[name].told(value) for name, value in fixed.items()}
+        rule = box_rule(region, fields, told, samples)
+    else:
+        learnt = learnt_rule(system, region, fields, fixed, samples)
+        rule = learnt if learnt and learnt.holds else None
+        text += f"; the zone is not a box, {rule.text if rule else 'and no rule was found for it'}"
+    if rule is not None:
+        rule.save(system.folder, [system.fields[name] for name in rule.rule.variables])
+    return record.model_copy(update={"text": text, "rule": rule.rule.text() if rule else ""})
 
 
 def _range(region: Region, axis: int) -> RangeRecord:

@@ -406,9 +406,7 @@ def _put_aside(folder: Path, fingerprint: str) -> None:
 
 
 def _rate(rate: Proportion | None) -> ProportionRecord | None:
-    if rate is None:
-        return None
-    return ProportionRecord(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
+    return None if rate is None else ProportionRecord.of(rate)
 
 
 def _effects(result: CampaignResult, types: Mapping[tuple[str, str], str]) -> EffectsRecord:

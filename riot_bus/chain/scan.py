@@ -57,7 +57,7 @@ class ScanRule:
     """A rule with what is needed to judge messages by it.
 
     Args:
-        source: Folder of a finding, or a rule file such as its `rule.json`.
+        source: Folder of a finding, `region` in it, or a rule file such as its `rule.json`.
 
     Attributes:
         topics: Topic of each message of the log in which the rule's fields are named.
@@ -73,7 +73,8 @@ class ScanRule:
         folder = source.parent if source.is_file() and source.name == RuleRecord.FILE else source
         record = RuleRecord.load(folder)
         self._rule, self._scale = Rule.from_json(record.rule), record.scale
-        self._system = Path(FindingRecord.load(folder).system_file) if FindingRecord.exists(folder) else None
+        finding = next(filter(FindingRecord.exists, (folder, folder.parent)), None)  # the latter of its region
+        self._system = Path(FindingRecord.load(finding).system_file) if finding else None
         minimal = MinimalRecord.load(folder).topics if MinimalRecord.exists(folder) else ()
         self.topics: Sequence[str] = record.topics or minimal
         self.names = self._rule.variables

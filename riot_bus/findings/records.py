@@ -7,6 +7,7 @@ fields.json        relevant fields, each with its two-trial certificate
 rule.json          the rule in one line, and as data; sanitize.py, sanitize.hpp
 permeability.json  which external fields reach the relevant ones
 activation.json/.mcap  the external messages that make the whole system fail, and the region around them
+region/rule.json   that region as a rule over external fields
 report.html, reproduce.sh, riot_test_ID.py
 """
 
@@ -20,6 +21,7 @@ from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from riot_bus.statistics.rates import Proportion
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import SEVERITIES
@@ -131,6 +133,11 @@ class ProportionRecord(_Model):
     high: float
     count: int = 0
     total: int = 0
+
+    @classmethod
+    def of(cls, rate: Proportion) -> Self:
+        """Return what is kept of a rate."""
+        return cls(value=rate.rate, low=rate.low, high=rate.high, count=rate.hits, total=rate.total)
 
 
 class EffectsRecord(_Model):
@@ -710,6 +717,7 @@ class RegionRecord(_Model):
     ranges: tuple[RangeRecord, ...]
     inside: ProportionRecord | None = None
     text: str = ""
+    rule: str = Field(default="", description="as a rule over external fields, which `region/rule.json` has as data")
 
     def bounds(self, number: Callable[[float], str] = "{:.4g}".format) -> tuple[str, ...]:
         """Return what the failure needs of each field; `number` writes a number."""

@@ -10,6 +10,7 @@ import pytest
 
 from riot_bus.chain.activation import activation
 from riot_bus.chain.reproduce import reproduce
+from riot_bus.chain.scan import scan_logs
 from riot_bus.findings.records import (
     ActivationRecord,
     FindingRecord,
@@ -19,6 +20,9 @@ from riot_bus.findings.records import (
     RuleSample,
 )
 from riot_bus.findings.steps import find_step
+from riot_bus.fleet.catalogue import Catalogue
+from riot_bus.fleet.index import index
+from riot_bus.fleet.query import Query
 from riot_bus.generalize.rules import Variable, learn_rule
 from riot_bus.log.reader import read_log
 from riot_bus.log.writer import LogWriter
@@ -88,6 +92,15 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     assert region.inside.count == region.inside.total
     assert {point.phase for point in record.points} == {"search", "again", "needed", "region"}
     assert (record.needed, record.needed_proven) == (1, True)
+    rule = RuleRecord.load(one.folder / "region")
+    assert region.rule == rule.text == f"panel:knob <= {knob.high:g} and panel:lever >= {lever.low:g}"
+    assert len(f"{knob.high:g}") <= 3  # 20, for example: no more digits than the runs need
+    assert (rule.precision.count, rule.precision.total) == (region.inside.count, region.inside.total)
+    assert (rule.scale.keys(), rule.types["panel:lever"]) == ({"panel:knob", "panel:lever"}, "float64")
+    with Catalogue(None) as known:
+        index(known, [str(one.folder / "activation.mcap")])
+        (scanned,) = scan_logs(one.folder / "region", known.find(Query())).logs
+    assert scanned.distance < 0
     smaller = record.trials - (len(record.points) + record.replays + record.controls)
     assert 0 < smaller <= 20
     assert record.summary.startswith(f"activated after {record.runs} runs with panel:knob = ")
@@ -117,6 +130,38 @@ def test_one_permeable_field_has_an_interval(tmp_path: Path, slow: dict[str, Any
     assert (knob.field, knob.low, knob.ends) == ("panel:knob", -1000, ("low",))
     assert 15 < knob.high < 25
     assert record.replays == 10
+
+
+def leaning(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that takes what is hot from the knob."""
+    found = []
+    for reading in readings:
+        values = said(reading)
+        payload = json.dumps(
+            {"mode": "step", "speed": (values["knob"] - values["heat"]) / 20, "note": "panel"}
+        ).encode()
+        found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
+    return found
+
+
+def warm(messages: Sequence[Message]) -> int | None:
+    """The drive fails far from what is nominal only."""
+    return next((place for place, message in enumerate(messages) if said(message)["speed"] < -5), None)
+
+
+def test_a_zone_that_is_no_box_is_told_by_a_rule_that_is_tested(tmp_path: Path, slow: dict[str, Any]) -> None:
+    strengths = ("panel:knob", 0.9), ("panel:heat", 0.8)
+    one = ready(tmp_path, slow, *strengths, governor=leaning, system_fails=warm)
+    record = activation(one.run(), one.folder, budget=100)
+    assert record.found is not None
+    region = record.region
+    assert region is not None
+    rule = RuleRecord.load(one.folder / "region")
+    assert region.rule == rule.text == "panel:knob - panel:heat < -100"
+    assert rule.checks == 20
+    assert rule.precision.value >= 0.9
+    assert f"the zone is not a box, it fails when {rule.text} (" in region.text
+    assert "check" in {point.phase for point in record.points}
 
 
 def test_a_search_that_finds_nothing_says_how_near_it_came(tmp_path: Path, slow: dict[str, Any]) -> None:
