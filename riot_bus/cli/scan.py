@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from riot_bus.fleet.entry import LogEntry
+    from riot_bus.fleet.near_misses import FleetScan
 
 __all__ = ["register"]
 
@@ -56,6 +57,8 @@ def scan(
 ) -> None:
     """Say how near logs came to a finding's rule, by robot, the nearest first; or look at what a router passes on.
 
+    What is found of logs of the catalogue is kept there, in place of an earlier scan for the same rule.
+
     Exit code 1: the rule holds somewhere. 5: nothing could be judged.
     """
     from rich.console import Console
@@ -82,6 +85,8 @@ def scan(
             within=within,
             progress=lambda done, total, text: narrator(StepProgress("scan", done, total, text)),
         )
+    if not places:
+        _keep(found, catalogue)
     if page is not None:
         from riot_bus.report.fleet_page import write_fleet_page
 
@@ -95,6 +100,18 @@ def scan(
         raise InconclusiveError("no log could be judged", where=str(rule), hint="each says why above")
     if found.failing:
         raise typer.Exit(1)
+
+
+def _keep(found: FleetScan, catalogue: Path | None) -> None:
+    """Write what was found into the catalogue, if that can be written."""
+    from riot_bus.fleet.catalogue import Catalogue, default_catalogue
+    from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+    try:
+        with Catalogue(catalogue or default_catalogue(), create=False) as known:
+            known.put_scan(found)
+    except EnvironmentFaultError as error:
+        typer.echo(f"warning: this scan is not in the catalogue: {error}", err=True)
 
 
 def _watch(source: Path, endpoint: str, cfg: list[str], within: float, unfit: Sequence[str]) -> None:

@@ -16,12 +16,13 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, did_y
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from riot_bus.fleet.near_misses import FleetScan
     from riot_bus.fleet.query import Query
 
 __all__ = ["Catalogue", "default_catalogue"]
 
 _APPLICATION = 0x52494F54  # "RIOT"
-_VERSION = 2
+_VERSION = 3
 _BUSY_S = 30.0
 _LONGEST = 4096
 _MOST_METADATA = 1000
@@ -29,7 +30,31 @@ _COLUMNS = (
     "number, place, size, stamp, robot, named_by, readable, problem, profile, began, ended, messages, lost, gone, "
     "scanned"
 )
-_SCHEMA = """
+_SCANS = """
+CREATE TABLE scans(
+    log INTEGER NOT NULL REFERENCES logs(number) ON DELETE CASCADE,
+    rule TEXT NOT NULL,
+    distance REAL,
+    judged INTEGER NOT NULL,
+    unknown INTEGER NOT NULL,
+    holds INTEGER NOT NULL,
+    problem TEXT NOT NULL,
+    at REAL NOT NULL,
+    PRIMARY KEY(log, rule)
+);
+CREATE TABLE moments(
+    log INTEGER NOT NULL,
+    rule TEXT NOT NULL,
+    distance REAL NOT NULL,
+    time INTEGER NOT NULL,
+    told TEXT NOT NULL,
+    FOREIGN KEY(log, rule) REFERENCES scans(log, rule) ON DELETE CASCADE
+);
+CREATE INDEX moments_by_scan ON moments(log, rule);
+"""
+_UPGRADES = {1: "ALTER TABLE logs ADD COLUMN scanned INTEGER NOT NULL DEFAULT 0", 2: _SCANS}
+"""What makes the next version of each earlier one."""
+_SCHEMA = f"""
 CREATE TABLE logs(
     number INTEGER PRIMARY KEY,
     place TEXT NOT NULL UNIQUE,
@@ -66,7 +91,7 @@ CREATE INDEX logs_by_robot ON logs(robot, began);
 CREATE INDEX logs_by_time ON logs(began);
 CREATE INDEX topics_by_log ON topics(log);
 CREATE INDEX metadata_by_log ON metadata(log);
-"""
+{_SCANS}"""
 
 
 def default_catalogue() -> Path:
@@ -149,10 +174,28 @@ class Catalogue:
         metadata = [(_text(name), _text(value)) for name, value in entry.metadata.items()][:_MOST_METADATA]
         with self._transaction() as db:
             (number,) = db.execute(statement, tuple(row.values())).fetchone()
-            db.execute("DELETE FROM topics WHERE log = ?", (number,))
-            db.execute("DELETE FROM metadata WHERE log = ?", (number,))
+            for table in ("topics", "metadata", "scans"):
+                db.execute(f"DELETE FROM {table} WHERE log = ?", (number,))  # noqa: S608 - ours
             db.executemany("INSERT INTO topics VALUES(?, ?, ?, ?, ?, ?, ?)", [(number, *each) for each in topics])
             db.executemany("INSERT INTO metadata VALUES(?, ?, ?)", [(number, *each) for each in metadata])
+
+    def put_scan(self, found: FleetScan) -> None:
+        """Keep how near known logs came to a rule, in place of what an earlier scan for it has found."""
+        rule, now = _text(found.rule), time.time()
+        with self._transaction() as db:
+            for log in found.logs:
+                row = db.execute("SELECT number FROM logs WHERE place = ?", (log.place,)).fetchone()
+                if row is None:
+                    continue
+                db.execute("DELETE FROM scans WHERE log = ? AND rule = ?", (*row, rule))
+                distance = log.distance if log.nearest else None
+                figures = log.judged, log.unknown, log.holds
+                db.execute(
+                    "INSERT INTO scans VALUES(?, ?, ?, ?, ?, ?, ?, ?)",
+                    (*row, rule, distance, *figures, _text(log.problem), now),
+                )
+                moments = [(*row, rule, one.distance, _bounded(one.time), _text(one.told)) for one in log.nearest]
+                db.executemany("INSERT INTO moments VALUES(?, ?, ?, ?, ?)", moments)
 
     def name(self, place: str, robot: str) -> None:
         """Say which robot a log is from that does not say so itself."""
@@ -253,13 +296,12 @@ class Catalogue:
             self._db.execute("PRAGMA synchronous = NORMAL")
             self._db.execute("PRAGMA foreign_keys = ON")
             (application,) = self._db.execute("PRAGMA application_id").fetchone()
-            version = self._version()
-            if application == _APPLICATION and version == 1:
+            if application == _APPLICATION and self._version() in _UPGRADES:
                 with self._transaction() as db:
-                    if self._version() == 1:  # else another process was faster
-                        db.execute("ALTER TABLE logs ADD COLUMN scanned INTEGER NOT NULL DEFAULT 0")
-                        db.execute(f"PRAGMA user_version = {_VERSION}")
-                version = self._version()
+                    while statements := _UPGRADES.get(self._version()):  # else another process was faster
+                        _execute(db, statements)
+                        db.execute(f"PRAGMA user_version = {self._version() + 1}")
+            version = self._version()
         except sqlite3.OperationalError as error:
             raise EnvironmentFaultError(f"the catalogue does not answer: {error}", where=str(self.path)) from error
         except sqlite3.DatabaseError as error:
@@ -278,8 +320,7 @@ class Catalogue:
 
     @staticmethod
     def _create(db: sqlite3.Connection) -> None:
-        for statement in _SCHEMA.split(";"):
-            db.execute(statement)
+        _execute(db, _SCHEMA)
         db.execute(f"PRAGMA application_id = {_APPLICATION}")
         db.execute(f"PRAGMA user_version = {_VERSION}")
 
@@ -331,6 +372,11 @@ class Look:
             gone = [(number,) for number, place in rows if place not in self._seen]
             cursor.executemany("UPDATE logs SET gone = 1 WHERE number = ?", gone)
         return len(gone)
+
+
+def _execute(db: sqlite3.Connection, statements: str) -> None:
+    for statement in statements.split(";"):  # `executescript` would commit before
+        db.execute(statement)
 
 
 def _entry(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -53,6 +55,11 @@ def test_logs_of_a_catalogue_are_chosen_by_a_query(fleet: Path) -> None:
     indexed = CliRunner().invoke(make_app("fleet"), ["fleet", "index", str(fleet / "logs"), "--catalogue", str(known)])
     assert indexed.exit_code == 0, indexed.output
     assert scan(*options).exit_code == 1
+    with closing(sqlite3.connect(known)) as db:
+        kept = db.execute(
+            "SELECT robot, distance, holds FROM scans JOIN logs ON number = log ORDER BY robot"
+        ).fetchall()
+        assert kept == [("r1", 6.0, 0), ("r2", 0.5, 0), ("r3", -2.0, 1)]
     done = scan(*options, "--over", "robot=r1")
     assert done.exit_code == 0, done.output
     assert "1 log: none meets the rule, 0 near misses" in done.stdout

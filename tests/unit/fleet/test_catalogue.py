@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from riot_bus.fleet.catalogue import Catalogue, default_catalogue
 from riot_bus.fleet.entry import LATEST, LogEntry, TopicEntry
+from riot_bus.fleet.near_misses import FleetScan, LogScan, NearMiss
 from riot_bus.fleet.query import Query, parse_query
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
@@ -124,12 +126,64 @@ def test_a_catalogue_of_the_first_version_goes_on(tmp_path: Path) -> None:
         catalogue.put(entry("/a.mcap", scanned=True))
     with sqlite3.connect(tmp_path / "c.sqlite") as db:
         db.execute("ALTER TABLE logs DROP COLUMN scanned")
+        db.execute("DROP TABLE moments")
+        db.execute("DROP TABLE scans")
         db.execute("PRAGMA user_version = 1")
     db.close()
     for scanned in (False, True):  # what had been read by then, nobody knows
         with Catalogue(tmp_path / "c.sqlite") as catalogue:
             assert catalogue.show("/a.mcap").scanned is scanned
             catalogue.put(entry("/a.mcap", scanned=True))
+
+
+def rows(path: Path, statement: str) -> list[tuple[object, ...]]:
+    with closing(sqlite3.connect(path)) as db:
+        return db.execute(statement).fetchall()
+
+
+def test_a_catalogue_of_the_second_version_takes_scans(tmp_path: Path) -> None:
+    path = tmp_path / "c.sqlite"
+    Catalogue(path).close()
+    with sqlite3.connect(path) as db:
+        db.execute("DROP TABLE moments")
+        db.execute("DROP TABLE scans")
+        db.execute("PRAGMA user_version = 2")
+    db.close()
+    with Catalogue(path) as catalogue:
+        catalogue.put(entry("/a.mcap"))
+        catalogue.put_scan(FleetScan("x > 1", 1.0, (LogScan("/a.mcap", judged=3),)))
+    assert rows(path, "SELECT judged FROM scans") == [(3,)]
+
+
+def test_scans_are_kept_by_log_and_rule(tmp_path: Path) -> None:
+    path, stated = tmp_path / "c.sqlite", "SELECT log, rule, distance, holds, problem FROM scans ORDER BY rule, log"
+
+    def scanned(rule: str, *distances: float) -> FleetScan:
+        found = [
+            LogScan(f"/{n}.mcap", judged=5, holds=int(far <= 0), nearest=(NearMiss(far, 7, {"x": far}),))
+            for n, far in enumerate(distances)
+        ]
+        return FleetScan(rule, 1.0, (*found, LogScan("/broken.mcap", problem="no log"), LogScan("/unknown.mcap")))
+
+    with Catalogue(path) as catalogue:
+        for name in ("0", "1", "broken"):
+            catalogue.put(entry(f"/{name}.mcap"))
+        catalogue.put_scan(scanned("x > 1", 0.5, -1.0))
+        catalogue.put_scan(scanned("y > 1", 3.0, 4.0))
+        catalogue.put_scan(scanned("x > 1", 0.25, 2.0))
+        assert rows(path, stated) == [
+            (1, "x > 1", 0.25, 0, ""),
+            (2, "x > 1", 2.0, 0, ""),
+            (3, "x > 1", None, 0, "no log"),
+            (1, "y > 1", 3.0, 0, ""),
+            (2, "y > 1", 4.0, 0, ""),
+            (3, "y > 1", None, 0, "no log"),
+        ]
+        moments = "SELECT log, rule, distance, time, told FROM moments ORDER BY rule, log"
+        assert rows(path, moments)[0] == (1, "x > 1", 0.25, 7, "x = 0.25")
+        catalogue.put(entry("/0.mcap"))  # it has changed: what was found of it is no longer so
+        assert [row[0] for row in rows(path, stated)] == [2, 3, 2, 3]
+        assert [row[0] for row in rows(path, moments)] == [2, 2]
 
 
 def test_another_version_is_refused(tmp_path: Path) -> None:

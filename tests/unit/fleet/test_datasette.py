@@ -10,6 +10,7 @@ from typing import Any
 
 from riot_bus.fleet.catalogue import Catalogue
 from riot_bus.fleet.index import index
+from riot_bus.fleet.near_misses import FleetScan, LogScan, NearMiss
 from riot_bus.log.writer import LogWriter
 from riot_bus.vocabulary.message import Message
 
@@ -34,6 +35,10 @@ def test_each_query_answers(tmp_path: Path) -> None:
     (tmp_path / "logs/r2/broken.mcap").write_bytes(b"no log")
     with Catalogue(tmp_path / "catalogue.sqlite") as known:
         index(known, [str(tmp_path / "logs")])
+        first, second = (str(tmp_path / f"logs/r1/{number}.mcap") for number in range(2))
+        near = NearMiss(0.25, 10**18 + 2 * 10**9, {"x": 1})
+        scans = LogScan(first, problem="no topic 'x'"), LogScan(second, judged=11, nearest=(near,))
+        known.put_scan(FleetScan("x > 1", 1.0, scans))
     found = answers(tmp_path / "catalogue.sqlite")
     assert {row["robot"]: (row["logs"], row["messages"], row["unreadable"]) for row in found["robots"]} == {
         "r1": (2, 33, 0),
@@ -47,3 +52,6 @@ def test_each_query_answers(tmp_path: Path) -> None:
     assert [(Path(row["place"]).name, row["topic"]) for row in found["lacking"]] == [("1.mcap", "b")]
     assert {row["robot"]: row["logs"] for row in found["days"]} == {"r1": 2, "r2": 2}
     assert found["interceptors"] == []
+    assert [(row["rule"], row["distance"], row["judged"]) for row in found["near_misses"]] == [("x > 1", 0.25, 11)]
+    (moment,) = found["moments"]
+    assert (moment["robot"], moment["seconds"], moment["told"]) == ("r1", 2.0, "x = 1")
