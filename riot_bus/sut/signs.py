@@ -273,7 +273,7 @@ class Feeder:
         while self.alive and (now := time.monotonic() - start - held_up()) < _LATE_TIMERS:
             if len(self._stage.outputs) != count:
                 count, last = len(self._stage.outputs), now
-            elif now - last > _LATE_STILL:
+            elif now - last > _LATE_STILL and not self._stage.wants_processor([self._name]):
                 break
             time.sleep(_POLL)
 
@@ -328,8 +328,9 @@ class Feeder:
         self._stage.bus.drain(self._settle.timeout)
         wait = 0.0 if self._has_failed() else _LATE_TIMERS if self._baseline.idle.switches else _LATE_STILL
         held_up, start = self._stage.held_up([self._name]), time.monotonic()
-        while missing := expected.keys() - self._answers(begin).keys():
-            if time.monotonic() - start - held_up() > wait or not self.alive or self._watch():
+        while (missing := expected.keys() - self._answers(begin).keys()) and self.alive and not self._watch():
+            waited = time.monotonic() - start - held_up()
+            if waited > _LATE_TIMERS or (waited > wait and not self._stage.wants_processor([self._name])):
                 break
             time.sleep(_POLL)
         return tuple(sorted(missing))

@@ -497,10 +497,17 @@ class TrialSetup:
         return min(found, key=lambda each: each.switches)
 
     def held_up(self, names: Iterable[str]) -> Callable[[], float]:
-        """Return what tells for how many seconds from now on components had to wait for a processor."""
-        names = list(names)
-        before = self.activity(names)
-        return lambda: self.activity(names).waited_since(before)
+        """Return what tells for how many seconds components, or the router here, had to wait for a processor since.
+
+        A wait counts when it is over: see `wants_processor`.
+        """
+        looked_at = self.threads(names), self.others
+        before = [threads.activity() for threads in looked_at]
+        return lambda: max(now.activity().waited_since(then) for now, then in zip(looked_at, before, strict=True))
+
+    def wants_processor(self, names: Iterable[str]) -> bool:
+        """Return whether components, or the router here, run or would if they had a processor."""
+        return self.threads(names).busy() or self.others.busy()
 
     def threads(self, names: Iterable[str]) -> Threads:
         """Return the threads of components and of what they had started when they were last waited for."""
