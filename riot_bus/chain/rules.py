@@ -44,6 +44,8 @@ _ODD, _FEW, _SURE = 20, 3, 0.002
 with this probability at most."""
 _NEAR = 6
 """So many trials that fail, and as many that pass, are asked again behind each part of the nominal log."""
+_FEWEST = 0.5
+"""Where a failure comes only sometimes, each answer takes many trials: as few as this share of all checks is made."""
 _CONTEXTS = 2
 """So many times at most messages are put in front: one for a size, one for a mode beside it."""
 _OTHERS = 64
@@ -59,7 +61,7 @@ def rules(step: StepRun, folder: Path, *, budget: int = 160, validation: int = 6
         step: The running step.
         folder: The finding.
         budget: Trials for learning.
-        validation: Fresh trials for one validation.
+        validation: Fresh cases for one validation; half of them where the failure comes seldom.
 
     Raises:
         ConfigError: The step before has not been done.
@@ -154,6 +156,7 @@ class _Teacher:
             for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
         ]
         scale = _scale(variables, observed)
+        share = max(_FEWEST, questions.noise.rate)
         for _ in range(_ROUNDS):
             learned = learn_rule(
                 variables,
@@ -161,7 +164,7 @@ class _Teacher:
                 expecting=questions.ask,
                 seed=self.step.workspace.seed,
                 budget=self.budget,
-                validation=self.validation,
+                validation=round(self.validation * share),
                 parallelism=questions.runner.parallelism,
                 context=varied,
                 progress=self.step.progress,
@@ -172,7 +175,7 @@ class _Teacher:
                 break
         learned, variables = with_first(questions, learned, variables)
         scale = _scale(variables, observed)
-        asked, predicted = near_the_limit(learned, variables, scale, count=_NEAR)
+        asked, predicted = near_the_limit(learned, variables, scale, count=round(_NEAR * share))
         behind, said = contexts(questions.nominal_log(), self._registry), judge_of_logs(questions, learned.rule)
         answers = ask_in_contexts(questions, behind, asked, predicted, said)
         return _Found(questions, passing, variables, scale, learned, answers, context)

@@ -479,7 +479,7 @@ class _Search:
     def _pool(self) -> list[Assignment]:
         """Return new assignments: draws from the mixture, and known samples with one or two variables redrawn."""
         pool: list[Assignment] = [self.sampler.assignment(self.random) for _ in range(POOL // 2)]
-        bad = [sample.assignment for sample in self.samples if sample.failed]
+        bad = [one for one, failed in zip(self.table.assignments, self.table.failed, strict=True) if failed]
         for _ in range(POOL // 2):
             source = bad if self.random.random() < 0.5 else self.table.assignments
             redrawn = dict(self.random.choice(source))

@@ -192,6 +192,10 @@ def test_a_failure_that_comes_sometimes_gives_the_same_log(tmp_path: Path, rate:
     record = minimize(one.run(), one.folder)
     assert (record.kept, record.one_minimal) == ((41,), True)
     assert record.without[0][1] >= (3 if rate == 0.3 else 1)
+    minimal = FailingLog.load(one.folder / "minimal.mcap", registry=one.workspace.context.registry)
+    last = [case for case in one.machine.executed if case.messages == minimal.messages][-record.failed[1] :]
+    assert 12 <= record.failed[1] <= 40
+    assert [share(case) <= rate for case in last].count(True) == record.failed[0]  # by fresh trials, all in a row
 
 
 def needs_two(messages: Sequence[Message]) -> int | None:

@@ -246,6 +246,22 @@ def test_other_variables_take_nominal_values_in_some_fresh_trials() -> None:
     assert learned.precision.rate < 1
 
 
+def test_other_variables_are_left_alone_again_after_a_validation_that_shows_mistakes() -> None:
+    asked: list[Values] = []
+
+    def fails(v: Values) -> bool:
+        asked.append(v)
+        return bool(400 * v["x"] + v["y"] > 30000)
+
+    wide = tuple(float(value) for value in range(-50, 50, 7))
+    variables = [Variable(name, "float64", 200.0, (1.0,), wide, (1e6, -1e6, 0.0)) for name in "xy"]
+    armed = Variable("armed", "bool", True, (), (True, False), ())
+    learned = learn_rule(variables, lambda qs: list(map(fails, qs)), seed=2, budget=30, validation=30, context=[armed])
+    checks = [sample for sample in learned.samples if sample.phase == "context"]
+    assert len(checks) > learned.varied_checks  # there was more than one validation
+    assert sum("armed" in v for v in asked) == len(checks)
+
+
 def test_what_the_trials_cannot_tell_apart_is_told() -> None:
     """With a budget for the first trials alone, several rules fit; each comes with a case that decides."""
     variables = [replace(INDEX, failing=65535), WIDTH]
