@@ -44,8 +44,8 @@ _ODD, _FEW, _SURE = 20, 3, 0.002
 with this probability at most."""
 _NEAR = 6
 """So many trials that fail, and as many that pass, are asked again behind each part of the nominal log."""
-_FEWEST = 0.5
-"""Where a failure comes only sometimes, each answer takes many trials: as few as this share of all checks is made."""
+_SELDOM, _FEWER = 0.6, 0.5
+"""Where a failure comes at less than this rate, each answer takes many trials: this share of all checks is made."""
 _CONTEXTS = 2
 """So many times at most messages are put in front: one for a size, one for a mode beside it."""
 _OTHERS = 64
@@ -156,7 +156,7 @@ class _Teacher:
             for field, values in zip(others, questions.nominal(others, at_most=_NOMINAL).values(), strict=True)
         ]
         scale = _scale(variables, observed)
-        share = max(_FEWEST, questions.noise.rate)
+        share = _FEWER if questions.noise.rate < _SELDOM else 1.0
         for _ in range(_ROUNDS):
             learned = learn_rule(
                 variables,
