@@ -13,6 +13,7 @@ from riot_bus.findings.records import AbsentRecord, FindingRecord, MinimalRecord
 from riot_bus.generalize.minimize import BUDGET, Minimal
 from riot_bus.generalize.minimize import minimize as search
 from riot_bus.statistics.noise import Noise
+from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import InconclusiveError
 
 if TYPE_CHECKING:
@@ -202,6 +203,9 @@ class _Minimization:
         """Return what was found with its rate in fresh trials, if it does not always fail.
 
         Those of the search tell more failures than there are: what they kept was kept because it failed.
+
+        Raises:
+            InconclusiveError: None of them failed.
         """
         rate, (failed, total) = self.finding.rate, found.minimal.failed
         if failed == total and (rate is None or rate.count == rate.total):
@@ -213,7 +217,14 @@ class _Minimization:
             failed, total = failed + sum(answers), total + len(answers)
             self.spent += len(answers)
             noise = Noise.after(failed, total)
-        return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if failed else found
+        if total and not failed:
+            raise InconclusiveError(
+                f"none of {total} fresh trials of what was kept, {counted(len(found.kept), 'message')}, failed: "
+                "the failure comes so seldom that chance has led the search",
+                where=str(self.folder),
+                hint="try another --seed; what makes it come more often?",
+            )
+        return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if total else found
 
     def _observed(self, fields: NamedFields) -> dict[str, list[Scalar]]:
         log = self.step.workspace.known_unit_log(self.finding.unit)

@@ -198,6 +198,24 @@ def test_a_failure_that_comes_sometimes_gives_the_same_log(tmp_path: Path, rate:
     assert [share(case) <= rate for case in last].count(True) == record.failed[0]  # by fresh trials, all in a row
 
 
+def test_what_fresh_trials_contradict_is_not_told(tmp_path: Path) -> None:
+    """The drive hangs whenever it should as long as messages are searched for, and never again."""
+    seen = ProportionRecord(value=0.3, low=0.0, high=1.0, count=3, total=10)
+
+    def minimized(folder: Path, most: int) -> int:
+        folder.mkdir()
+        one = bench(folder)
+        one.machine.wrong = lambda case: hangs(case.messages) is not None and len(one.machine.executed) >= most
+        failing(one, 41)
+        FindingRecord.load(one.folder).model_copy(update={"rate": seen}).save(one.folder)
+        record = minimize(one.run(), one.folder)
+        return len(one.machine.executed) - record.failed[1]
+
+    searched = minimized(tmp_path / "first", 10_000)
+    with pytest.raises(InconclusiveError, match=r"none of \d+ fresh trials of what was kept, 1 message, failed"):
+        minimized(tmp_path / "second", searched)
+
+
 def needs_two(messages: Sequence[Message]) -> int | None:
     """Fail at the end when two messages have come, the first of which is nothing special."""
     return len(messages) - 1 if {20, 41} <= {each.sequence for each in messages} else None
