@@ -30,6 +30,8 @@ _INJECTED = 20.0
 _RECENT = 1.0
 _UNMODIFIED, _DOUBT = 0.1, 0.02
 """Prior that what was kept fails without its modifications, and what decides about it."""
+_ALWAYS = 0.95
+"""A rate that is expected to be higher is taken to be 1."""
 _LEAST, _MOST, _SURE = 12, 40, 0.2
 """Trials for a rate, and how uncertain it may stay, as a share of it. Later steps take an input for harmless
 after so few trials that a rate of 0.3 that passes for 0.6 made a third of their answers wrong."""
@@ -207,8 +209,8 @@ class _Minimization:
         Raises:
             InconclusiveError: None of them failed.
         """
-        rate, (failed, total) = self.finding.rate, found.minimal.failed
-        if failed == total and (rate is None or rate.count == rate.total):
+        failed, total = found.minimal.failed
+        if failed == total and found.minimal.noise.rate > _ALWAYS:
             return found
         failed = total = 0
         noise = Noise.after()
