@@ -38,8 +38,6 @@ _MOST_SLOTS = 4
 """Trials at once for each processor: more of them cost memory, and wake up at the same time."""
 _SYSTEM_BATCH = 2
 """Runs of a whole system that are asked for at once, for each processor: they wait for about as long as they work."""
-_TIMED_SHARE = 2 / 3
-"""Of the processors, for all runs at once in which times are told."""
 
 
 def slots_for(busy: float, processors: int) -> int:
@@ -115,7 +113,7 @@ class RunnerFactory(Protocol):
             observe: Fields (`topic:field`) whose values are kept, and topics whose times alone are kept.
             record: File that gets every message of a run; None for none.
             judged: The unit that is held against what it does in nominal runs, and that (from `in_system`).
-            timed: Whether what follows what is told by time, which processors without room would blur.
+            timed: Whether what follows what is told by time, which more runs at once than processors would blur.
         """
         ...
 
@@ -246,13 +244,13 @@ class LocalRunners:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
         trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
-        if not self._spread:
+        if timed or not self._spread:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
         # How busy runs are differs from day to day; what a search asks for must not, so a batch is of one size.
         batch = _SYSTEM_BATCH * self._processors
 
         def slots(busy: float) -> int:
-            return min(batch, slots_for(busy / _TIMED_SHARE if timed else busy, self._processors))
+            return min(batch, slots_for(busy, self._processors))
 
         return LocalRunner(lambda: trial, self._pool, slots, into=record, batch=batch)
 
