@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
 
 from riot_bus.pipeline.event import Event, check
 from riot_bus.types.json_type import JsonType
+from riot_bus.vocabulary.elements import Elements
+from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.message import Message, Qos
 
 MESSAGE = Message(5, "a/b", b'{"x": 1}')
@@ -62,6 +65,19 @@ def test_the_digest_is_that_of_the_message_as_it_came() -> None:
     seen, _ = arrived()
     seen.set("x", 2)
     assert seen.digest == MESSAGE.digest()
+
+
+def test_elements_are_read_and_set_at_once() -> None:
+    payload = b'{"poses": [{"x": 1}, {"x": 2.5}], "n": 7}'
+    seen = Event(Message(0, "k", payload), "k", 0, 0.0, kind=JsonType())
+    assert seen.read_elements("poses[*].x") == (1, 2.5)
+    seen.set_elements("poses[*].x", Elements([1, 2.5]))
+    assert (seen.touched, seen.payload) == (False, payload)
+    seen.set_elements("poses[*].x", Elements([1, 3.5]))
+    assert json.loads(seen.payload) == {"poses": [{"x": 1}, {"x": 3.5}], "n": 7}
+    assert [(change.action, change.field) for change in seen.changes] == [("set", "poses[*].x")]
+    with pytest.raises(PayloadError, match="2 elements are not set to 1"):
+        seen.set_elements("poses[*].x", Elements([1]))
 
 
 def test_without_provenance_the_values_are_not_noted() -> None:
