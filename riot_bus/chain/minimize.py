@@ -219,14 +219,14 @@ class _Minimization:
             failed, total = failed + sum(answers), total + len(answers)
             self.spent += len(answers)
             noise = Noise.after(failed, total)
-        if total and not failed:
+        if total >= _LEAST and not failed:
             raise InconclusiveError(
                 f"none of {total} fresh trials of what was kept, {counted(len(found.kept), 'message')}, failed: "
                 "the failure comes so seldom that chance has led the search",
                 where=str(self.folder),
                 hint="try another --seed; what makes it come more often?",
             )
-        return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if total else found
+        return replace(found, minimal=replace(found.minimal, failed=(failed, total))) if failed else found
 
     def _observed(self, fields: NamedFields) -> dict[str, list[Scalar]]:
         log = self.step.workspace.known_unit_log(self.finding.unit)
