@@ -34,8 +34,8 @@ __all__ = ["FOLDER", "RegionRule", "box_rule", "learnt_rule", "with_simple_limit
 
 FOLDER = "region"
 """Of the finding's folder, where the rule is."""
-_FRESH = 20
-"""Runs in which a learnt rule is tested, half of them where it says that they fail."""
+_FRESH, _LEAST = 20, 5
+"""Runs in which a learnt rule is tested, half of them where it says that they fail; on either side at least."""
 _DRAWS = 1000
 
 
@@ -54,9 +54,10 @@ class RegionRule(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether nine of ten tested runs are as it says, on either side."""
+        """Whether nine of ten tested runs are as it says, on either side, of a few there at least."""
         inside, outside = ([failed for said, failed in self.tested if said is side] for side in (True, False))
-        return bool(inside) and sum(inside) >= FIT * len(inside) and sum(outside) <= (1 - FIT) * len(outside)
+        enough = min(len(inside), len(outside)) >= _LEAST
+        return enough and sum(inside) >= FIT * len(inside) and sum(outside) <= (1 - FIT) * len(outside)
 
     @property
     def text(self) -> str:
@@ -76,24 +77,18 @@ class RegionRule(NamedTuple):
         """
         if any(field.parameter for field in fields):
             return
-        judged = self.tested or self._said()
         (folder / FOLDER).mkdir(exist_ok=True)
         RuleRecord(
             text=self.rule.text(),
             rule=self.rule.to_dict(),
-            precision=_rate([failed for said, failed in judged if said]),
-            recall=_rate([said for said, failed in judged if failed]),
+            precision=_rate([failed for said, failed in self.tested if said]),
+            recall=_rate([said for said, failed in self.tested if failed]),
             balanced_accuracy=None,
             checks=len(self.tested),
             scale={field.name: field.spread for field in fields},
             types={field.name: field.type for field in fields},
             samples=tuple(self.samples),
         ).save(folder / FOLDER)
-
-    def _said(self) -> list[tuple[bool, bool]]:
-        names = self.rule.variables
-        columns = {name: np.array([one.values[name] for one in self.samples]) for name in names}
-        return list(zip(self.rule.predict(columns).tolist(), (one.failed for one in self.samples), strict=True))
 
 
 def with_simple_limits(region: Region, fields: Sequence[ExternalField], samples: Sequence[RegionSample]) -> Region:

@@ -35,7 +35,10 @@ def scan(
     ] = None,
     *,
     rule: Annotated[
-        Path, typer.Option("--rule", "-r", help="Folder of a finding, an output folder that holds one, or a rule.json.")
+        Path,
+        typer.Option(
+            "--rule", "-r", help="Folder of a finding or its region, an output folder with one, or a rule.json."
+        ),
     ] = Path("riot-out"),
     over: Annotated[
         str, typer.Option(metavar="QUERY", help="Which logs of the catalogue, as for riot fleet list; '' for all.")
@@ -67,10 +70,11 @@ def scan(
     from riot_bus.chain.workspace import open_finding
     from riot_bus.cli.narrate import ConsoleNarrator
     from riot_bus.events import StepProgress, StepStarted
+    from riot_bus.findings.records import RuleRecord
     from riot_bus.vocabulary.errors import InconclusiveError
     from riot_bus.vocabulary.redaction import escape_control_chars
 
-    source = rule if rule.is_file() else open_finding(rule)[0]
+    source = rule if rule.is_file() or RuleRecord.exists(rule) else open_finding(rule)[0]
     if watch:
         given = {"PLACE": places, "--over": over, "--page": page, "--format": form is not OutputFormat.TEXT}
         _watch(source, endpoint, cfg or [], within, [name for name, value in given.items() if value])

@@ -95,7 +95,7 @@ def test_external_values_are_found_replayed_and_surrounded_by_a_region(tmp_path:
     rule = RuleRecord.load(one.folder / "region")
     assert region.rule == rule.text == f"panel:knob <= {knob.high:g} and panel:lever >= {lever.low:g}"
     assert len(f"{knob.high:g}") <= 3  # 20, for example: no more digits than the runs need
-    assert (rule.precision.count, rule.precision.total) == (region.inside.count, region.inside.total)
+    assert (rule.checks, rule.precision.total, rule.recall.total) == (0, 0, 0)  # no fresh run tested it
     assert (rule.scale.keys(), rule.types["panel:lever"]) == ({"panel:knob", "panel:lever"}, "float64")
     with Catalogue(None) as known:
         index(known, [str(one.folder / "activation.mcap")])

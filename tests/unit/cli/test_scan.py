@@ -48,6 +48,10 @@ def test_robots_are_told_nearest_first(fleet: Path) -> None:
     }
 
 
+def test_a_folder_with_a_rule_will_do_such_as_the_region_of_a_finding(fleet: Path) -> None:
+    assert scan(fleet / "logs/r3", "--rule", fleet / "rule").exit_code == 1
+
+
 def test_logs_of_a_catalogue_are_chosen_by_a_query(fleet: Path) -> None:
     known = fleet / "catalogue.sqlite"
     options = ("--catalogue", known, "--rule", fleet / "rule/rule.json")
