@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.activation import Activation, activate
@@ -9,6 +10,7 @@ from riot_bus.backchain.proposers import PORTFOLIO
 from riot_bus.chain.crash_region import axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
+from riot_bus.chain.region_rule import FOLDER
 from riot_bus.chain.replay import Replay, replay
 from riot_bus.findings.records import ActivationRecord, FieldsRecord, FindingRecord, PermeabilityRecord
 from riot_bus.plugins import SEARCHES
@@ -41,6 +43,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         ConfigError: A step before has not been done, or there is no such method.
         InconclusiveError: No external field is permeable, so there is nothing to search.
     """
+    shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of an earlier search
     portfolio = [SEARCHES.load(name, where="--search") for name in search] or PORTFOLIO
     FieldsRecord.load(folder)
     permeable = PermeabilityRecord.load(folder)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import shutil
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.backchain.region import FIT, Region, map_region
-from riot_bus.chain.region_rule import FOLDER, RegionRule, box_rule, learnt_rule, with_simple_limits
+from riot_bus.chain.region_rule import RegionRule, box_rule, learnt_rule, with_simple_limits
 from riot_bus.findings.records import PermeabilityRecord, ProportionRecord, RangeRecord, RegionRecord
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
@@ -42,7 +41,6 @@ def crash_region(system: DrivenSystem, preferred: Sequence[str], found: Mapping[
 
     What is no number keeps its value. There is no region where fields have to vary in time, or are not finite.
     """
-    shutil.rmtree(system.folder / FOLDER, ignore_errors=True)  # of an earlier search
     if found.keys() - system.fields.keys() or not all(map(math.isfinite, found.values())):
         return None
     chosen = [name for name in preferred if name in found]

@@ -166,8 +166,10 @@ def test_a_zone_that_is_no_box_is_told_by_a_rule_that_is_tested(tmp_path: Path, 
 
 def test_a_search_that_finds_nothing_says_how_near_it_came(tmp_path: Path, slow: dict[str, Any]) -> None:
     one = ready(tmp_path, slow, ("panel:heat", 0.9), system_fails=never_hangs)
+    (one.folder / "region").mkdir()
     record = activation(one.run(), one.folder, budget=4)
     assert (record.found, record.runs, record.replays, record.region) == (None, 4, 0, None)
+    assert not (one.folder / "region").exists()  # that of an earlier search is not this one's
     assert record.best_distance is not None
     assert not (one.folder / "activation.mcap").exists()
     assert record.summary.startswith("not activated in 4 runs")
