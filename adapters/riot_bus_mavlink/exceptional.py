@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from riot_bus.types.model import MessageType
     from riot_bus_mavlink.definitions import EnumTable, FieldText, MessageTable, Param
 
-__all__ = ["exceptional_values", "invalid_values", "why_brittle"]
+__all__ = ["allows_nan", "exceptional_values", "invalid_values", "why_brittle"]
 
 _COMMANDS = "MAV_CMD"
 _MOST_VALID = 24
@@ -103,6 +103,26 @@ def why_brittle(message: MessageTable, path: str) -> str | None:
     return "" if name.endswith("_version") or name in ("version", "message_id") else None
 
 
+def allows_nan(message: MessageTable, path: str) -> bool:
+    """Return whether NaN says in a field that its value is not known, or that a parameter is not used.
+
+    Of parameters, the command protocol says so for all commands: https://mavlink.io/en/services/command.html
+    """
+    name, _, index = path.partition("[")
+    place = message.places.get(name)
+    if place is None or not place.field.kind.startswith("float"):
+        return False
+    number = int(index[:-1]) if index[:-1].isdecimal() else 0
+    return any(math.isnan(value) for value in invalid_values(place.field.invalid, number)) or (
+        name in _PARAMS and _command_of(message) is not None
+    )
+
+
+def _command_of(message: MessageTable) -> str | None:
+    """Return the field that tells which command the parameters belong to, None if the message has none."""
+    return next((name for name, place in message.places.items() if place.field.enum == _COMMANDS), None)
+
+
 def _of_enum(field: FieldText, enums: Mapping[str, EnumTable]) -> Iterator[_Told]:
     table = enums.get(field.enum)
     if table is None or not table.entries:
@@ -155,7 +175,7 @@ def _param(
     """Return what a parameter means for the command in a payload, None if it is no parameter."""
     number = _PARAMS.get(name)
     commands = enums.get(_COMMANDS)
-    carrier = next((each for each, place in message.places.items() if place.field.enum == _COMMANDS), None)
+    carrier = _command_of(message)
     if number is None or commands is None or carrier is None:
         return None
     try:

@@ -11,7 +11,7 @@ from riot_bus.types.model import Leaf, Schema
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus_mavlink.crc import load_crc
 from riot_bus_mavlink.definitions import Place
-from riot_bus_mavlink.exceptional import exceptional_values, why_brittle
+from riot_bus_mavlink.exceptional import allows_nan, exceptional_values, why_brittle
 from riot_bus_mavlink.frame import SIGNATURE, SIGNED, V1, V2, trimmed
 from riot_bus_mavlink.schema_text import ENCODING, schema_of
 from riot_bus_mavlink.slots import HEADER, NumberSlot, Slot, find_slot, slots_of
@@ -214,6 +214,10 @@ class MavlinkType:
     def brittle(self, path: str) -> str | None:
         """Return why a field should be left alone, as `riot_bus.types.capabilities.KnowsBrittleFields` says."""
         return why_brittle(self.message, path)
+
+    def allows_non_finite(self, path: str) -> bool:
+        """Return whether NaN is no fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
+        return allows_nan(self.message, path)
 
     def _parts(self, payload: bytes) -> _Parts:
         """Return where the parts of a frame are; raises PayloadError if it is none of this message."""

@@ -28,6 +28,7 @@ from riot_bus_ros2.cdr_layout import (
 )
 from riot_bus_ros2.cdr_plan import FieldPlan, Way, find_way, make_plan
 from riot_bus_ros2.hashes import PLACEHOLDER
+from riot_bus_ros2.non_finite import allows_non_finite
 from riot_bus_ros2.parts import list_parts
 
 if TYPE_CHECKING:
@@ -141,6 +142,10 @@ class CdrType:
             return list_parts(self.name, self._store.fields)
         except KeyError as error:
             raise PayloadError(f"opaque: type {error.args[0]} is unknown", where=self.name) from error
+
+    def allows_non_finite(self, path: str) -> bool:
+        """Return whether NaN or an infinity is no fault, as `riot_bus.types.capabilities.AllowsNonFinite` says."""
+        return allows_non_finite(self.name, path)
 
     def patch(self, payload: bytes, changes: Mapping[str, Scalar]) -> bytes:
         """Return the payload with some scalars replaced in place; its length stays the same."""

@@ -101,7 +101,7 @@ class SilenceMonitor:
             if crashes_of(component):
                 continue
             topics = ", ".join(signs.silent)
-            detail = f"the whole nominal log brings nothing on {topics}, as it does in nominal trials"
+            detail = f"neither the probe brings {topics}, as it does in nominal trials, nor the whole nominal log"
             found.append(_violation("silent", component, f"nothing on {topics}", detail))
         return found
 

@@ -17,6 +17,7 @@ from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from riot_bus.statistics.rates import exact_interval
+from riot_bus.types.capabilities import allows_non_finite
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.trial import Violation
 
@@ -75,11 +76,15 @@ class _ByPayload(Generic[_T]):
 
 
 class _Answer(NamedTuple):
-    """Numbers of one message by path; `odd` tells those that are NaN or infinite, with `[*]` for any element."""
+    """Numbers of one message by path; `odd` tells those that are NaN or infinite, with `[*]` for any element.
+
+    Of the fields of `free`, nothing is told: in them that is a regular value.
+    """
 
     time: int
     numbers: Mapping[str, float]
     odd: Mapping[str, str]
+    free: frozenset[str]
 
 
 _Answers = dict[str, list[_Answer]]
@@ -245,7 +250,8 @@ def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[Mi
     counts = {len(trial) for trial in trials}
     every = list(chain.from_iterable(trials))
     paths = sorted(set().union(*(answer.numbers for answer in every)))
-    for name in sorted({_INDEX.sub("[*]", path) for path in paths}.difference(*(answer.odd for answer in every))):
+    told = {_INDEX.sub("[*]", path) for path in paths}.difference(*(answer.free.union(answer.odd) for answer in every))
+    for name in sorted(told):
         yield MinedRule("finite", topic, name)
     for parent in sorted({path.rpartition(".")[0] for path in paths if path.endswith(".w")}):
         lengths = [_norm(answer.numbers, parent) for answer in every]
@@ -306,8 +312,10 @@ def _answers(outputs: Sequence[Message], registry: TypeRegistry) -> _Answers:
     return found
 
 
-def _numbers_of(kind: MessageType | None, payload: bytes) -> tuple[Mapping[str, float], Mapping[str, str]]:
-    """Return `numbers` and `odd` of an `_Answer`."""
+def _numbers_of(
+    kind: MessageType | None, payload: bytes
+) -> tuple[Mapping[str, float], Mapping[str, str], frozenset[str]]:
+    """Return `numbers`, `odd` and `free` of an `_Answer`."""
     try:
         leaves = () if kind is None else kind.leaves(payload)
     except PayloadError:
@@ -322,7 +330,7 @@ def _numbers_of(kind: MessageType | None, payload: bytes) -> tuple[Mapping[str, 
         for path, value in reversed(numbers.items())  # the first element is told
         if not math.isfinite(value)
     }
-    return numbers, odd
+    return numbers, odd, frozenset(_INDEX.sub("[*]", path) for path in numbers if allows_non_finite(kind, path))
 
 
 _numbers = _ByPayload(_numbers_of, most=_MOST_KNOWN)

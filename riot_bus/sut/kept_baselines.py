@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["KeptBaselines"]
 
 _LOG = logging.getLogger(__name__)
-_MEASURED = 2
+_MEASURED = 3
 """Which way of measuring them is kept: raised when that changes, so that those of before are measured anew."""
 _MOST = 16 << 20
 """Bytes of a file that are read: a rule of each number of each answer to a probe takes 100 or so."""

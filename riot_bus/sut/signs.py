@@ -211,7 +211,8 @@ class Feeder:
         """Return what is different from nominal trials, and whether the unit has come to rest after all input.
 
         A unit that answers nominal input as in nominal trials is alive. One that does not gets the whole nominal log:
-        an input may have put it into a state that another one ends, or it has not seen yet what it needs.
+        an input may have put it into a state that another one ends, or it has not seen yet what it needs. That has to
+        bring what the probe brings, and no more: of a second log, nominal trials do not tell what comes once only.
 
         Args:
             settled: Whether it has come to rest after the log.
@@ -225,7 +226,8 @@ class Feeder:
                 self._linger()
             return (self._changed() if settled else self._standing()), settled
         silent: tuple[str, ...] = ()
-        for messages, expected in ((baseline.probe, baseline.probe_answers), (baseline.log, baseline.log_answers)):
+        again = {topic: baseline.log_answers.get(topic, count) for topic, count in baseline.probe_answers.items()}
+        for messages, expected in ((baseline.probe, baseline.probe_answers), (baseline.log, again)):
             begin = len(self._stage.outputs)
             if settled:
                 settled = self.feed(messages, expected=expected)

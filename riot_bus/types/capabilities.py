@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MOST_PARTS",
+    "AllowsNonFinite",
     "Announcement",
     "Ask",
     "ConvertsFiles",
@@ -51,6 +52,7 @@ __all__ = [
     "SuggestsValues",
     "TakesFiles",
     "Unpacker",
+    "allows_non_finite",
     "suggested_values",
 ]
 
@@ -511,6 +513,24 @@ class KnowsBrittleFields(Protocol):
             The reason, empty if it may be changed, None if nothing tells; then its name decides.
         """
         ...
+
+
+@runtime_checkable
+class AllowsNonFinite(Protocol):
+    """Knows fields in which NaN or an infinity is a regular value, such as "not known" or "nothing in reach"."""
+
+    def allows_non_finite(self, path: str) -> bool:
+        """Return whether a field is such a one.
+
+        Args:
+            path: A field, or an element of an array.
+        """
+        ...
+
+
+def allows_non_finite(kind: MessageType | None, path: str) -> bool:
+    """Return whether NaN or an infinity is a regular value of a field, False if nothing tells."""
+    return kind is not None and isinstance(kind, AllowsNonFinite) and kind.allows_non_finite(path)
 
 
 @runtime_checkable

@@ -31,7 +31,7 @@ TRIALS = scaled(60, gate=16)
 CAMPAIGNS = 2
 GATE = (
     *("deadlock", "lost_worker", "faults_in_c", "silent"),
-    *("muted_by_mode", "timers"),
+    *("muted_by_mode", "timers", "homes"),
 )
 """One of most signs; `benchmarks/verdicts.py` runs many campaigns of all."""
 

@@ -110,7 +110,10 @@ ROBUST = (
     "timers",
     "echoes",
     "sums",
+    "homes",
 )
+
+OUTPUTS = {"homes": ["state", "homed"]}
 
 PERSISTENT = 'isolation = "persistent"\nmined = false\n'
 _MESSAGES = 30
@@ -178,7 +181,7 @@ def write(folder: Path, kinds: Sequence[str] = (*FAULTY, *ROBUST, ORDER, HISTORY
     limited = 'limits = { memory = "1 GiB", processes = 20, cpu = "1.5 s" }\n'
     parts += [
         f'[components.{kind}]\ncommand = ["{{python}}", "node.py", "{kind}", "{{endpoint}}"]\n'
-        f'inputs = ["cmd", "mode"]\noutputs = ["{"measured" if kind in MEASURED else "state"}"]\n'
+        f'inputs = ["cmd", "mode"]\noutputs = {OUTPUTS.get(kind) or ["measured" if kind in MEASURED else "state"]}\n'
         f"ready = {{ timeout = 60 }}\n{sanitized if kind == SANITIZED else ''}{limited if kind in LIMITED else ''}"
         f"[unit.{kind}]\nleave = {['cmd:k'] if kind == ORDER else ['mode:*', 'cmd:k']}\nsettle = {{ timeout = 2.0 }}\n"
         f"{'mined = false' if kind in MEASURED else ''}\n"

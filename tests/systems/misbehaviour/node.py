@@ -30,7 +30,7 @@ LAST_WORD = 45  # in the nominal log after the probe, wherever in a log of 30 co
 
 inbox = queue.Queue()
 first, second = threading.Lock(), threading.Lock()
-seen_bad = muted = False
+seen_bad = muted = homed = told = False
 count = refused = 0
 total = 0.0
 mode = 0
@@ -144,6 +144,8 @@ def handle(command):
     count += KIND not in MEASURED
     if KIND == "after_sixty" and bad and count > 60:
         raise ValueError("bad after sixty others")
+    if KIND == "homes" and not is_homed(command, bad):
+        return
     if bad and misbehave(command):
         return
     if KIND in ("ignores", "silent") and seen_bad:
@@ -164,6 +166,16 @@ def handle(command):
         print(f"no error, no exception: message {count}", file=sys.stderr, flush=True)
     if KIND != "silent_by_design":
         measure(command, bad) if KIND in MEASURED else answer(command, bad)
+
+
+def is_homed(command, bad):
+    """Home by the log's first command, told once; a bad one asks for that again, which the probe does not bring."""
+    global homed, told
+    homed = not bad and (homed or command["x"] == 0)
+    if homed and not told:
+        session.put("homed", "{}")
+        told = True
+    return homed
 
 
 def measure(command, bad):

@@ -14,6 +14,8 @@ import pytest
 from riot_bus.monitors.mined import Mined, check_rules, mine
 from riot_bus.monitors.model import TrialView, judge
 from riot_bus.testing.monitors import trial_view
+from riot_bus.types.json_type import JsonType
+from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.message import Message
 
 Document = dict[str, Any]
@@ -137,6 +139,23 @@ def test_what_is_not_finite_after_input_that_is_not_either_is_no_fault(x: Any) -
     assert rules.judge(trial(1.0, math.nan, probed=None)) == [], "of a unit that does not get through the probe"
     garbage = replace(trial(1.0, math.nan), inputs=[Message(0, "in", b"\xff\x00")])
     assert rules.judge(garbage) == []
+
+
+class Ranges(JsonType):
+    """Infinity says that nothing is in reach."""
+
+    def allows_non_finite(self, path: str) -> bool:
+        return path.startswith("ranges[")
+
+
+def test_where_the_type_allows_infinity_nothing_is_claimed_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    nominal = replace(trial_view([("a", {"ranges": [1.0, 2.0], "y": 1.0})] * 3), probed=0)
+    odd = replace(trial_view([("a", {"ranges": [1.0, math.inf], "y": math.nan})] * 3), probed=0)
+    for kind, told in ((JsonType(), {"a:ranges[*]", "a:y"}), (Ranges(), {"a:y"})):
+        monkeypatch.setattr(TypeRegistry, "type_of", lambda *_, kind=kind, **__: kind)
+        rules = check_rules(mine([[nominal] * 3]), [], trials=3)
+        assert {each.signature for each in rules.judge(odd)} == {f"mined finite of {place}" for place in told}
+        assert {rule.place for rule in rules.rules if rule.kind == "finite"} == told | {"a:len(ranges)"}
 
 
 def test_a_rule_that_fires_on_another_nominal_trial_is_dropped_and_told() -> None:

@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 
 from riot_bus.testing.types import HostileConformance, TypeConformance, same_leaf
 from riot_bus.types.bulk import gather
-from riot_bus.types.capabilities import DescribesFields, GathersFields, KnowsBrittleFields, SuggestsValues
+from riot_bus.types.capabilities import (
+    AllowsNonFinite,
+    DescribesFields,
+    GathersFields,
+    KnowsBrittleFields,
+    SuggestsValues,
+)
 from riot_bus.types.model import Leaf
 from riot_bus.types.payloads import Payloads
 from riot_bus.vocabulary.errors import PayloadError
@@ -122,6 +128,22 @@ def test_protocols():
     assert isinstance(one, DescribesFields)
     assert isinstance(one, SuggestsValues)
     assert isinstance(one, KnowsBrittleFields)
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed", "others"),
+    [
+        ("COMMAND_LONG", ["param1", "param7"], ["command", "confirmation", "nothing"]),
+        ("COMMAND_INT", ["param4", "z"], ["x", "frame"]),
+        ("MISSION_ITEM_INT", ["param1"], ["y", "seq"]),
+        ("ODOMETRY", ["pose_covariance[0]", "pose_covariance[1]"], ["x", "q[0]"]),
+        ("ATTITUDE", [], ["roll", "time_boot_ms"]),
+    ],
+)
+def test_nan_means_not_used_or_not_known(name, allowed, others):
+    one = kind(name)
+    assert isinstance(one, AllowsNonFinite)
+    assert [path for path in (*allowed, *others) if one.allows_non_finite(path)] == allowed
 
 
 def test_fields_in_the_order_of_the_definition():
