@@ -82,6 +82,7 @@ class DrivenRuns:
         driving: What is played to it; nothing where external components drive it.
         internals: The internal fields.
         usual: What each of them does in a nominal run.
+        speed: How fast the runs are, as a multiple of the system's own time.
     """
 
     step: StepRun
@@ -89,6 +90,7 @@ class DrivenRuns:
     driving: tuple[Message, ...]
     internals: Sequence[str]
     usual: Mapping[str, Usual]
+    speed: float = 1.0
 
     def within(self, fields: Sequence[ExternalField], numbers: range) -> list[Perturbed]:
         """Return runs in which all fields are driven, each by its own signal in each run.
@@ -143,7 +145,7 @@ class DrivenRuns:
         cases = [
             self._case(
                 (
-                    Injection(field.topic, field.path, field.told(value(signal.value(at))))
+                    field.injection(value(signal.value(at)), speed=self.speed)
                     for field, (signal, value) in drawn.items()
                 ),
                 number,

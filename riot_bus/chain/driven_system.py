@@ -305,16 +305,8 @@ class DrivenSystem:
         if drive.value is None:
             times, values = zip(*drive.points, strict=True)
             return Injection(field.topic, field.path, Curve(times, values, field.integer))
-        first = drive.message or 0
-        return Injection(
-            field.topic,
-            field.path,
-            field.told(drive.value),
-            start=drive.start,
-            end=drive.end,
-            first=first,
-            last=drive.message,
-        )
+        speed = self.step.workspace.context.file.system.trial_run.speed
+        return field.injection(drive.value, speed=speed, start=drive.start, end=drive.end, message=drive.message)
 
     def _judge(self, outcome: Outcome) -> Evaluation:
         failed = outcome.failed_as(self.finding.signature)
@@ -328,7 +320,7 @@ def _varied(fields: Sequence[ExternalField], driving: Sequence[Message], file: S
     seconds = pace.duration / pace.speed
     if driving and driving[-1].time > driving[0].time:
         seconds = min(seconds, (driving[-1].time - driving[0].time) / 1e9)
-    counts = [0 if field.parameter else 1 + round(field.rate * pace.duration / speed) for field in fields]
+    counts = [0 if field.constant else 1 + round(field.rate * pace.duration / speed) for field in fields]
     return VariedInputs([field.search_field() for field in fields], seconds, counts)
 
 

@@ -9,14 +9,14 @@ from statistics import median, pstdev
 from typing import TYPE_CHECKING
 
 from riot_bus.backchain.encoding import SearchField
-from riot_bus.campaign.targets import Target, targets_of
+from riot_bus.campaign.targets import Target, may_change, samples_by_topic, targets_of
 from riot_bus.chain.logs import nominal_values
-from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+from riot_bus.vocabulary.errors import ConfigError, PayloadError, did_you_mean
 from riot_bus.vocabulary.field_pattern import names_field
-from riot_bus.vocabulary.injection import PARAMETERS, Signal
+from riot_bus.vocabulary.injection import PARAMETERS, Injection, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.sut.system import Parameter, RunPace, SystemFile
@@ -35,13 +35,26 @@ __all__ = [
 _REACH = 2500.0
 _MOST_TEXTS = 16
 """Of a text, those that came most often in the nominal log are tried."""
+_LONGER, _LONG = 4, 16
+"""Arrays get so many times their greatest nominal length, or so many elements: enough to be longer than anything that
+was foreseen, and too little to fill memory."""
+DELAY, LOSS = "#delay", "#loss"
+"""What fields are called, after their topic, that say how many seconds its messages are late, and what share is lost.
+No type's field is called so."""
+_FAULTS = {DELAY: "delay", LOSS: "drop"}
+_PERIODS, _MOST_LOSS = 10, 0.95
+"""Messages come late by so many times of their nominal distance at most, if riot.toml says nothing, and not all of them
+get lost: a failing run has to be played again from what came."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalField:
-    """One field of an external topic, or a parameter of commands, as a number: the place among choices if it has some.
+    """What the outside controls, as a number: a field or the length of an array, or a parameter of commands.
+
+    It may also be how late the messages of a topic are, in seconds, or which share of them gets lost.
 
     Attributes:
+        path: Of the field; `len(path)` of an array; the parameter's name; `DELAY` or `LOSS`.
         nominal: Median in the nominal log; of a field with choices the most frequent one.
         spread: Standard deviation there; for a constant field a tenth of its size, or 1; of one with choices a half.
         low: Smallest nominal value; of a constant field a spread below it; of a boolean one, or with choices, 0.
@@ -74,6 +87,11 @@ class ExternalField:
         return self.topic == PARAMETERS
 
     @property
+    def constant(self) -> bool:
+        """Whether it has one value in a run: it is no field of messages."""
+        return self.parameter or self.path in _FAULTS
+
+    @property
     def alone(self) -> bool:
         """Whether it is a text of which only one value is known."""
         return len(self.choices) == 1
@@ -83,6 +101,32 @@ class ExternalField:
         if self.choices:
             return self.choices[min(max(round(value), 0), len(self.choices) - 1)]
         return round(value) if self.integer and math.isfinite(value) else value
+
+    def injection(
+        self,
+        value: float,
+        *,
+        speed: float = 1.0,
+        start: float = 0.0,
+        end: float | None = None,
+        message: int | None = None,
+    ) -> Injection:
+        """Return what sets it to a number.
+
+        Args:
+            value: The number.
+            speed: How fast the run is, as a multiple of the system's own time.
+            start: When that begins, in seconds since the first message.
+            end: When it ends, in seconds; None for never.
+            message: Number of the only message of its topic that gets it; None for all in that time.
+        """
+        if self.path == DELAY:
+            return Injection(self.topic, fault="delay", delay=value / speed)
+        if self.path == LOSS:
+            return Injection(self.topic, fault="drop", probability=value)
+        return Injection(
+            self.topic, self.path, self.told(value), start=start, end=end, first=message or 0, last=message
+        )
 
     def search_field(self) -> SearchField:
         """Return it as a search sets it."""
@@ -165,7 +209,7 @@ def system_log(workspace: Workspace, duration: float | None = None) -> tuple[Mes
 
 
 def external_fields(workspace: Workspace) -> list[ExternalField]:
-    """List all external fields but bytes, with their behaviour in the nominal log, and the parameters of riot.toml.
+    """List all external fields but bytes, with their behaviour in the nominal log, and what riot.toml adds to them.
 
     Raises:
         ConfigError: riot.toml names no external topic, or the nominal log holds none of them.
@@ -174,6 +218,8 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
     messages = external_messages(workspace)
     targets = targets_of(messages, registry, leave=file.external.exclude)
     targets = {topic: [target for target in fields if target.type != "bytes"] for topic, fields in targets.items()}
+    for topic, lengths in _lengths(messages, workspace).items():
+        targets.setdefault(topic, []).extend(lengths)
     if not any(targets.values()):
         present = {registry.topic(one.key) for one in workspace.nominal_messages()}
         raise ConfigError(
@@ -195,7 +241,47 @@ def external_fields(workspace: Workspace) -> list[ExternalField]:
                 fields.append(_chosen(target, choices, seen, rate))
             elif numbers := [float(value) for value in seen if _finite(value)]:
                 fields.append(_described(topic, target.path, target.type, numbers, rate, file))
-    return fields + [_parameter(name, each) for name, each in file.external.parameters.items()]
+    fields += [_parameter(name, each) for name, each in file.external.parameters.items()]
+    return fields + [one for topic in file.external.timing for one in _timing(topic, times, file)]
+
+
+def _lengths(messages: Sequence[Message], workspace: Workspace) -> dict[str, list[Target]]:
+    """Return the lengths of arrays that may have any, by topic."""
+    leave, found = workspace.context.file.external.exclude, dict[str, list[Target]]()
+    for topic, (count, samples) in samples_by_topic(messages, workspace.context.registry).items():
+        paths: dict[str, str] = {}
+        for kind, payload in samples:
+            try:
+                leaves = kind.leaves(payload)
+            except PayloadError:
+                continue
+            for leaf in leaves:
+                if leaf.path.startswith("len(") and may_change(topic, leaf.path, leave, (), kind=kind):
+                    paths.setdefault(leaf.path, leaf.type)
+        if paths:
+            found[topic] = [Target(topic, path, type_name, count) for path, type_name in paths.items()]
+    return found
+
+
+def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) -> Iterator[ExternalField]:
+    """Yield how late the messages of a topic are, and which share of them is lost.
+
+    Raises:
+        ConfigError: There are none in the nominal log.
+    """
+    if topic not in times:
+        raise ConfigError(
+            f"no message of {topic!r} in the nominal log",
+            where=f"{file.path}: external.timing",
+            hint=did_you_mean(topic, times) or "list topics of `external.topics`",
+        )
+    system, rate = file.system, message_rate(times[topic])
+    late = _PERIODS / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
+    for path, most in ((DELAY, late), (LOSS, _MOST_LOSS)):
+        name = f"{topic}:{path}"
+        low, high = _range(name, (0.0, most), file)
+        low, high = max(low, 0.0), min(high, 1.0) if path == LOSS else high
+        yield ExternalField(name, topic, path, "float64", 0.0, (high - low) / 10, low, high, (low, high), rate)
 
 
 def _parameter(name: str, told: Parameter) -> ExternalField:
@@ -245,12 +331,16 @@ def _described(
     if type_name == "bool":
         low, high, spread = 0.0, 1.0, 0.5
     least, most = _limits(type_name)
-    chosen = (nominal - _REACH * spread, nominal + _REACH * spread)
-    for pattern, limits in file.external.ranges.items():
-        if names_field(pattern, name):
-            chosen = limits
-    low, high, first, last = (min(max(value, least), most) for value in (low, high, *chosen))
+    usual = (nominal - _REACH * spread, nominal + _REACH * spread)
+    if path.startswith("len("):
+        usual = (0.0, max(_LONG, _LONGER * max(numbers)))
+    low, high, first, last = (min(max(value, least), most) for value in (low, high, *_range(name, usual, file)))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
+
+
+def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[float, float]:
+    """Return what riot.toml states for a field as values that may be tried, the usual ones if it does not."""
+    return next((each for pattern, each in reversed(file.external.ranges.items()) if names_field(pattern, name)), usual)
 
 
 def _limits(type_name: str) -> tuple[float, float]:

@@ -83,11 +83,12 @@ def permeability(step: StepRun, folder: Path, *, runs: int = 8, prune: bool = Tr
             where=str(file.path),
             hint="are `inputs` and `outputs` of all components complete? --no-prune tests everything",
         )
-    signalled = [field for field in driven if not field.parameter]
+    signalled = [field for field in driven if not field.constant]
     observed = (*internals, *sorted({field.topic for field in signalled}))
-    driving = driving_log(workspace, file.system.perturbed_run)
-    runner = step.system_runner(observe=observed, pace=file.system.perturbed_run)
-    system = DrivenRuns(step, runner, driving, internals, _usual(workspace, internals))
+    pace = file.system.perturbed_run
+    driving = driving_log(workspace, pace)
+    runner = step.system_runner(observe=observed, pace=pace)
+    system = DrivenRuns(step, runner, driving, internals, _usual(workspace, internals), pace.speed)
     done, apart, count = _driven_without_refused(system, signalled, runs)
     driven, signalled = ([field for field in some if field.name not in apart] for some in (driven, signalled))
     result = analysed(system.runs(done), alpha=_ALPHA, seed=workspace.seed)

@@ -73,9 +73,9 @@ class RegionRule(NamedTuple):
 
         Args:
             folder: The finding.
-            fields: The fields of the rule; with parameters, which no log has, nothing is written.
+            fields: The fields of the rule; with what is no field of a log, such as parameters, nothing is written.
         """
-        if any(field.parameter for field in fields):
+        if any(field.constant for field in fields):
             return
         (folder / FOLDER).mkdir(exist_ok=True)
         RuleRecord(

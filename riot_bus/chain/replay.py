@@ -67,6 +67,8 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
     elif Path(log).is_file():
         shutil.copyfile(log, target)
     external = read_log(target)
+    if not external:
+        return Replay()
     parameters = tuple(each for each in (case.injections if case else ()) if each.topic == PARAMETERS)
     cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
     failed = sum(outcome.failed_as(system.finding.signature) for outcome in system.runner.run(cases))

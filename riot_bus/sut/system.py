@@ -169,13 +169,17 @@ class Parameter(_Table):
 
 
 class External(_Table):
-    """`[external]`: topics that the outside world controls, what their fields may be, and fields that it does not."""
+    """`[external]`: topics that the outside world controls, what their fields may be, and fields that it does not.
+
+    Of the topics of `timing`, messages may be late or get lost.
+    """
 
     topics: tuple[str, ...] = ()
     ranges: dict[str, tuple[float, float]] = {}
     values: dict[str, Annotated[tuple[bool | int | float | str, ...], Field(min_length=1)]] = {}
     parameters: dict[str, Parameter] = {}
     exclude: tuple[str, ...] = ()
+    timing: tuple[str, ...] = ()
 
 
 class Settle(_Table):

@@ -438,3 +438,58 @@ def test_parameters_of_commands_are_inputs_like_fields(tmp_path: Path, slow: dic
     assert (record.replays, record.replays_failed, record.messages) == (10, 10, COUNT)
     assert "param:profile = sport" in record.text
     assert reproduce(one.workspace, one.folder, times=3, whole_system=True).answer == "still failing"
+
+
+def loaded(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says that slows down by how much is on the belt."""
+    return [
+        each.with_(payload=json.dumps({"mode": "step", "speed": 5.0 - len(values["belt"]), "note": ""}).encode())
+        for each, values in ((each, said(reading)) for each, reading in zip(commands(readings), readings, strict=True))
+    ]
+
+
+def test_the_length_of_an_array_is_an_input(tmp_path: Path, slow: dict[str, Any]) -> None:
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for number, reading in enumerate(panel(0)):
+            reading = reading.with_(payload=json.dumps(said(reading) | {"belt": [1.0] * (number % 3)}).encode())
+            for message in (reading, *loaded([reading])):
+                writer.write(message)
+    one = ready(tmp_path, slow, system=LOGGED, governor=loaded)
+    write_fields(one, SPEED)
+    reached = one.workspace.carry_out(find_step("permeability"), one.folder)
+    assert isinstance(reached, PermeabilityRecord)
+    assert reached.permeable == ("panel:len(belt)",)
+    record = activation(one.run(), one.folder, budget=100)
+    assert record.found is not None
+    assert record.found["panel:len(belt)"] > 4
+    assert record.replays_failed == 10
+    assert record.region is not None
+    assert record.region.rule == "panel:len(belt) >= 5"
+
+
+def ageing(readings: Sequence[Message]) -> list[Message]:
+    """What a governor says ten times a second that slows down by the age of what it knows."""
+    begin, found = 10**18, []
+    for number in range(30):
+        now = begin + number * 100_000_000
+        known = [reading.time for reading in readings if reading.time <= now]
+        speed = 3.0 - 4.0 * min(1.0, (now - (max(known) if known else begin)) / 1e9)
+        payload = json.dumps({"mode": "step", "speed": speed, "note": ""}).encode()
+        found.append(Message(now, "command", payload, sequence=number))
+    return found
+
+
+def test_messages_that_are_late_or_lost_are_inputs(tmp_path: Path, slow: dict[str, Any]) -> None:
+    write_nominal(tmp_path)
+    timed = LOGGED.replace("[external.ranges]", 'timing = ["panel"]\n\n[external.ranges]\n"*:#delay" = [0, 2]')
+    one = ready(tmp_path, slow, system=timed, governor=ageing)
+    write_fields(one, SPEED)
+    reached = one.workspace.carry_out(find_step("permeability"), one.folder)
+    assert isinstance(reached, PermeabilityRecord)
+    assert set(reached.permeable) == {"panel:#delay", "panel:#loss"}
+    record = activation(one.run(), one.folder, budget=100)
+    assert record.found is not None
+    assert record.replays_failed == 10
+    assert hangs(ageing(read_log(one.folder / "activation.mcap"))) is not None
+    assert "panel:#" in record.text
+    assert not (one.folder / "region").exists(), "no log has such fields"

@@ -9,6 +9,7 @@ from riot_bus.chain.external import driving_log, external_fields, message_rate
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.system import RunPace
 from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from tests.unit.chain.machine import LOGGED as LOGGED_ALONE
 from tests.unit.chain.machine import SYSTEM, bench, write_nominal
@@ -47,6 +48,46 @@ def test_values_stay_within_their_type(tmp_path: Path) -> None:
     (level,) = external_fields(bench(tmp_path, system).workspace)
     assert (level.type, level.nominal, level.range) == ("uint8", 254, (0, 255))
     assert (level.low, level.high) == (254 - 25.4, 255)
+
+
+def test_lengths_of_arrays_are_fields(tmp_path: Path) -> None:
+    log(tmp_path, [{"load": [1.0] * size, "path": [{"x": 1.0}] * 40, "name": "x"} for size in (3, 4, 5)])
+    fields = {field.path: field for field in external_fields(bench(tmp_path, LOGGED).workspace)}
+    load, path = fields["len(load)"], fields["len(path)"]
+    assert (load.type, load.integer, load.nominal, load.low, load.high, load.range) == (
+        "uint32",
+        True,
+        4,
+        3,
+        5,
+        (0, 20),
+    )
+    assert (path.nominal, path.low, path.high, path.range) == (40, 36, 44, (0, 160))
+    assert load.injection(7.0) == Injection("panel", "len(load)", 7)
+    apart = LOGGED.replace("[external.ranges]", 'exclude = ["panel:path"]\n\n[external.ranges]\n"*:len(load)" = [1, 9]')
+    fields = {field.path: field for field in external_fields(bench(tmp_path, apart).workspace)}
+    assert "len(path)" not in fields
+    assert fields["len(load)"].range == (1, 9)
+
+
+TIMED = LOGGED.replace("[external.ranges]", 'timing = ["panel"]\n\n[external.ranges]\n"*:#loss" = [0, 2]')
+
+
+def test_messages_may_be_late_or_get_lost_where_riot_toml_says_so(tmp_path: Path) -> None:
+    log(tmp_path, [{"knob": 1.0}] * 5)
+    fields = {field.path: field for field in external_fields(bench(tmp_path, TIMED).workspace)}
+    delay, loss = fields["#delay"], fields["#loss"]
+    assert (delay.name, delay.nominal, delay.range) == ("panel:#delay", 0.0, (0.0, 5.0))
+    assert (loss.constant, loss.integer, loss.range) == (True, False, (0.0, 1.0))
+    assert fields["knob"].constant is False
+    assert delay.injection(1.5, speed=3.0) == Injection("panel", fault="delay", delay=0.5)
+    assert loss.injection(0.25, speed=3.0) == Injection("panel", fault="drop", probability=0.25)
+
+
+def test_of_a_topic_that_did_not_come_nothing_can_be_late(tmp_path: Path) -> None:
+    log(tmp_path, [{"knob": 1.0}])
+    with pytest.raises(ConfigError, match=r"no message of 'panels'[^?]*'panel'\?"):
+        external_fields(bench(tmp_path, TIMED.replace('timing = ["panel"]', 'timing = ["panels"]')).workspace)
 
 
 def test_a_field_that_is_never_finite_is_left_out(tmp_path: Path) -> None:
