@@ -130,6 +130,7 @@ class Bus:
         self._crossing.recorder = recorder
         self._advanced: PublisherProxies | None = None
         self._services: Services | None = None
+        self._probes: dict[tuple[str, str], zenoh.Publisher] = {}
         self._slow = BoundedCounts()
         self._dispatcher = Dispatcher("riot-observe", self._count_slow)
         self._watch: TransportWatch | None = None
@@ -195,7 +196,7 @@ class Bus:
     def _stop(self) -> None:
         for ramp in self._ramps:
             ramp.close()
-        release(*self._taps)
+        release(*self._taps, *self._probes.values())
         self._taps.clear()
         if self._services is not None:
             self._services.close()
@@ -398,6 +399,25 @@ class Bus:
         if self._claims.owner(message.key) is not None:
             self._crossing.send(message.with_(time=time.time_ns(), segment=segment, sequence=next(self._sequence)))
         self._outlets[segment].publish(message)
+
+    def deliver(self, segment: str, message: Message) -> bool:
+        """Publish to the components of one segment alone, past the pipeline, if one has subscribed to it; see `put`.
+
+        Returns:
+            Whether one has. That is exact for intercepted keys; see `wait_subscribed`.
+        """
+        probe = self._probes.get((segment, message.key))
+        if probe is None:
+            session = self.segment(segment).session
+            pin(session, message.key)
+            remote = library_of(session).Locality.REMOTE
+            probe = self._probes[segment, message.key] = session.declare_publisher(
+                message.key, allowed_destination=remote
+            )
+        heard = bool(getattr(probe.matching_status, "matching", True))
+        if heard:
+            self._outlets[segment].publish(message)
+        return heard
 
     def publisher(self, segment: str, key: str, *, qos: Qos | None = None) -> BusPublisher:
         """Declare a publisher ahead of a fast play.

@@ -244,6 +244,7 @@ class LocalRunners:
         """Return a runner for runs of the whole system; see `RunnerFactory.system`."""
         unit, baseline = judged or ("", UNKNOWN)
         trial = SystemTrial(pace, tuple(observe), record is not None, unit=unit, baseline=baseline)
+        timed = timed and self._context.file.system.clock is None
         if timed or not self._spread:
             return LocalRunner(lambda: trial, self._pool, lambda _: self._pool.jobs, into=record)
         # How busy runs are differs from day to day; what a search asks for must not, so a batch is of one size.

@@ -60,11 +60,10 @@ class Feeder:
     """
 
     def __init__(self, stage: TrialSetup, name: str, unit: Unit, baseline: Baseline, *, ordered: bool = False) -> None:
-        file = stage.context.file
         self.sent = 0
         self.probed: int | None = None
         self._stage, self._name, self._baseline = stage, name, baseline
-        self._segment = file.segment_of(file.components[name])
+        self._segment = stage.segment_of(name)
         self._settle, self._rate = unit.settle, unit.rate
         self._process = stage.processes[name]
         self._ordered = ordered and not unit.rate

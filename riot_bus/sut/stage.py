@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
@@ -31,7 +32,7 @@ from riot_bus.vocabulary.selector import parse_selector
 from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, MutableMapping, MutableSequence, Sequence
+    from collections.abc import Iterable, Mapping, MutableMapping, MutableSequence, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -41,7 +42,10 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import Ready, RunPace
     from riot_bus.vocabulary.message import Message, Scalar
 
-__all__ = ["TrialPlace", "TrialSetup"]
+__all__ = ["TrialPlace", "TrialSetup", "Watch"]
+
+Watch = Callable[[str, Callable[["Message"], None]], None]
+"""Has something called with each message of a key expression that is published somewhere."""
 
 _LOG = logging.getLogger(__name__)
 _ANY_PORT = ("tcp/127.0.0.1:0",)
@@ -97,7 +101,7 @@ class TrialSetup:
         context: The system.
         launcher: Owner of the processes.
         directory: Folder for their output and whatever they write by `{trial_dir}`.
-        segments: Names of the segments to open.
+        segments: Names of the segments to open; none for one of each component, by its name.
         intercept: Key expressions that are cut and passed through `pipeline`.
         pipeline: Interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
@@ -144,13 +148,18 @@ class TrialSetup:
         self.imports = {} if imports is None else imports
         self.senders, self.others = own_senders(), own_others()
         self.bus = Bus(
-            dict.fromkeys(segments, _ANY_PORT),
+            dict.fromkeys(segments or context.file.components, _ANY_PORT),
             intercept=intercept,
             pipeline=pipeline,
             registry=context.registry,
             wait_before_close_s=stall,
         )
+        self._apart = not segments
         self._begin, self.begun = time.time_ns(), time.monotonic()
+
+    def segment_of(self, name: str) -> str:
+        """Return the segment that a component connects to."""
+        return name if self._apart else self.context.file.segment_of(self.context.file.components[name])
 
     def __enter__(self) -> Self:
         self.bus.__enter__()
@@ -189,7 +198,7 @@ class TrialSetup:
             before: Words before its command, such as those of a debugger.
         """
         component = self.context.file.components[name]
-        segment = self.context.file.segment_of(component)
+        segment = self.segment_of(name)
         words = {
             "{python}": sys.executable,
             "{endpoint}": self.bus.endpoint(segment),
@@ -266,7 +275,7 @@ class TrialSetup:
             EnvironmentFaultError: It died before, or did not subscribe in time.
         """
         component, process = self.context.file.components[name], self.processes[name]
-        segment, timeout = self.context.file.segment_of(component), component.ready.timeout
+        segment, timeout = self.segment_of(name), component.ready.timeout
         missing = self.bus.wait_subscribed(
             segment, list(keys), timeout=timeout, alive=lambda: self.launcher.alive(process)
         )
@@ -291,8 +300,8 @@ class TrialSetup:
         components = {name: self.context.file.components[name] for name in names}
         timeout = max((component.ready.timeout for component in components.values()), default=0.0)
         deadline = time.monotonic() + timeout
-        for segment in {self.context.file.segment_of(component) for component in components.values()}:
-            here = [name for name in names if self.context.file.segment_of(components[name]) == segment]
+        for segment in set(map(self.segment_of, names)):
+            here = [name for name in names if self.segment_of(name) == segment]
             while len(self.bus.segment(segment).peers() - self.bus.ids) < len(here):
                 self._check_alive(names)
                 if time.monotonic() > deadline:
@@ -405,12 +414,17 @@ class TrialSetup:
         begin, held_up = time.monotonic(), self.held_up(names)
         while all(map(self.launcher.alive, processes)) and time.monotonic() - begin - held_up() < seconds:
             time.sleep(_POLL)
-        segments = {self.context.file.segment_of(self.context.file.components[name]) for name in names}
+        segments = set(map(self.segment_of, names))
         if not any(self.bus.segment(segment).peers() - self.bus.ids for segment in segments):
             self.launcher.wait(processes, timeout=timeout)  # all have closed their sessions, so they are ending
 
-    def watch_outputs(self, topics: Iterable[str], *, segment: str) -> None:
-        """Collect the messages of some topics for the monitors, each once though several of the topics have it."""
+    def watch_outputs(self, topics: Iterable[str], watch: Watch) -> None:
+        """Collect the messages of some topics for the monitors, each once though several of the topics have it.
+
+        Args:
+            topics: The topics.
+            watch: Observes what is published.
+        """
         for expression in self.context.topics(*topics):
             earlier = tuple(self._watched)
 
@@ -419,7 +433,7 @@ class TrialSetup:
                     self.outputs.append(message)
 
             self._watched.append(expression)
-            self.bus.subscribe(segment, expression, take)
+            watch(expression, take)
 
     def watch_all_outputs(self, *, segment: str, inputs: Iterable[str]) -> None:
         """Collect whatever is published on a segment, but for some topics."""
@@ -598,7 +612,7 @@ class TrialSetup:
                 )
             )
         broken = {link.segment for link in self.bus.losses.links if link.reason == "stalled"}
-        stalled = [name for name in names if self.context.file.segment_of(self.context.file.components[name]) in broken]
+        stalled = [name for name in names if self.segment_of(name) in broken]
         return TrialView(
             views,
             settled,

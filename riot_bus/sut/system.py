@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FREE_PORT",
     "PARAMETER",
+    "Clock",
     "Component",
     "External",
     "Ready",
@@ -55,6 +56,16 @@ class RunPace(_Table):
     speed: float = Field(default=1.0, gt=0)
 
 
+class Clock(_Table):
+    """`[system.clock]`: runs that the nominal log drives go on when all components are at rest, not as time passes.
+
+    The time of the log is told on `topic` each `step` seconds, if there is one.
+    """
+
+    topic: str | None = Field(default=None, min_length=1)
+    step: Annotated[float, Field(ge=0.001, le=3600)] = 0.01
+
+
 class System(_Table):
     """`[system]`: name, segments, message types, surroundings of trials, and how long runs of the whole system last."""
 
@@ -69,6 +80,7 @@ class System(_Table):
     nominal_run: RunPace = RunPace(duration=60.0)
     trial_run: RunPace = RunPace(duration=10.0)
     perturbed_run: RunPace = RunPace(duration=30.0)
+    clock: Clock | None = None
 
 
 def _messages(text: str) -> str:
@@ -254,6 +266,12 @@ class SystemFile(_Table):
                 if count > self.resources[resource]:
                     there = f"[resources] has {self.resources[resource]} of {resource!r}"
                     raise ValueError(f"components.{name}.resources|{count} are more than there are|{there}")
+        if self.system.clock is not None:
+            if any(component.external for component in self.components.values()):
+                raise ValueError("system.clock|external components have a time of their own|let the nominal log drive")
+            for name in ("nominal_run", "trial_run", "perturbed_run"):
+                if getattr(self.system, name).speed != 1.0:
+                    raise ValueError(f"system.{name}.speed|with [system.clock], runs are as fast as they can|leave it")
         for name, unit in self.unit.items():
             if (unit.component or name) not in self.components:
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"

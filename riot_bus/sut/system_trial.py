@@ -22,6 +22,7 @@ from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
+from riot_bus.sut.virtual_time import VirtualTime
 from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
     from riot_bus.monitors.model import TrialView
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
-    from riot_bus.sut.stage import TrialPlace
+    from riot_bus.sut.stage import TrialPlace, Watch
+    from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Scalar, TestCase, Violation
 
@@ -60,6 +62,7 @@ class _Tap:
 
     def __init__(self, injector: Injector) -> None:
         self.messages: list[Message] = []
+        self.now = time.time_ns
         self._injector, self._applied, self._changed = injector, Counter[int](), Counter[int]()
 
     def delivered(self) -> list[int]:
@@ -76,7 +79,7 @@ class _Tap:
 
     def observe(self, message: Message) -> None:
         """Keep a message that is delivered now."""
-        self.messages.append(message.with_(time=time.time_ns()))
+        self.messages.append(message.with_(time=self.now()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +141,10 @@ class SystemTrial:
         injector, seen = Injector(injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)
         begin = time.time_ns()
+        observers: list[Callable[[Message], None]] = []
+        virtual = self._virtual_time(case, inside, file, observers)
+        if virtual:
+            begin, tap.now = virtual.now(), virtual.now
         with ExitStack() as stack:
             stack.enter_context(held(file, [*inside, *outside]))
             stage = stack.enter_context(
@@ -145,29 +152,42 @@ class SystemTrial:
                     context,
                     place.launcher,
                     place.directory,
-                    segments=file.system.segments,
-                    intercept=context.topics(*sorted(injected)),
-                    pipeline=Pipeline([injector, tap], registry=registry),
+                    segments=() if virtual else file.system.segments,
+                    intercept=["**"] if virtual else context.topics(*sorted(injected)),
+                    pipeline=Pipeline([virtual] if virtual else [injector, tap], registry=registry),
                     stall=_STALL,
                     parameters=parameters,
                     imports=place.imports,
                 )
             )
+
+            def watching(segment: str) -> Watch:
+                """Return what observes a segment; in virtual time, all that is published passes by."""
+
+                def watch(expression: str, take: Callable[[Message], None]) -> None:
+                    if virtual:
+                        observers.append(lambda one: take(one) if registry.matches(expression, one.key) else None)
+                    else:
+                        stage.bus.subscribe(segment, expression, take)
+
+                return watch
+
+            watch = watching(home)
             internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
             for expression in context.topics(*sorted(internal)):
-                stage.bus.subscribe(home, expression, seen.append)
+                watch(expression, seen.append)
             if not case.messages:
                 for expression in context.topics(*sorted(set(file.external.topics) - injected)):
                     stage.bus.subscribe(home, expression, tap.observe)
-            stage.watch_outputs(context.watched, segment=home)
-            probe = _Probe(self, stage) if self.unit else None
+            stage.watch_outputs(context.watched, watch)
+            probe = _Probe(self, stage, watching) if self.unit else None
             if self.record:
                 writer = stack.enter_context(
                     LogWriter(
                         place.left, registry=registry, profile=context.profile, metadata=self._metadata(case, context)
                     )
                 )
-                stage.bus.subscribe(home, "**", writer.write)
+                watch("**", writer.write)
             for name in inside:
                 stage.start(name, seed=case.seed, pace=self.pace)
             stage.wait_ready(inside)
@@ -175,7 +195,7 @@ class SystemTrial:
                 probe.begin()
             if case.messages:
                 messages, _ = inject_log(case.messages, injections, registry=registry, seed=case.seed)
-                self._play(messages, stage, tap.observe)
+                self._play(messages, stage, tap.observe, virtual)
             else:
                 self._drive(outside, inside, stage, case.seed)
             driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
@@ -241,7 +261,27 @@ class SystemTrial:
                 hint="its command has {duration} in it, so it is expected to end by itself",
             )
 
-    def _play(self, messages: Sequence[Message], stage: TrialSetup, observe: Callable[[Message], None]) -> None:
+    def _virtual_time(
+        self, case: TestCase, inside: Sequence[str], file: SystemFile, observers: Sequence[Callable[[Message], None]]
+    ) -> VirtualTime | None:
+        """Return the time of a run that goes on when all are at rest; None if the run goes on as time passes."""
+        if file.system.clock is None or not case.messages:
+            return None
+
+        def observe(message: Message) -> None:
+            for each in observers:
+                each(message)
+
+        begin = case.messages[0].time
+        return VirtualTime(file.system.clock, inside, begin=begin, timeout=_SETTLE_TIMEOUT, observe=observe)
+
+    def _play(
+        self,
+        messages: Sequence[Message],
+        stage: TrialSetup,
+        observe: Callable[[Message], None],
+        virtual: VirtualTime | None,
+    ) -> None:
         file, registry = stage.context.file, stage.context.registry
         segments = {
             topic: file.segment_of(component)
@@ -260,7 +300,10 @@ class SystemTrial:
         def stop() -> bool:
             return not all(map(stage.launcher.alive, processes))
 
-        play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
+        if virtual:
+            virtual.play(messages, stage, observe, stop=stop)
+        else:
+            play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
 
     def _metadata(self, case: TestCase, context: Context) -> dict[str, str]:
         return {"system": context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
@@ -297,6 +340,7 @@ class _Probe:
     Args:
         trial: The trial.
         stage: Where it runs; nothing is started on it yet.
+        watching: Returns what observes a segment.
 
     Attributes:
         name: The component.
@@ -304,21 +348,21 @@ class _Probe:
         statistics: What of it the outcome of a nominal trial has.
     """
 
-    def __init__(self, trial: SystemTrial, stage: TrialSetup) -> None:
+    def __init__(self, trial: SystemTrial, stage: TrialSetup, watching: Callable[[str], Watch]) -> None:
         context = stage.context
         self._trial, self._stage = trial, stage
         self._unit = context.file.unit[trial.unit]
         self.name = self._unit.component or trial.unit
         component = context.file.components[self.name]
-        self._segment = context.file.segment_of(component)
         self._baseline = trial.baseline
         self._given: list[Message] = []
         self.feeder: Feeder
         self.statistics: dict[str, object] = {}
-        stage.watch_outputs(sorted(trial.baseline.log_answers), segment=self._segment)
+        watch = watching(stage.segment_of(self.name))
+        stage.watch_outputs(sorted(trial.baseline.log_answers), watch)
         if trial.baseline.mined.rules:
             for expression in context.topics(*component.inputs):
-                stage.bus.subscribe(self._segment, expression, self._given.append)
+                watch(expression, self._given.append)
 
     def begin(self) -> None:
         """Note what the component has of the machine, and measure what it does, before anything comes from outside."""

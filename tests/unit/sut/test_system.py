@@ -70,6 +70,9 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ("[unit.one]", "[external.parameters]\ngain = { nominal = 1, range = [3, 2] }", 10, ("no range of 1",)),
         ("[unit.one]", '[external.parameters]\ngain = { nominal = "a", values = ["b"] }', 10, ("none of the values",)),
         ("[unit.one]", '[external.values]\n"a:b" = []', 10, ("at least 1",)),
+        ('segment = "a"', "external = true\n[system.clock]\nstep = 0.1", 8, ("have a time of their own",)),
+        ("[unit.one]", "[system.clock]\n[system.trial_run]\nduration = 5\nspeed = 2", 12, ("as fast as they can",)),
+        ("[unit.one]", "[system.clock]\nstep = 0", 10, ("greater than or equal to 0.001",)),
     ],
 )
 def test_mistakes_are_named_with_their_place(

@@ -1,0 +1,109 @@
+"""Runs in the time of the log are the same each time, whatever the machine does: real processes on a real bus."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from riot_bus.log.reader import read_log
+from riot_bus.sut.local import Pool
+from riot_bus.sut.system import RunPace
+from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.vocabulary.message import Message
+from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
+from tests.tiers import scaled
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
+
+NODE = """
+import json, os, sys, threading
+import zenoh
+
+KIND, ENDPOINT = sys.argv[1:]
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([ENDPOINT]))
+session = zenoh.open(config)
+known, due = [], 0
+
+
+def work(sample):
+    for _ in range(1000 * os.urandom(1)[0]):  # sometimes long, sometimes not
+        pass
+    session.put(KIND, sample.payload.to_bytes())
+
+
+def join(sample):
+    known.append(f"{sample.key_expr}{sample.payload.to_string()}")
+    if str(sample.key_expr) == "in":
+        session.put("joined", json.dumps({"known": known[-12:]}))
+
+
+def tick(sample):
+    global due
+    now = json.loads(sample.payload.to_string())
+    now = now["sec"] * 1000 + now["nanosec"] // 1000000
+    due = due or now
+    while now >= due:
+        session.put("tick", json.dumps({"at": due}))
+        due += 35
+
+
+if KIND == "timer":
+    subscriber = session.declare_subscriber("clock", tick)
+elif KIND == "join":
+    subscribers = [session.declare_subscriber(key, join) for key in ("in", "left", "right", "tick")]
+else:
+    subscriber = session.declare_subscriber("in", work)
+threading.Event().wait()
+"""
+SYSTEM = """
+[system]
+name = "race"
+clock = { topic = "clock", step = 0.02 }
+
+[external]
+topics = ["in"]
+""" + "".join(
+    f"""
+[components.{name}]
+command = ["{{python}}", "node.py", "{name}", "{{endpoint}}"]
+inputs = {inputs}
+ready = {{ timeout = 60 }}
+"""
+    for name, inputs in (
+        ("left", ["in"]),
+        ("right", ["in"]),
+        ("join", ["in", "left", "right", "tick"]),
+        ("timer", ["clock"]),
+    )
+)
+START, COUNT, STEP = 1_700_000_000 * 10**9, 12, 50_000_000
+LOG = tuple(Message(START + number * STEP, "in", str(number).encode()) for number in range(COUNT))
+
+
+def run(folder: Path, times: int) -> tuple[list[Outcome], list[list[tuple[int, str, bytes]]]]:
+    """Return what comes of runs, and what was on the bus in each: time, key and payload."""
+    path = folder / "riot.toml"
+    path.write_text(SYSTEM)
+    (folder / "node.py").write_text(NODE)
+    trial = SystemTrial(RunPace(duration=1.0), ("joined:known[0]",), record=True)
+    logs, outcomes = [folder / f"{number}.mcap" for number in range(times)], []
+    with Pool(path, 1, keep=folder / "trials") as pool:
+        outcomes = [pool.execute(trial, TestCase(LOG, seed=seed), into=log) for seed, log in enumerate(logs)]
+    return outcomes, [[(one.time, one.key, one.payload) for one in read_log(log)] for log in logs]
+
+
+def test_a_run_is_the_same_each_time_though_components_race(tmp_path: Path) -> None:
+    outcomes, logs = run(tmp_path, scaled(20, gate=4))
+    assert {one.verdict for one in outcomes} == {Verdict.PASS}
+    first = logs[0]
+    assert all(log == first for log in logs)
+    assert [key for _, key, _ in first].count("joined") == COUNT
+    ticks = [(time, json.loads(payload)["at"]) for time, key, payload in first if key == "tick"]
+    assert [at for _, at in ticks] == [START // 10**6 + 35 * number for number in range(len(ticks))]
+    assert len(ticks) == 1 + (COUNT - 1) * STEP // 35_000_000
+    assert all(0 <= time // 10**6 - at < 20 for time, at in ticks), "each within a step of its time"
+    assert [time for time, key, _ in first if key == "in"] == [message.time for message in LOG]
