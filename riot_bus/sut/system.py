@@ -56,14 +56,23 @@ class RunPace(_Table):
     speed: float = Field(default=1.0, gt=0)
 
 
+class Reset(_Table):
+    """A message that brings what goes on over trials back to its first state, published before each but the first."""
+
+    topic: str = Field(min_length=1)
+    payload: str = Field(default="", max_length=65_536)
+    encoding: str = ""
+
+
 class Clock(_Table):
     """`[system.clock]`: runs that the nominal log drives go on when all components are at rest, not as time passes.
 
-    The time of the log is told on `topic` each `step` seconds, if there is one.
+    Its time is told on `topic` each `step` seconds, if there is one. With `reset`, processes go on over runs.
     """
 
     topic: str | None = Field(default=None, min_length=1)
     step: Annotated[float, Field(ge=0.001, le=3600)] = 0.01
+    reset: Reset | None = None
 
 
 class System(_Table):
@@ -205,14 +214,6 @@ class Settle(_Table):
     timeout: Seconds = 10.0
 
 
-class Reset(_Table):
-    """A message that brings a unit back to its first state, published before each trial of a process that goes on."""
-
-    topic: str = Field(min_length=1)
-    payload: str = Field(default="", max_length=65_536)
-    encoding: str = ""
-
-
 class Unit(_Table):
     """`[unit.NAME]`: a component under test on its own.
 
@@ -269,7 +270,7 @@ class SystemFile(_Table):
         if self.system.clock is not None:
             if any(component.external for component in self.components.values()):
                 raise ValueError("system.clock|external components have a time of their own|let the nominal log drive")
-            for name in ("nominal_run", "trial_run", "perturbed_run"):
+            for name in ("trial_run", "perturbed_run"):
                 if getattr(self.system, name).speed != 1.0:
                     raise ValueError(f"system.{name}.speed|with [system.clock], runs are as fast as they can|leave it")
         for name, unit in self.unit.items():

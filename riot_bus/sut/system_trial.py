@@ -18,11 +18,12 @@ from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
+from riot_bus.sut.live_system import LiveSystem
+from riot_bus.sut.persistent import end_kept
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
 from riot_bus.sut.system import RunPace, Settle
-from riot_bus.sut.virtual_time import VirtualTime
 from riot_bus.types.elements import read_field
 from riot_bus.vocabulary.clock import SystemClock
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, PayloadError
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import TrialPlace, Watch
-    from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Scalar, TestCase, Violation
 
@@ -115,13 +115,50 @@ class SystemTrial:
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
+        outcome, again = self._carried_out(case, place)
+        if again and outcome.verdict is not Verdict.PASS:
+            end_kept(place)
+            outcome, _ = self._carried_out(case, place)
+        if outcome.verdict is not Verdict.PASS:
+            end_kept(place)
+        return outcome
+
+    def _carried_out(self, case: TestCase, place: TrialPlace) -> tuple[Outcome, bool]:
+        """Return what came of a run, and whether its processes had had others before."""
         started = time.monotonic()
         try:
-            return self._run(case, place, started)
+            live = self._live_system(case, place)
+            again = bool(live and live.runs)
+            return self._run(case, place, live, started), again
         except EnvironmentFaultError as error:
-            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error))
+            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), False
 
-    def _run(self, case: TestCase, place: TrialPlace, started: float) -> Outcome:
+    def _live_system(self, case: TestCase, place: TrialPlace) -> LiveSystem | None:
+        """Return components in virtual time, which may have had other runs; None for a run as time passes."""
+        clock = place.context.file.system.clock
+        if clock is None or not case.messages:
+            end_kept(place)
+            return None
+        parameters = _parameters(case)
+        live = next((each for each in place.kept if isinstance(each, LiveSystem)), None)
+        goes_on = not (self.unit or self.record or self.evidence)
+        if live and goes_on and live.fits(seed=case.seed, pace=self.pace, parameters=parameters):
+            return live
+        end_kept(place)
+        live = LiveSystem(
+            clock,
+            place,
+            seed=case.seed,
+            pace=self.pace,
+            parameters=parameters,
+            timeout=_SETTLE_TIMEOUT,
+            stall=_STALL,
+        )
+        if goes_on and live.may_go_on:
+            place.kept.append(live.__enter__())
+        return live
+
+    def _run(self, case: TestCase, place: TrialPlace, live: LiveSystem | None, started: float) -> Outcome:
         context = place.context
         file, registry = context.file, context.registry
         inside = [name for name, component in file.components.items() if not component.external]
@@ -130,43 +167,41 @@ class SystemTrial:
             raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
         home = file.segment_of(file.components[inside[0]])
         injections = tuple(each for each in case.injections if each.topic != PARAMETERS)
-        parameters = {
-            str(each.field): each.value
-            for each in case.injections
-            if each.topic == PARAMETERS and isinstance(each.value, bool | int | float | str | bytes)
-        }
         if injections and outside:
             file.check_outside_apart()
         injected = {injection.topic for injection in injections} if not case.messages else set()
         injector, seen = Injector(injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)
         begin = time.time_ns()
-        observers: list[Callable[[Message], None]] = []
-        virtual = self._virtual_time(case, inside, file, observers)
-        if virtual:
-            begin, tap.now = virtual.now(), virtual.now
         with ExitStack() as stack:
-            stack.enter_context(held(file, [*inside, *outside]))
-            stage = stack.enter_context(
-                TrialSetup(
-                    context,
-                    place.launcher,
-                    place.directory,
-                    segments=() if virtual else file.system.segments,
-                    intercept=["**"] if virtual else context.topics(*sorted(injected)),
-                    pipeline=Pipeline([virtual] if virtual else [injector, tap], registry=registry),
-                    stall=_STALL,
-                    parameters=parameters,
-                    imports=place.imports,
+            if live:
+                begin, tap.now = case.messages[0].time, live.time.now
+                live.time.begin(begin)
+                stage = live.stage if live in place.kept else stack.enter_context(live).stage
+            else:
+                stack.enter_context(held(file, [*inside, *outside]))
+                stage = stack.enter_context(
+                    TrialSetup(
+                        context,
+                        place.launcher,
+                        place.directory,
+                        segments=file.system.segments,
+                        intercept=context.topics(*sorted(injected)),
+                        pipeline=Pipeline([injector, tap], registry=registry),
+                        stall=_STALL,
+                        parameters=_parameters(case),
+                        imports=place.imports,
+                    )
                 )
-            )
 
             def watching(segment: str) -> Watch:
                 """Return what observes a segment; in virtual time, all that is published passes by."""
 
                 def watch(expression: str, take: Callable[[Message], None]) -> None:
-                    if virtual:
-                        observers.append(lambda one: take(one) if registry.matches(expression, one.key) else None)
+                    if live:
+                        live.time.observers.append(
+                            lambda one: take(one) if registry.matches(expression, one.key) else None
+                        )
                     else:
                         stage.bus.subscribe(segment, expression, take)
 
@@ -188,14 +223,17 @@ class SystemTrial:
                     )
                 )
                 watch("**", writer.write)
-            for name in inside:
-                stage.start(name, seed=case.seed, pace=self.pace)
-            stage.wait_ready(inside)
+            if live:
+                live.begin()
+            else:
+                for name in inside:
+                    stage.start(name, seed=case.seed, pace=self.pace)
+                stage.wait_ready(inside)
             if probe:
                 probe.begin()
             if case.messages:
                 messages, _ = inject_log(case.messages, injections, registry=registry, seed=case.seed)
-                self._play(messages, stage, tap.observe, virtual)
+                self._play(messages, stage, tap.observe, live)
             else:
                 self._drive(outside, inside, stage, case.seed)
             driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
@@ -261,26 +299,12 @@ class SystemTrial:
                 hint="its command has {duration} in it, so it is expected to end by itself",
             )
 
-    def _virtual_time(
-        self, case: TestCase, inside: Sequence[str], file: SystemFile, observers: Sequence[Callable[[Message], None]]
-    ) -> VirtualTime | None:
-        """Return the time of a run that goes on when all are at rest; None if the run goes on as time passes."""
-        if file.system.clock is None or not case.messages:
-            return None
-
-        def observe(message: Message) -> None:
-            for each in observers:
-                each(message)
-
-        begin = case.messages[0].time
-        return VirtualTime(file.system.clock, inside, begin=begin, timeout=_SETTLE_TIMEOUT, observe=observe)
-
     def _play(
         self,
         messages: Sequence[Message],
         stage: TrialSetup,
         observe: Callable[[Message], None],
-        virtual: VirtualTime | None,
+        live: LiveSystem | None,
     ) -> None:
         file, registry = stage.context.file, stage.context.registry
         segments = {
@@ -300,8 +324,8 @@ class SystemTrial:
         def stop() -> bool:
             return not all(map(stage.launcher.alive, processes))
 
-        if virtual:
-            virtual.play(messages, stage, observe, stop=stop)
+        if live:
+            live.time.play(messages, stage, observe, stop=stop)
         else:
             play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
 
@@ -397,6 +421,15 @@ class _Probe:
         found = judge(view, [monitor() for monitor in LIVENESS]).violations
         self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
         return (*found, *self._baseline.mined.judge(view))
+
+
+def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:
+    """Return the parameters of commands that a case sets."""
+    return {
+        str(each.field): each.value
+        for each in case.injections
+        if each.topic == PARAMETERS and isinstance(each.value, bool | int | float | str | bytes)
+    }
 
 
 def write_log(path: Path, messages: Iterable[Message], *, context: Context, metadata: Mapping[str, str]) -> None:

@@ -37,25 +37,30 @@ class VirtualTime:
     Args:
         clock: How the time is told.
         names: The components, each with a segment of its name.
-        begin: The time of the first message, in nanoseconds.
         timeout: Seconds after which a component that is still busy hangs.
-        observe: Called with each message when it is its turn.
+
+    Attributes:
+        observers: Called with each message of a run when it is its turn.
     """
 
-    def __init__(
-        self,
-        clock: Clock,
-        names: Sequence[str],
-        *,
-        begin: int,
-        timeout: float,
-        observe: Callable[[Message], None],
-    ) -> None:
-        self._clock, self._names, self._timeout, self._observe = clock, tuple(names), timeout, observe
-        self._time, self._ended = begin, 0
+    def __init__(self, clock: Clock, names: Sequence[str], *, timeout: float) -> None:
+        self.observers: list[Callable[[Message], None]] = []
+        self._clock, self._names, self._timeout = clock, tuple(names), timeout
+        self._time = self._ended = 0
         self._held: list[tuple[str, Message]] = []
         self._lock = threading.Lock()
         self._count = 0
+
+    def begin(self, time: int) -> None:
+        """Begin a run: what components publish from now on is held, and nobody observes it yet.
+
+        Args:
+            time: Of its first message, in nanoseconds.
+        """
+        with self._lock:
+            self._time, self._ended, self._count = time, 0, 0
+            self._held.clear()
+        self.observers.clear()
 
     def now(self) -> int:
         """Return the time, in nanoseconds; after the log it passes like that of the machine."""
@@ -92,21 +97,21 @@ class VirtualTime:
         for message in messages:
             while going and key and tick <= message.time:
                 self._time = tick
-                going = not self._give(stage, Message(tick, key, payload(tick))) or self._work_off(stage, stop)
+                going = not self.give(stage, Message(tick, key, payload(tick))) or self._work_off(stage, stop)
                 tick += step
             if not going:
                 break
             self._time = max(self._time, message.time)
             publish(message)
             self._tell(message)
-            going = not self._give(stage, message) or self._work_off(stage, stop)
+            going = not self.give(stage, message) or self._work_off(stage, stop)
         with self._lock:
             self._ended = time.monotonic_ns()
             left, self._held = self._held, []
         for segment, message in left:
             self._pass_on(stage, segment, message)
 
-    def _give(self, stage: TrialSetup, message: Message, but: str = "") -> bool:
+    def give(self, stage: TrialSetup, message: Message, but: str = "") -> bool:
         """Publish a message to all components but one; return whether one takes it."""
         message = message.with_(qos=_BLOCK)
         taken = [stage.bus.deliver(name, message) for name in self._names if name != but]
@@ -114,11 +119,13 @@ class VirtualTime:
 
     def _pass_on(self, stage: TrialSetup, segment: str, message: Message) -> bool:
         self._tell(message)
-        return self._give(stage, message, but=segment)
+        return self.give(stage, message, but=segment)
 
     def _tell(self, message: Message) -> None:
         self._count += 1
-        self._observe(message.with_(time=self.now(), sequence=self._count))
+        told = message.with_(time=self.now(), sequence=self._count)
+        for observe in self.observers:
+            observe(told)
 
     def _work_off(self, stage: TrialSetup, stop: Callable[[], bool]) -> bool:
         """Pass on what is held, the first message each time all are at rest; False if one never is, or for `stop`."""

@@ -25,6 +25,7 @@ from riot_bus.sut.launcher import Launcher
 from riot_bus.sut.persistent import PersistentTrial, end_kept
 from riot_bus.sut.stage import TrialPlace
 from riot_bus.sut.supervisor import IGNORED
+from riot_bus.sut.system_trial import SystemTrial
 from riot_bus.sut.wire import TrialAnswer, TrialRequest, pack_answer, pack_failure
 from riot_bus.zenoh.session import prepare_runtime
 
@@ -74,7 +75,7 @@ class TrialWorker:
             self._imports.update(request.imports)
             before = set(self._imports)
             place = TrialPlace(self._context, self._launcher, request.directory, self._imports, self._kept)
-            if not isinstance(request.trial, PersistentTrial):
+            if not isinstance(request.trial, PersistentTrial | SystemTrial):  # they see to it themselves
                 end_kept(place)
             began, used = time.monotonic(), self._cpu()
             outcome = request.trial.run(request.case, place)

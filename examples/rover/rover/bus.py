@@ -25,6 +25,7 @@ GID_SIZE = 16
 CHANNEL_SIZE = 8192
 POLL = 0.005
 OTHERS_START = 0.1
+RESET = "rover/reset"
 
 CONFIGURATION = """{
     mode: "client",
@@ -103,10 +104,17 @@ class Bus:
         # The first one listens; what started together with it will in a moment.
         sleep(OTHERS_START)
 
+    def join_resets(self) -> None:
+        """Let `spin` end when everybody is to begin anew."""
+        channel: handlers.FifoChannel[zenoh.Sample] = handlers.FifoChannel(CHANNEL_SIZE)
+        self._inbox.add(RESET, self._session.declare_subscriber(RESET, channel))
+
     def spin(self, component: Component, until: float | None = None) -> None:
-        """Let the component receive, until a time of the monotonic clock or for ever."""
+        """Let the component receive, until a time of the monotonic clock, or until it is to begin anew."""
         while (batch := self._inbox.next(until)) is not None:
             topic, samples = batch
+            if topic == RESET:
+                return
             for sample in samples:
                 component.receive(topic, sample.payload.to_bytes())
 
@@ -116,4 +124,7 @@ def serve(kind: type[Component], endpoint: str) -> None:
     with Bus(endpoint) as bus:
         component = kind(bus.publish)
         bus.join(component)
-        bus.spin(component)
+        bus.join_resets()
+        while True:
+            bus.spin(component)
+            component = kind(bus.publish)
