@@ -1,9 +1,9 @@
 """The rover, driven by its nominal log, in virtual time: whether runs are the same, and how long they take.
 
 `python benchmarks/virtual_time.py [--runs N] [--analyze] [--seed N] [--json]`: runs of planner, mapper and controller
-at 25 times the speed of the log, in virtual time with fresh processes, and with processes that go on. Runs are the same if
-all messages have the same time, key and payload. `--analyze` has `riot analyze` find the crash of the planner at that
-speed and in virtual time instead, and tells what came of its activation.
+at 25 times the speed of the log, in virtual time with fresh processes, and with processes that go on. Runs are the same
+if all messages have the same time, key and payload. `--analyze` has `riot analyze` find the crash of the planner at
+that speed and in virtual time instead, and tells what came of its activation.
 """
 
 from __future__ import annotations
