@@ -16,9 +16,10 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["ENVIRONMENTS", "Environment", "provide", "require"]
+__all__ = ["ENVIRONMENTS", "Environment", "importable", "provide", "require"]
 
 _INSTALL_S = 600
 _FOREIGN = ("PYTHON", "ROS_", "RMW_", "AMENT_")
@@ -112,8 +113,10 @@ FOXGLOVE = Environment(
     "foxglove", ("@mcap/core@2.2.2", "@foxglove/rosmsg@5.0.5", "@foxglove/rosmsg2-serialization@3.1.0", "fzstd@0.1.1")
 )
 RTAMT = Environment("rtamt", ("rtamt==0.4.10",), "import rtamt", pythons=("3.11", "3.12"))
-"""Its parser has no wheel, so requirements.lock cannot have it; tests put its folder on their own path (`stl_env`)."""
-ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT)
+"""Its parser has no wheel, so requirements.lock cannot have it; tests put it on their own path (`importable`)."""
+OPTUNA = Environment("optuna", ("optuna==5.0.0",), "import optuna", options=("--only-binary=:all:",))
+"""Much for few, so requirements.lock has it not; tests put its folder on their own path, too."""
+ENVIRONMENTS = (ROS2, MAVLINK, SDK, LIBRARIES, FOXGLOVE, RTAMT, OPTUNA)
 
 
 def require(environment: Environment) -> Path:
@@ -125,6 +128,13 @@ def require(environment: Environment) -> Path:
         end = pytest.fail if os.environ.get("RIOT_REQUIRE_INTEROP") else pytest.skip
         end(f"NOT TESTED: {environment.name}: {reason}")
     return environment.entry
+
+
+def importable(environment: Environment, package: str) -> None:
+    """Make a package of an environment importable here; without it the test is skipped, or fails if told so."""
+    if find_spec(package) is None:
+        (folder,) = require(environment).parents[1].glob("lib/python*/site-packages")
+        sys.path.append(str(folder))
 
 
 def provide(environment: Environment) -> str:

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import sys
 import warnings
-from importlib.util import find_spec
 
 import pytest
 
-from tests.interop import RTAMT, require
+from tests.interop import RTAMT, importable
 
 
 def need_rtamt() -> None:
     """Make rtamt importable; without it the test is skipped, or fails if told so."""
     if sys.version_info >= (3, 13):
         pytest.skip("NOT TESTED: monitor stl: rtamt has no release for Python 3.13")
-    if find_spec("rtamt") is None:
-        (folder,) = require(RTAMT).parents[1].glob("lib/python*/site-packages")
-        sys.path.append(str(folder))
+    importable(RTAMT, "rtamt")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its parser imports typing.io
         import rtamt  # noqa: F401

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from riot_bus.backchain.varied import Dimension, Recombination
 from riot_bus.vocabulary.counting import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from riot_bus.backchain.fir import Floats
     from riot_bus.backchain.proposers import Proposer, SearchMethod
     from riot_bus.vocabulary.trial import Progress
 
-__all__ = ["Activation", "Evaluation", "activate"]
+__all__ = ["Activation", "Evaluation", "SharedHistory", "activate"]
 
 _PROBES = (-0.2, 0.2, -0.35, 0.35)
 """Steps of a field, as shares of its encoded range, that are combined with those of others on a plateau."""
@@ -90,6 +90,20 @@ class Activation:
         return f"activated after {counted(self.runs, 'run')} with {text}"
 
 
+class SharedHistory(Protocol):
+    """Where several searches tell each other what came of their runs."""
+
+    def add(
+        self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
+    ) -> None:
+        """Add runs of this search: points, what each came to, and what the names in points mean."""
+        ...
+
+    def take(self) -> Sequence[tuple[Mapping[str, float], Evaluation]]:
+        """Return runs of other searches that this one has not got yet."""
+        ...
+
+
 def activate(
     fields: Sequence[SearchField],
     evaluate: Callable[[Sequence[Mapping[str, float]]], Sequence[Evaluation]],
@@ -100,10 +114,11 @@ def activate(
     methods: Sequence[SearchMethod] = PORTFOLIO,
     families: Sequence[Sequence[Dimension]] = (),
     progress: Progress | None = None,
+    shared: SharedHistory | None = None,
 ) -> Activation:
     """Search for external values that make the failure happen (RIOT II-D).
 
-    Deterministic for equal seeds and equal answers. No point is asked twice.
+    Deterministic for equal seeds and equal answers, unless it is shared. No point is asked twice.
 
     Args:
         fields: What may be set; best only the fields that permeability has left.
@@ -114,6 +129,8 @@ def activate(
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
         progress: Told after each batch.
+        shared: Gets all runs, and has those of other searches: they count as if they were of this one, and points that
+            failed there are tried first.
 
     Raises:
         ConfigError: All methods need more fields, and the star probes did not suffice.
@@ -128,13 +145,18 @@ def activate(
         _Search([Dimension(each, at) for at, each in enumerate(fields)], (seed,), methods), families, seed, methods
     )
     history: list[tuple[Mapping[str, float], Evaluation]] = []
+    known = [*fields, *(each.search for family in families for each in family)]
     while len(history) < budget:
+        for point, evaluation in shared.take() if shared is not None else ():
+            search.learn(point, evaluation)
         batch = search.batch(min(parallelism, budget - len(history)))
         if not batch:
             break
         points = [wanted.point for wanted in batch]
         evaluations = evaluate(points)
         history += zip(points, evaluations, strict=True)
+        if shared is not None:
+            shared.add(points, evaluations, known)
         best = _nearest(history)
         if progress is not None:
             near = "no distance yet" if best is None else f"nearest {best:.3g}"
@@ -181,6 +203,17 @@ class _Turns:
         self._seed, self._methods = seed, methods
         self._asked = constant
         self._turn = 0
+        self._promised: list[Mapping[str, float]] = []
+
+    def learn(self, point: Mapping[str, float], evaluation: Evaluation) -> None:
+        """Take what another search has found; what failed there is the next to be tried, what varies is left alone."""
+        constant = self._searches[0]
+        if point.keys() != {field.name for field in constant.encoding.fields}:
+            return
+        if evaluation.failed:
+            self._promised.append(point)
+        else:
+            constant.learn(point, evaluation.distance)
 
     def batch(self, size: int) -> list[_Wanted]:
         """Return up to `size` new points, all of one search; none when the spaces of all are exhausted.
@@ -188,6 +221,10 @@ class _Turns:
         Constant fields have the first turns, until each was followed alone.
         """
         constant = self._searches[0]
+        if self._promised:
+            some, self._promised = self._promised[:size], self._promised[size:]
+            self._asked = constant
+            return [_Wanted(point, constant.encoding.encode(point)) for point in some]
         if self._families and (found := constant.lines(size)):
             return found
         for number, family in enumerate(self._families):
@@ -300,6 +337,11 @@ class _Search:
         self._history.add(wanted.vector, self._worth(wanted.vector, distance))
         for owner, vector in wanted.askers:
             owner.tell(vector, self._worth(vector, distance))
+
+    def learn(self, point: Mapping[str, float], distance: float | None) -> None:
+        """Take the distance of a point that another search has asked for."""
+        if self._key(point) not in self._known:
+            self.tell(_Wanted(point, self.encoding.encode(point)), distance)
 
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return whose turn it is; while constant fields have found no way down, every other turn combines them."""

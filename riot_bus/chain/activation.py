@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.backchain.activation import Activation, activate
 from riot_bus.backchain.proposers import PORTFOLIO
+from riot_bus.backchain.study import Study
 from riot_bus.chain.crash_region import axes_of, crash_region
 from riot_bus.chain.driven_system import AGAIN, DrivenSystem
 from riot_bus.chain.external import driving_log
@@ -28,7 +29,9 @@ _NONE_ODD = "the unit failed with values that are not finite only, and no field 
 _ONLY_ODD = "all failing trials of the unit had a value that is not finite, so only such values were tried"
 
 
-def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = ()) -> ActivationRecord:
+def activation(
+    step: StepRun, folder: Path, *, budget: int = 200, search: Sequence[str] = (), study: str = ""
+) -> ActivationRecord:
     """Search the permeable external fields until the whole system fails; write `activation.mcap`.
 
     Where runs of the whole system cannot tell the failure, nothing is searched, and the record says why.
@@ -38,9 +41,11 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         folder: The finding.
         budget: Runs of the whole system for the search; as many at most ask failing points again.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
+        study: Where optuna keeps studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
+            of others of the same finding, code and settings; empty for none.
 
     Raises:
-        ConfigError: A step before has not been done, or there is no such method.
+        ConfigError: A step before has not been done, there is no such method, or no such storage.
         InconclusiveError: No external field is permeable, so there is nothing to search.
     """
     shutil.rmtree(folder / FOLDER, ignore_errors=True)  # of an earlier search
@@ -66,6 +71,9 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {_NONE_ODD}")
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
+    shared = (
+        Study(study, f"{system.finding.system} {folder.name} {step.workspace.context.fingerprint()}") if study else None
+    )
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
@@ -76,6 +84,7 @@ def activation(step: StepRun, folder: Path, *, budget: int = 200, search: Sequen
             methods=portfolio,
             families=system.varied.families,
             progress=step.progress,
+            shared=shared,
         )
     if result.found is None:
         result = result.followed_by(system.search_each(odd[: budget - result.runs]))

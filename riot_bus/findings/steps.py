@@ -117,6 +117,7 @@ ACTIVATE = ChainStep(
     (
         StepOption("budget", 200, "Runs of the whole system for the search; as many more at most to ask again.", min=1),
         StepOption("search", (), "A search method; repeatable. [default: simplex, forest and evolution in turns]"),
+        StepOption("study", "", "Share the search as a study of optuna, such as sqlite:///studies.db."),
     ),
     whole_system=True,
 )

@@ -1,0 +1,97 @@
+"""A search as a study of optuna: others can look at it, share it from other machines, and go on with it later."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.backchain.activation import Evaluation
+from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.backchain.encoding import SearchField
+
+__all__ = ["Study"]
+
+_BY, _FAILED = "riot_bus search", "failed"
+"""Attributes of trials: who made it, and whether the failure happened."""
+
+
+class Study:
+    """Runs of a search as trials of a study: parameters are values of external fields, the value is the distance.
+
+    Args:
+        url: Where studies are kept, as optuna takes it, such as `sqlite:///studies.db`.
+        name: Name of the study, which is made unless it is there.
+
+    Raises:
+        ConfigError: The storage cannot be used.
+        MissingExtraError: optuna is not installed.
+    """
+
+    def __init__(self, url: str, name: str) -> None:
+        try:
+            import optuna
+            from sqlalchemy.exc import SQLAlchemyError
+        except ImportError:
+            raise MissingExtraError("optuna", "study") from None
+        self._optuna: Any = optuna
+        self._me = uuid.uuid4().hex
+        self._seen: set[int] = set()
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        try:
+            self._study = optuna.create_study(storage=url, study_name=name, direction="minimize", load_if_exists=True)
+        except (SQLAlchemyError, ImportError, ValueError, OSError, optuna.exceptions.OptunaError) as error:
+            raise ConfigError(
+                f"the storage of studies cannot be used: {str(error).splitlines()[0]}",
+                where="--study",
+                hint="a file of SQLite, such as sqlite:///studies.db, is enough for one machine",
+            ) from error
+
+    def add(
+        self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
+    ) -> None:
+        """Add runs.
+
+        Args:
+            points: Values by name.
+            evaluations: What each came to.
+            fields: What the names mean.
+        """
+        known = {field.name: field for field in fields}
+        for point, found in zip(points, evaluations, strict=True):
+            told = found.distance is not None and math.isfinite(found.distance)
+            trial = self._optuna.trial.create_trial(
+                params={name: self._as_param(known[name], value) for name, value in point.items()},
+                distributions={name: self._distribution(known[name]) for name in point},
+                value=found.distance if told else None,
+                state=self._optuna.trial.TrialState.COMPLETE if told else self._optuna.trial.TrialState.FAIL,
+                user_attrs={_BY: self._me, _FAILED: found.failed},
+            )
+            self._study.add_trial(trial)
+
+    def take(self) -> list[tuple[dict[str, float], Evaluation]]:
+        """Return the runs that others have added since the last time, those of earlier searches included."""
+        found = []
+        for trial in self._study.get_trials(deepcopy=False):
+            if trial.number in self._seen or not trial.state.is_finished():
+                continue
+            self._seen.add(trial.number)
+            values = {name: value for name, value in trial.params.items() if isinstance(value, int | float)}
+            by = trial.user_attrs.get(_BY)
+            if by is not None and by != self._me and len(values) == len(trial.params):
+                failed = trial.user_attrs.get(_FAILED) is True
+                found.append(({name: float(value) for name, value in values.items()}, Evaluation(trial.value, failed)))
+        return found
+
+    def _distribution(self, field: SearchField) -> Any:
+        if field.integer:
+            return self._optuna.distributions.IntDistribution(math.ceil(field.low), math.floor(field.high))
+        return self._optuna.distributions.FloatDistribution(field.low, field.high)
+
+    @staticmethod
+    def _as_param(field: SearchField, value: float) -> float | int:
+        return round(value) if field.integer else value
