@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from riot_bus.sut.stage import TrialPlace
-    from riot_bus.sut.system import Clock, RunPace
+    from riot_bus.sut.system import RunPace, VirtualClock
     from riot_bus.vocabulary.message import Scalar
 
 __all__ = ["LiveSystem"]
@@ -55,7 +55,7 @@ class LiveSystem:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: VirtualClock,
         place: TrialPlace,
         *,
         seed: int,

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = [
     "FREE_PORT",
     "PARAMETER",
-    "Clock",
     "Component",
     "External",
     "Ready",
@@ -35,6 +34,7 @@ __all__ = [
     "System",
     "SystemFile",
     "Unit",
+    "VirtualClock",
     "load_system",
 ]
 
@@ -64,7 +64,7 @@ class Reset(_Table):
     encoding: str = ""
 
 
-class Clock(_Table):
+class VirtualClock(_Table):
     """`[system.clock]`: runs that the nominal log drives go on when all components are at rest, not as time passes.
 
     Its time is told on `topic` each `step` seconds, if there is one. With `reset`, processes go on over runs.
@@ -89,7 +89,7 @@ class System(_Table):
     nominal_run: RunPace = RunPace(duration=60.0)
     trial_run: RunPace = RunPace(duration=10.0)
     perturbed_run: RunPace = RunPace(duration=30.0)
-    clock: Clock | None = None
+    clock: VirtualClock | None = None
 
 
 def _messages(text: str) -> str:

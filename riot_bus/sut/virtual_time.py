@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.stage import TrialSetup
-    from riot_bus.sut.system import Clock
+    from riot_bus.sut.system import VirtualClock
 
 __all__ = ["VirtualTime"]
 
@@ -43,7 +43,7 @@ class VirtualTime:
         observers: Called with each message of a run when it is its turn.
     """
 
-    def __init__(self, clock: Clock, names: Sequence[str], *, timeout: float) -> None:
+    def __init__(self, clock: VirtualClock, names: Sequence[str], *, timeout: float) -> None:
         self.observers: list[Callable[[Message], None]] = []
         self._clock, self._names, self._timeout = clock, tuple(names), timeout
         self._time = self._ended = 0
@@ -166,7 +166,7 @@ class VirtualTime:
             time.sleep(_POLL)
 
 
-def _told_on(clock: Clock, stage: TrialSetup) -> tuple[str, Callable[[int], bytes]]:
+def _told_on(clock: VirtualClock, stage: TrialSetup) -> tuple[str, Callable[[int], bytes]]:
     """Return the key on which the time is told, empty if it is not, and what makes a payload of it."""
     if clock.topic is None:
         return "", lambda now: b""
