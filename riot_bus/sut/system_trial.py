@@ -125,13 +125,13 @@ class SystemTrial:
 
     def _carried_out(self, case: TestCase, place: TrialPlace) -> tuple[Outcome, bool]:
         """Return what came of a run, and whether its processes had had others before."""
-        started = time.monotonic()
+        started, again = time.monotonic(), False
         try:
             live = self._live_system(case, place)
-            again = bool(live and live.runs)
+            again = live is not None and live.runs > 0
             return self._run(case, place, live, started), again
         except EnvironmentFaultError as error:
-            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), False
+            return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), again
 
     def _live_system(self, case: TestCase, place: TrialPlace) -> LiveSystem | None:
         """Return components in virtual time, which may have had other runs; None for a run as time passes."""

@@ -159,7 +159,7 @@ class VirtualTime:
                 before = threads.switches(), own.switches()
                 if nothing_runs(new=False) and (threads.switches(), own.switches()) == before:
                     return True
-            elif (waited := time.monotonic() - start) > _LONG:
+            if (waited := time.monotonic() - start) > _LONG:
                 held_up = held_up or stage.held_up(self._names)
                 if waited - held_up() > self._timeout:
                     return False
