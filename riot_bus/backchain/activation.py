@@ -129,8 +129,8 @@ def activate(
         methods: Search methods, which take turns in this order.
         families: Ways in which fields vary in time, which are tried after constant ones.
         progress: Told after each batch.
-        shared: Gets all runs, and has those of other searches: they count as if they were of this one, and points that
-            failed there are tried first.
+        shared: Gets all runs, and has those of other searches: these guide this one and count for nothing else, and
+            points that failed there are tried first.
 
     Raises:
         ConfigError: All methods need more fields, and the star probes did not suffice.
@@ -208,10 +208,10 @@ class _Turns:
     def learn(self, point: Mapping[str, float], evaluation: Evaluation) -> None:
         """Take what another search has found; what failed there is the next to be tried, what varies is left alone."""
         constant = self._searches[0]
-        if point.keys() != {field.name for field in constant.encoding.fields}:
+        if point.keys() != {field.name for field in constant.encoding.fields} or constant.knows(point):
             return
         if evaluation.failed:
-            self._promised.append(point)
+            self._promised += [point] if point not in self._promised else []
         else:
             constant.learn(point, evaluation.distance)
 
@@ -338,10 +338,13 @@ class _Search:
         for owner, vector in wanted.askers:
             owner.tell(vector, self._worth(vector, distance))
 
+    def knows(self, point: Mapping[str, float]) -> bool:
+        """Return whether a point was answered."""
+        return self._key(point) in self._known
+
     def learn(self, point: Mapping[str, float], distance: float | None) -> None:
         """Take the distance of a point that another search has asked for."""
-        if self._key(point) not in self._known:
-            self.tell(_Wanted(point, self.encoding.encode(point)), distance)
+        self.tell(_Wanted(point, self.encoding.encode(point)), distance)
 
     def _next(self, methods: Sequence[Proposer]) -> Proposer:
         """Return whose turn it is; while constant fields have found no way down, every other turn combines them."""

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import uuid
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.backchain.activation import Evaluation
 from riot_bus.vocabulary.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from riot_bus.backchain.encoding import SearchField
 
 __all__ = ["Study"]
+
+_HINT = "a file of SQLite, such as sqlite:///studies.db, is enough for one machine"
 
 _BY, _FAILED = "riot_bus search", "failed"
 """Attributes of trials: who made it, and whether the failure happened."""
@@ -35,21 +38,14 @@ class Study:
     def __init__(self, url: str, name: str) -> None:
         try:
             import optuna
-            from sqlalchemy.exc import SQLAlchemyError
         except ImportError:
             raise MissingExtraError("optuna", "study") from None
         self._optuna: Any = optuna
         self._me = uuid.uuid4().hex
         self._seen: set[int] = set()
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        try:
+        with _told_plainly():
             self._study = optuna.create_study(storage=url, study_name=name, direction="minimize", load_if_exists=True)
-        except (SQLAlchemyError, ImportError, ValueError, OSError, optuna.exceptions.OptunaError) as error:
-            raise ConfigError(
-                f"the storage of studies cannot be used: {str(error).splitlines()[0]}",
-                where="--study",
-                hint="a file of SQLite, such as sqlite:///studies.db, is enough for one machine",
-            ) from error
 
     def add(
         self, points: Sequence[Mapping[str, float]], evaluations: Iterable[Evaluation], fields: Sequence[SearchField]
@@ -60,6 +56,9 @@ class Study:
             points: Values by name.
             evaluations: What each came to.
             fields: What the names mean.
+
+        Raises:
+            ConfigError: The storage cannot be used any more.
         """
         known = {field.name: field for field in fields}
         for point, found in zip(points, evaluations, strict=True):
@@ -71,12 +70,19 @@ class Study:
                 state=self._optuna.trial.TrialState.COMPLETE if told else self._optuna.trial.TrialState.FAIL,
                 user_attrs={_BY: self._me, _FAILED: found.failed},
             )
-            self._study.add_trial(trial)
+            with _told_plainly():
+                self._study.add_trial(trial)
 
     def take(self) -> list[tuple[dict[str, float], Evaluation]]:
-        """Return the runs that others have added since the last time, those of earlier searches included."""
+        """Return the runs that others have added since the last time, those of earlier searches included.
+
+        Raises:
+            ConfigError: The storage cannot be used any more.
+        """
         found = []
-        for trial in self._study.get_trials(deepcopy=False):
+        with _told_plainly():
+            trials = self._study.get_trials(deepcopy=False)
+        for trial in trials:
             if trial.number in self._seen or not trial.state.is_finished():
                 continue
             self._seen.add(trial.number)
@@ -95,3 +101,16 @@ class Study:
     @staticmethod
     def _as_param(field: SearchField, value: float) -> float | int:
         return round(value) if field.integer else value
+
+
+@contextmanager
+def _told_plainly() -> Iterator[None]:
+    """Make errors of the storage such that say where they come from."""
+    import optuna
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (SQLAlchemyError, ImportError, ValueError, OSError, optuna.exceptions.OptunaError) as error:
+        why = str(error).splitlines()[0]
+        raise ConfigError(f"the storage of studies cannot be used: {why}", where="--study", hint=_HINT) from error

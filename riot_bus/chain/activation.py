@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ def activation(
         budget: Runs of the whole system for the search; as many at most ask failing points again.
         search: Names of search methods (entry points `riot_bus.search`); none for `PORTFOLIO`.
         study: Where optuna keeps studies, such as `sqlite:///studies.db`: the search is one of them, and uses the runs
-            of others of the same finding, code and settings; empty for none.
+            of others for the same finding, rule, fields, code and settings; empty for none.
 
     Raises:
         ConfigError: A step before has not been done, there is no such method, or no such storage.
@@ -71,9 +72,7 @@ def activation(
         return ActivationRecord(found=None, runs=0, best_distance=None, text=f"not tested: {_NONE_ODD}")
     finite = 0 if only_odd else max(1, budget - len(odd))
     result = Activation(None, 0, None, ())
-    shared = (
-        Study(study, f"{system.finding.system} {folder.name} {step.workspace.context.fingerprint()}") if study else None
-    )
+    shared = Study(study, _study_name(system, names)) if study else None
     if finite:
         result = activate(
             [system.fields[name].search_field() for name in names],
@@ -115,3 +114,10 @@ def activation(
         others=dict(system.others.most_common()),
         played=bool(driving),
     )
+
+
+def _study_name(system: DrivenSystem, names: Sequence[str]) -> str:
+    """Return a name that searches share for which a point and its distance mean the same."""
+    fields = [(repr(field.search_field()), field.choices) for field in map(system.fields.__getitem__, names)]
+    same = repr((system.step.workspace.fingerprint, system.record.rule, sorted(system.record.scale.items()), fields))
+    return f"{system.finding.system} {system.finding.id} {hashlib.sha256(same.encode()).hexdigest()[:12]}"

@@ -170,7 +170,7 @@ class DrivenSystem:
         """Return points that are not finite, in each field alone and in all; none if the unit never failed so."""
         if not any(any(map(_odd, sample.values.values())) for sample in self.record.samples if sample.failed):
             return []
-        carry = [name for name in names if not self.fields[name].integer]
+        carry = [name for name in names if not (self.fields[name].integer or self.fields[name].timing)]
         alone = [{name: value} for value in _ODD for name in carry]
         return alone + [dict.fromkeys(carry, value) for value in _ODD if len(carry) > 1]
 

@@ -35,13 +35,12 @@ __all__ = [
 _REACH = 2500.0
 _MOST_TEXTS = 16
 """Of a text, those that came most often in the nominal log are tried."""
-_LONGER, _LONG = 4, 16
-"""Arrays get so many times their greatest nominal length, or so many elements: enough to be longer than anything that
-was foreseen, and too little to fill memory."""
+_LONGER, _LONG, _MOST_LONGER = 4, 16, 1 << 16
+"""Arrays get so many times their greatest nominal length, or so many elements, but no more than so many longer: that is
+longer than anything that was foreseen, and an image does not fill memory."""
 DELAY, LOSS = "#delay", "#loss"
 """What fields are called, after their topic, that say how many seconds its messages are late, and what share is lost.
 No type's field is called so."""
-_FAULTS = {DELAY: "delay", LOSS: "drop"}
 _PERIODS, _MOST_LOSS = 10, 0.95
 """Messages come late by so many times of their nominal distance at most, if riot.toml says nothing, and not all of them
 get lost: a failing run has to be played again from what came."""
@@ -89,7 +88,12 @@ class ExternalField:
     @property
     def constant(self) -> bool:
         """Whether it has one value in a run: it is no field of messages."""
-        return self.parameter or self.path in _FAULTS
+        return self.parameter or self.timing
+
+    @property
+    def timing(self) -> bool:
+        """Whether it says how late messages are, or which share of them is lost."""
+        return self.path in (DELAY, LOSS)
 
     @property
     def alone(self) -> bool:
@@ -280,8 +284,10 @@ def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) ->
     late = _PERIODS / rate * system.nominal_run.speed if rate else system.trial_run.duration / 2
     for path, most in ((DELAY, late), (LOSS, _MOST_LOSS)):
         name = f"{topic}:{path}"
+        if any(names_field(pattern, name) for pattern in file.external.exclude):
+            continue
         low, high = _range(name, (0.0, most), file)
-        low, high = max(low, 0.0), min(high, 1.0) if path == LOSS else high
+        high = min(high, 1.0) if path == LOSS else high
         yield ExternalField(name, topic, path, "float64", 0.0, (high - low) / 10, low, high, (low, high), rate)
 
 
@@ -334,14 +340,27 @@ def _described(
     least, most = _limits(type_name)
     usual = (nominal - _REACH * spread, nominal + _REACH * spread)
     if path.startswith("len("):
-        usual = (0.0, max(_LONG, _LONGER * max(numbers)))
+        usual = (0.0, max(_LONG, min(_LONGER * max(numbers), max(numbers) + _MOST_LONGER)))
     low, high, first, last = (min(max(value, least), most) for value in (low, high, *_range(name, usual, file)))
     return ExternalField(name, topic, path, type_name, nominal, spread, low, high, (first, last), rate)
 
 
 def _range(name: str, usual: tuple[float, float], file: SystemFile) -> tuple[float, float]:
-    """Return what riot.toml states for a field as values that may be tried, the usual ones if it does not."""
-    return next((each for pattern, each in reversed(file.external.ranges.items()) if names_field(pattern, name)), usual)
+    """Return what riot.toml states for a field as values that may be tried, the usual ones if it does not.
+
+    What is no field of messages, and the length of an array, is only meant by a pattern that says so.
+
+    Raises:
+        ConfigError: There is no value between its limits.
+    """
+    said = [sign for sign in ("#", "len(") if sign in name]
+    for pattern, limits in reversed(file.external.ranges.items()):
+        if names_field(pattern, name) and all(sign in pattern for sign in said):
+            if said and not 0 <= limits[0] < limits[1]:
+                where = f"{file.path}: external.ranges"
+                raise ConfigError(f"{pattern!r} is no range from 0 up: {list(limits)}", where=where)
+            return limits
+    return usual
 
 
 def _limits(type_name: str) -> tuple[float, float]:

@@ -70,7 +70,10 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
     if not external:
         return Replay()
     parameters = tuple(each for each in (case.injections if case else ()) if each.topic == PARAMETERS)
-    cases = [TestCase(external, parameters, seed=system.step.workspace.seed + number) for number in range(_REPLAYS)]
+    cases = [
+        TestCase(external, parameters, seed=system.step.workspace.seed + number, paced=True)
+        for number in range(_REPLAYS)
+    ]
     failed = sum(outcome.failed_as(system.finding.signature) for outcome in system.runner.run(cases))
     if failed < _RELIABLE * _REPLAYS:
         return Replay(len(external), _REPLAYS, failed)
@@ -78,7 +81,7 @@ def replay(system: DrivenSystem, case: TestCase | None, log: str | None) -> Repl
 
     def ask(parts: Sequence[tuple[int, ...]]) -> list[bool]:
         asked = [
-            TestCase(tuple(external[place] for place in part), parameters, seed=system.step.workspace.seed)
+            TestCase(tuple(external[place] for place in part), parameters, seed=system.step.workspace.seed, paced=True)
             for part in parts
             if part  # without any, external components would drive the system
         ]

@@ -43,6 +43,7 @@ from riot_bus.report.regression import write_regression_test
 from riot_bus.report.reproduce import write_reproduce
 from riot_bus.statistics.rates import proportion
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -84,6 +85,12 @@ class _Subject:
 def _subject(workspace: Workspace, unit: str, *, whole_system: bool) -> _Subject:
     file = workspace.context.file
     if whole_system:
+        if not any(component.external for component in file.components.values()):
+            raise ConfigError(
+                "no component is external, so nothing drives the system, and nothing of it can be changed",
+                where=f"{file.path}: [components]",
+                hint="leave --whole-system out; permeability and activate change the nominal log where that drives it",
+            )
         return _Subject(unit, file.system.name, system_log(workspace), file.external.exclude, (), whole_system=True)
     settings = file.unit[unit]
     return _Subject(unit, unit, workspace.unit_log(unit), settings.leave, settings.include)

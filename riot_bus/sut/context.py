@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Context", "invariants_of", "open_system"]
 
-_JUDGED = b"4"
+_JUDGED = b"5"
 """To be changed when the same trial may get another verdict or another signature than before."""
 
 

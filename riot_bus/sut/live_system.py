@@ -17,7 +17,7 @@ from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.persistent import KEPT
 from riot_bus.sut.scarce import held
 from riot_bus.sut.stage import TrialSetup
-from riot_bus.sut.virtual_time import VirtualTime
+from riot_bus.sut.virtual_time import VirtualTime, single_key
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 
@@ -120,7 +120,13 @@ class LiveSystem:
         varies = any(one in word for word in words for one in _VARYING)
         return made_for == wanted if varies else made_for[2] == wanted[2]
 
-    def begin(self) -> None:
+    def prepare(self, time: int) -> None:
+        """Begin another run, whose first message has this time in nanoseconds; observers come after that."""
+        self.time.begin(time)
+        self.stage.now = self.time.now
+        self.stage.renew()
+
+    def start(self) -> None:
         """Start the components, or reset those that run.
 
         Raises:
@@ -128,20 +134,18 @@ class LiveSystem:
             EnvironmentFaultError: One does not start.
         """
         names, (seed, pace, _) = list(self._place.context.file.components), self._made_for
-        if not self.runs:
+        self.runs += 1
+        if self.runs == 1:
             for name in names:
                 self.stage.start(name, seed=seed, pace=pace)
             self.stage.wait_ready(names)
-        else:
-            self.stage.renew()
-        self.runs += 1
-        if (reset := self._clock.reset) is None or self.runs == 1:
-            return
-        (key,) = self._place.context.topics(reset.topic)
-        message = Message(self.time.now(), key, reset.payload.encode(), encoding=reset.encoding)
-        if not self.time.give(self.stage, message):
-            raise ConfigError(
-                f"no component has subscribed to {reset.topic}",
-                where=f"{self._place.context.file.path}: system.clock.reset",
-                hint="name a topic that resets them, or leave `reset` out",
-            )
+        elif (reset := self._clock.reset) is not None:
+            where = f"{self._place.context.file.path}: system.clock.reset"
+            key = single_key(self.stage, reset.topic, where=where)
+            message = Message(self.time.now(), key, reset.payload.encode(), encoding=reset.encoding)
+            if not self.time.give(self.stage, message):
+                raise ConfigError(
+                    f"no component has subscribed to {reset.topic!r}",
+                    where=where,
+                    hint="name a topic that resets them, or leave `reset` out",
+                )

@@ -112,6 +112,7 @@ class TrialSetup:
         idle: What components do that are ready and never rest; nothing if they rest.
         senders: The threads of this process that send.
         others: All of its threads but the one that runs the trial.
+        now: Tells the time of what is published, in nanoseconds.
         begun: When the trial began, seconds of the monotonic clock.
     """
 
@@ -155,6 +156,7 @@ class TrialSetup:
             wait_before_close_s=stall,
         )
         self._apart = not segments
+        self.now: Callable[[], int] = time.time_ns
         self._begin, self.begun = time.time_ns(), time.monotonic()
 
     def segment_of(self, name: str) -> str:
@@ -180,8 +182,9 @@ class TrialSetup:
 
     def renew(self) -> None:
         """Begin another trial with the same processes: what was seen in the last one is forgotten."""
-        self._begin, self.begun = time.time_ns(), time.monotonic()
+        self._begin, self.begun = self.now(), time.monotonic()
         self.outputs, self.inputs, self._samples = [], [], {}
+        self._watched.clear()
         for process in self.processes.values():
             for path in (process.stdout, process.stderr):
                 os.truncate(path, 0)
@@ -366,7 +369,7 @@ class TrialSetup:
         """
         last: Idle | None = None
         while time.monotonic() < deadline:
-            self._include_started(names)
+            self.include_started(names)
             now = self.measure_idle(names, seconds=_MEASURE)
             self.idle = now if last is None else now.or_more(last)
             alike = last is not None and abs(now.switches - last.switches) <= _ALIKE * now.switches
@@ -450,7 +453,7 @@ class TrialSetup:
 
     def put(self, segment: str, message: Message) -> None:
         """Publish an input; it waits if receivers are slow."""
-        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express), time=time.time_ns())
+        sent = message.with_(qos=Qos(message.qos.priority, "block", message.qos.express), time=self.now())
         self.bus.put(segment, sent)
         self.inputs.append(sent)
 
@@ -530,7 +533,7 @@ class TrialSetup:
             self._families[pids] = Threads(families(pids))
         return self._families[pids]
 
-    def _include_started(self, names: Iterable[str]) -> bool:
+    def include_started(self, names: Iterable[str]) -> bool:
         """Look at what components have started meanwhile, too; return whether it is the same as before."""
         pids = tuple(self.processes[name].pid for name in names)
         now, known = tuple(families(pids)), self._families.get(pids)
@@ -565,7 +568,7 @@ class TrialSetup:
         processes = [self.processes[name] for name in names]
         deadline = time.monotonic() + timeout
         while True:
-            self._include_started(names)
+            self.include_started(names)
             settled = wait_settled(
                 self.threads(names),
                 window=window,
@@ -576,7 +579,7 @@ class TrialSetup:
                 hangs=hangs,
                 rests=rests,
             )
-            if not settled or self._include_started(names):  # else they may still be starting others
+            if not settled or self.include_started(names):  # else they may still be starting others
                 return settled
 
     def view(
@@ -620,7 +623,7 @@ class TrialSetup:
             self.context.registry,
             tuple(self.outputs),
             self._begin,
-            time.time_ns(),
+            self.now(),
             stalled,
             tuple(self.inputs),
         )

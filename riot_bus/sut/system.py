@@ -272,7 +272,9 @@ class SystemFile(_Table):
                 raise ValueError("system.clock|external components have a time of their own|let the nominal log drive")
             for name in ("trial_run", "perturbed_run"):
                 if getattr(self.system, name).speed != 1.0:
-                    raise ValueError(f"system.{name}.speed|with [system.clock], runs are as fast as they can|leave it")
+                    raise ValueError(
+                        f"system.{name}.speed|with [system.clock], runs are as fast as they can|leave `speed` out"
+                    )
         for name, unit in self.unit.items():
             if (unit.component or name) not in self.components:
                 place = f"unit.{name}.component" if unit.component else f"unit.{name}"
@@ -380,6 +382,7 @@ def _known_keys(place: list[str]) -> list[str]:
         "nominal_run": RunPace,
         "trial_run": RunPace,
         "perturbed_run": RunPace,
+        "clock": VirtualClock,
         "ready": Ready,
         "limits": ResourceLimits,
     }

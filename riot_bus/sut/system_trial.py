@@ -51,6 +51,7 @@ _TICK = 0.02
 _PATIENCE = 3.0
 _GRACE = 10.0
 _STALL = 60.0
+_LOOK = 0.1
 
 
 class _Tap:
@@ -75,11 +76,11 @@ class _Tap:
             self._changed.update(changed_by(self._injector.injections, applied, event.changes))
             self._applied += applied
         if not event.dropped:
-            self.observe(event.message)
+            self.observe(event.message, later=event.delay_ns)
 
-    def observe(self, message: Message) -> None:
-        """Keep a message that is delivered now."""
-        self.messages.append(message.with_(time=self.now()))
+    def observe(self, message: Message, later: int = 0) -> None:
+        """Keep a message that is delivered now, or so many nanoseconds later."""
+        self.messages.append(message.with_(time=self.now() + later))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +116,15 @@ class SystemTrial:
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Run the system once and judge it."""
-        outcome, again = self._carried_out(case, place)
-        if again and outcome.verdict is not Verdict.PASS:
-            end_kept(place)
-            outcome, _ = self._carried_out(case, place)
-        if outcome.verdict is not Verdict.PASS:
-            end_kept(place)
+        outcome = None
+        try:
+            outcome, again = self._carried_out(case, place)
+            if again and outcome.verdict is not Verdict.PASS:
+                end_kept(place)
+                outcome, _ = self._carried_out(case, place)
+        finally:
+            if outcome is None or outcome.verdict is not Verdict.PASS:
+                end_kept(place)
         return outcome
 
     def _carried_out(self, case: TestCase, place: TrialPlace) -> tuple[Outcome, bool]:
@@ -172,12 +176,14 @@ class SystemTrial:
         injected = {injection.topic for injection in injections} if not case.messages else set()
         injector, seen = Injector(injections, seed=case.seed), list[Message]()
         tap = _Tap(injector)
-        begin = time.time_ns()
+        begin, messages = time.time_ns(), case.messages
+        if messages:
+            messages, _ = inject_log(messages, injections, registry=registry, seed=case.seed)
         with ExitStack() as stack:
             if live:
-                begin, tap.now = case.messages[0].time, live.time.now
-                live.time.begin(begin)
                 stage = live.stage if live in place.kept else stack.enter_context(live).stage
+                begin, tap.now = messages[0].time if messages else case.messages[0].time, live.time.now
+                live.prepare(begin)
             else:
                 stack.enter_context(held(file, [*inside, *outside]))
                 stage = stack.enter_context(
@@ -224,22 +230,26 @@ class SystemTrial:
                 )
                 watch("**", writer.write)
             if live:
-                live.begin()
+                live.start()
             else:
                 for name in inside:
                     stage.start(name, seed=case.seed, pace=self.pace)
                 stage.wait_ready(inside)
             if probe:
                 probe.begin()
+            unplayed = False
             if case.messages:
-                messages, _ = inject_log(case.messages, injections, registry=registry, seed=case.seed)
-                self._play(messages, stage, tap.observe, live)
+                unplayed = not self._play(messages, stage, tap.observe, live)
             else:
                 self._drive(outside, inside, stage, case.seed)
             driven = stage.view(outside, settled=True, waited=_SETTLE_TIMEOUT)
             stage.end(outside)
+            if outside and (latest := max((each.delay for each in injections), default=0.0)):
+                stage.bus.drain(latest + _SETTLE_TIMEOUT)
             rest = probe.feeder.rest if probe else stage.settle
             settled = rest(inside, window=_SETTLED, timeout=_SETTLE_TIMEOUT, idle=stage.idle)
+            if unplayed and settled and all(stage.launcher.alive(stage.processes[name]) for name in inside):
+                raise _restless(inside, stage)
             others = [name for name in inside if not probe or name != probe.name]
             rested = settled
             if probe and others and not settled:
@@ -305,7 +315,8 @@ class SystemTrial:
         stage: TrialSetup,
         observe: Callable[[Message], None],
         live: LiveSystem | None,
-    ) -> None:
+    ) -> bool:
+        """Play messages; return whether all of them were, which in virtual time needs that all come to rest."""
         file, registry = stage.context.file, stage.context.registry
         segments = {
             topic: file.segment_of(component)
@@ -325,9 +336,9 @@ class SystemTrial:
             return not all(map(stage.launcher.alive, processes))
 
         if live:
-            live.time.play(messages, stage, observe, stop=stop)
-        else:
-            play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
+            return live.time.play(messages, stage, observe, stop=stop)
+        play(messages, publish, rate=1.0, clock=SystemClock(), stop=stop)
+        return True
 
     def _metadata(self, case: TestCase, context: Context) -> dict[str, str]:
         return {"system": context.file.system.name, "seed": str(case.seed), "duration": f"{self.pace.duration:g}"}
@@ -430,6 +441,16 @@ def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:
         for each in case.injections
         if each.topic == PARAMETERS and isinstance(each.value, bool | int | float | str | bytes)
     }
+
+
+def _restless(names: Sequence[str], stage: TrialSetup) -> EnvironmentFaultError:
+    """Return the error of a run in virtual time in which components never rest, though none hangs."""
+    busiest = max(names, key=lambda name: stage.measure_idle([name], seconds=_LOOK).switches)
+    return EnvironmentFaultError(
+        f"component {busiest!r} is not at rest after {_SETTLE_TIMEOUT:g} s, so the log was not played to its end",
+        where=f"{stage.context.file.path}: system.clock",
+        hint="virtual time is for components that act on messages and on the clock topic alone; leave `clock` out",
+    )
 
 
 def write_log(path: Path, messages: Iterable[Message], *, context: Context, metadata: Mapping[str, str]) -> None:

@@ -11,8 +11,14 @@ from __future__ import annotations
 import json
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from riot_bus.sut.activity import Threads
+from riot_bus.types.capabilities import RecordedTopic
+from riot_bus.types.model import Schema
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message, Qos
 
 if TYPE_CHECKING:
@@ -22,13 +28,14 @@ if TYPE_CHECKING:
     from riot_bus.sut.stage import TrialSetup
     from riot_bus.sut.system import VirtualClock
 
-__all__ = ["VirtualTime"]
+__all__ = ["VirtualTime", "single_key"]
 
 _POLL = 0.0002
 """A component takes some hundred microseconds for a message."""
 _LONG = 0.5
 """From then on it is looked at whether others have the processors: that takes a while."""
 _BLOCK = Qos(congestion="block")
+_NO_SCHEMA = Schema("", "", b"")
 
 
 class VirtualTime:
@@ -50,6 +57,8 @@ class VirtualTime:
         self._held: list[tuple[str, Message]] = []
         self._lock = threading.Lock()
         self._count = 0
+        self._kernel = Threads(_kernel_threads())
+        self._kernel.busy()  # finds them
 
     def begin(self, time: int) -> None:
         """Begin a run: what components publish from now on is held, and nobody observes it yet.
@@ -82,7 +91,7 @@ class VirtualTime:
         publish: Callable[[Message], None],
         *,
         stop: Callable[[], bool],
-    ) -> None:
+    ) -> bool:
         """Give messages to all components, each when all before it have been worked off; to the end, a stop or a hang.
 
         Args:
@@ -90,14 +99,20 @@ class VirtualTime:
             stage: Where the system runs.
             publish: Told each message when it is its turn.
             stop: True when nothing more need be published.
+
+        Returns:
+            Whether it got to the end.
+
+        Raises:
+            ConfigError: No component has subscribed to the topic on which the time is told.
         """
-        key, payload = _told_on(self._clock, stage)
+        told = _Told(self._clock, stage, messages) if self._clock.topic else None
         step, tick = round(self._clock.step * 1e9), self._time
         going = self._work_off(stage, stop)
         for message in messages:
-            while going and key and tick <= message.time:
+            while going and told and tick <= message.time:
                 self._time = tick
-                going = not self.give(stage, Message(tick, key, payload(tick))) or self._work_off(stage, stop)
+                going = self._is_taken(stage, told.message(tick), told.missing) and self._work_off(stage, stop)
                 tick += step
             if not going:
                 break
@@ -110,6 +125,13 @@ class VirtualTime:
             left, self._held = self._held, []
         for segment, message in left:
             self._pass_on(stage, segment, message)
+        return going
+
+    def _is_taken(self, stage: TrialSetup, message: Message, missing: ConfigError) -> bool:
+        """Give a message to all components; raise the error if none has subscribed to it, or can any more."""
+        if not self.give(stage, message) and all(map(stage.launcher.alive, stage.processes.values())):
+            raise missing
+        return True
 
     def give(self, stage: TrialSetup, message: Message, but: str = "") -> bool:
         """Publish a message to all components but one; return whether one takes it."""
@@ -140,25 +162,30 @@ class VirtualTime:
                 taken = self._pass_on(stage, *waiting.pop(0))
             if not taken:
                 return True
+        with self._lock:
+            self._held = waiting + self._held
         return False
 
     def _rest(self, stage: TrialSetup) -> bool:
         """Wait until no component does anything, and nothing is on its way; False if one is busy to the deadline.
 
-        What is sent on this machine wakes who reads it before the sender goes on. So where no thread wants the
-        processor, seen twice with nothing that had run in between, nothing is on its way.
+        What is sent on this machine wakes who reads it before the sender goes on, or a thread of the kernel does later.
+        So where no thread wants the processor, seen twice with nothing that had run in between, nothing is on its way.
         """
-        threads, own = stage.threads(self._names), stage.others
+        threads, own, kernel = stage.threads(self._names), stage.others, self._kernel
         start, held_up = time.monotonic(), None
 
         def nothing_runs(*, new: bool) -> bool:
-            return stage.bus.idle() and not own.busy(new=new) and not threads.busy(new=new)
+            looked_at = (kernel.busy(new=False), own.busy(new=new), threads.busy(new=new))
+            return stage.bus.idle() and not any(looked_at)
 
         while True:
             if nothing_runs(new=True):
                 before = threads.switches(), own.switches()
-                if nothing_runs(new=False) and (threads.switches(), own.switches()) == before:
+                still = nothing_runs(new=False) and (threads.switches(), own.switches()) == before
+                if still and stage.include_started(self._names):
                     return True
+                threads = stage.threads(self._names)
             if (waited := time.monotonic() - start) > _LONG:
                 held_up = held_up or stage.held_up(self._names)
                 if waited - held_up() > self._timeout:
@@ -166,12 +193,67 @@ class VirtualTime:
             time.sleep(_POLL)
 
 
-def _told_on(clock: VirtualClock, stage: TrialSetup) -> tuple[str, Callable[[int], bytes]]:
-    """Return the key on which the time is told, empty if it is not, and what makes a payload of it."""
-    if clock.topic is None:
-        return "", lambda now: b""
-    for adapter in stage.context.registry.publishing_adapters():
-        known = adapter.clock((), domain=None)
-        if known is not None and known.name == clock.topic:
-            return known.offer.key, known.payload
-    return clock.topic, lambda now: json.dumps({"sec": now // 10**9, "nanosec": now % 10**9}).encode()
+class _Told:
+    """How the time is told.
+
+    Args:
+        clock: Says on which topic.
+        stage: Where the system runs.
+        messages: The log; where it is of ROS 2, components are in its domain, and name types alike.
+
+    Attributes:
+        missing: Raised if no component has subscribed to it.
+
+    Raises:
+        ConfigError: The topic has no single key.
+    """
+
+    def __init__(self, clock: VirtualClock, stage: TrialSetup, messages: Sequence[Message]) -> None:
+        registry, where = stage.context.registry, f"{stage.context.file.path}: system.clock.topic"
+        keys = dict.fromkeys(message.key for message in messages)
+        topics = [RecordedTopic(registry.topic(key), key, keyed=True, schema=_NO_SCHEMA, encoding="") for key in keys]
+        clocks = (adapter.clock(topics, domain=None) for adapter in registry.publishing_adapters())
+        known = next((each for each in clocks if each is not None and each.name == clock.topic), None)
+        self._number = 0
+        self._payload: Callable[[int], bytes] = _as_json if known is None else known.payload
+        self._key = single_key(stage, clock.topic or "", where=where) if known is None else known.offer.key
+        zid = stage.bus.segment(next(iter(stage.context.file.components))).zid
+        identify = None if known is None else known.offer.identify
+        self._attach = None if identify is None else identify(zid, 1).attachment
+        self.missing = ConfigError(
+            f"no component has subscribed to {clock.topic!r}",
+            where=where,
+            hint="have components follow this clock (use_sim_time), or leave `topic` out",
+        )
+
+    def message(self, now: int) -> Message:
+        """Return what tells a time, in nanoseconds."""
+        self._number += 1
+        attachment = self._attach(None, self._number, now) if self._attach else None
+        return Message(now, self._key, self._payload(now), attachment=attachment)
+
+
+def single_key(stage: TrialSetup, topic: str, *, where: str) -> str:
+    """Return the key that a topic stands for.
+
+    Raises:
+        ConfigError: It stands for several, or for none.
+    """
+    (key,) = stage.context.topics(topic)
+    if not key or key.startswith("/") or key.endswith("/") or any(each in key for each in "*$#?"):
+        raise ConfigError(f"{topic!r} is no single key", where=where, hint="write the Zenoh key, such as `robot/reset`")
+    return key
+
+
+def _as_json(now: int) -> bytes:
+    return json.dumps({"sec": now // 10**9, "nanosec": now % 10**9}).encode()
+
+
+def _kernel_threads() -> list[int]:
+    """Return the threads of the kernel that go on with what was sent, where they can be seen: not in a container."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError):
+            if entry.name.isdecimal() and (entry / "comm").read_bytes().startswith(b"ksoftirqd/"):
+                found.append(int(entry.name))
+    return found

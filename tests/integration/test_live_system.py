@@ -88,5 +88,26 @@ def test_what_fails_after_other_runs_alone_has_not_failed(tmp_path: Path) -> Non
 
 
 def test_a_reset_that_reaches_nobody_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no component has subscribed to rest"):
+    with pytest.raises(ConfigError, match="no component has subscribed to 'rest'"):
         totals(tmp_path, [TestCase(LOG)] * 2, ADDS.replace('topic = "reset"', 'topic = "rest"'))
+
+
+MONITORS = """
+[[monitors]]
+kind = "range"
+field = "total:total"
+max = 10
+[[monitors]]
+kind = "rate"
+topic = "total"
+gap = 0.5
+"""
+"""Of a run of 0.6 s in the time of the log, which takes longer."""
+
+
+def test_monitors_see_all_runs_in_the_time_of_the_log(tmp_path: Path) -> None:
+    short = TestCase(LOG[:10])
+    outcomes, pids = totals(tmp_path, [short, short, TestCase(LOG)], ADDS + MONITORS)
+    assert [one.verdict for one in outcomes] == [Verdict.PASS, Verdict.PASS, Verdict.FAIL]
+    assert [each.monitor for each in outcomes[2].violations] == ["range"]
+    assert pids[0] == pids[1] != pids[2], "a failure counts of fresh processes alone"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from riot_bus.log.reader import read_log
 from riot_bus.sut.local import Pool
 from riot_bus.sut.system import RunPace
 from riot_bus.sut.system_trial import SystemTrial
+from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict
 from tests.tiers import scaled
@@ -107,3 +109,71 @@ def test_a_run_is_the_same_each_time_though_components_race(tmp_path: Path) -> N
     assert len(ticks) == 1 + (COUNT - 1) * STEP // 35_000_000
     assert all(0 <= time // 10**6 - at < 20 for time, at in ticks), "each within a step of its time"
     assert [time for time, key, _ in first if key == "in"] == [message.time for message in LOG]
+
+
+def run_one(folder: Path, system: str, node: str) -> Outcome:
+    (folder / "riot.toml").write_text(system)
+    (folder / "node.py").write_text(node)
+    with Pool(folder / "riot.toml", 1, keep=folder / "trials") as pool:
+        return pool.execute(SystemTrial(RunPace(duration=1.0), ("heard:attachment", "heard:now")), TestCase(LOG))
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [("clok", "no component has subscribed to 'clok'"), ("*/x", "'*/x' is no single key")],
+)
+def test_a_clock_that_nobody_hears_is_told(tmp_path: Path, topic: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        run_one(tmp_path, SYSTEM.replace('topic = "clock"', f'topic = "{topic}"'), NODE)
+
+
+HEARS = """
+[system]
+name = "hears"
+adapters = ["ros2"]
+clock = { topic = "/clock" }
+
+[external]
+topics = ["in"]
+
+[components.node]
+command = ["{python}", "node.py", "{endpoint}"]
+ready = { timeout = 60 }
+"""
+NODE_OF_ROS = """
+import json, struct, sys, threading
+import zenoh
+
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+
+
+def hear(sample):
+    seconds, nanoseconds = struct.unpack_from("<iI", sample.payload.to_bytes(), 4)
+    told = {"attachment": len(sample.attachment.to_bytes()), "now": seconds * 10**9 + nanoseconds}
+    session.put("heard", json.dumps(told))
+
+
+subscriber = session.declare_subscriber("0/clock/rosgraph_msgs::msg::dds_::Clock_/*", hear)
+threading.Event().wait()
+"""
+
+
+def test_nodes_of_ros_2_are_told_the_time_as_rmw_zenoh_tells_it(tmp_path: Path) -> None:
+    """It takes nothing without an attachment of 33 bytes."""
+    heard = run_one(tmp_path, HEARS, NODE_OF_ROS).observed
+    assert set(heard["heard:attachment"].values) == {33}
+    times = list(heard["heard:now"].values)
+    assert times == [START + number * 10_000_000 for number in range(len(times))]
+    assert times[-1] == LOG[-1].time
+
+
+@pytest.mark.nightly
+def test_a_component_that_never_rests_is_named(tmp_path: Path) -> None:
+    """Nothing of such a run could be told, so it has not passed."""
+    restless = NODE.replace("threading.Event().wait()", "while True:\n    threading.Event().wait(0.0005)")
+    outcome = run_one(tmp_path, SYSTEM, restless)
+    assert outcome.verdict is Verdict.ERROR
+    assert "is not at rest after 10 s" in outcome.detail

@@ -469,20 +469,28 @@ def test_the_length_of_an_array_is_an_input(tmp_path: Path, slow: dict[str, Any]
 
 
 def ageing(readings: Sequence[Message]) -> list[Message]:
-    """What a governor says ten times a second that slows down by the age of what it knows."""
-    begin, found = 10**18, []
-    for number in range(30):
-        now = begin + number * 100_000_000
-        known = [reading.time for reading in readings if reading.time <= now]
-        speed = 3.0 - 4.0 * min(1.0, (now - (max(known) if known else begin)) / 1e9)
-        payload = json.dumps({"mode": "step", "speed": speed, "note": ""}).encode()
-        found.append(Message(now, "command", payload, sequence=number))
+    """What a governor says at each beat that slows down by the age of what the panel has said last."""
+    known, found = None, []
+    for reading in sorted(readings, key=lambda each: each.time):
+        if reading.key == "panel":
+            known = reading.time
+            continue
+        age = 1.0 if known is None else min(1.0, (reading.time - known) / 1e9)
+        payload = json.dumps({"mode": "step", "speed": 3.0 - 4.0 * age, "note": ""}).encode()
+        found.append(Message(reading.time + 1000, "command", payload, sequence=reading.sequence))
     return found
 
 
 def test_messages_that_are_late_or_lost_are_inputs(tmp_path: Path, slow: dict[str, Any]) -> None:
-    write_nominal(tmp_path)
+    beats = [Message(each.time + 10_000_000, "beat", b"{}", sequence=each.sequence) for each in panel(0)]
+    readings = [message for pair in zip(panel(0), beats, strict=True) for message in pair]
+    with LogWriter(tmp_path / "nominal.mcap") as writer:
+        for message in sorted([*readings, *ageing(readings)], key=lambda each: each.time):
+            writer.write(message)
     timed = LOGGED.replace("[external.ranges]", 'timing = ["panel"]\n\n[external.ranges]\n"*:#delay" = [0, 2]')
+    timed = timed.replace('topics = ["panel"]', 'topics = ["panel", "beat"]').replace(
+        'inputs = ["panel"]', 'inputs = ["panel", "beat"]'
+    )
     one = ready(tmp_path, slow, system=timed, governor=ageing)
     write_fields(one, SPEED)
     reached = one.workspace.carry_out(find_step("permeability"), one.folder)
