@@ -24,6 +24,7 @@ from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
 from tests.unit.chain.machine import (
     COUNT,
     HANG,
+    LOGGED,
     OTHER,
     SYSTEM,
     Bench,
@@ -34,6 +35,7 @@ from tests.unit.chain.machine import (
     never_hangs,
     said,
     share,
+    write_nominal,
 )
 
 
@@ -405,3 +407,9 @@ def test_systems_of_which_nothing_can_be_intercepted_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=words):
         campaign(bench(tmp_path, system=SYSTEM.replace(old, new)), whole_system=True)
+
+
+def test_nothing_of_a_system_can_be_changed_that_nothing_drives(tmp_path: Path) -> None:
+    write_nominal(tmp_path)
+    with pytest.raises(ConfigError, match="no component is external, so nothing drives the system"):
+        campaign(bench(tmp_path, LOGGED), whole_system=True)
