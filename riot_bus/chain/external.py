@@ -287,7 +287,8 @@ def _timing(topic: str, times: Mapping[str, Sequence[int]], file: SystemFile) ->
         if any(names_field(pattern, name) for pattern in file.external.exclude):
             continue
         low, high = _range(name, (0.0, most), file)
-        high = min(high, 1.0) if path == LOSS else high
+        if path == LOSS and high > 1:
+            raise ConfigError(f"a share of {high:g} cannot be lost", where=f"{file.path}: external.ranges")
         yield ExternalField(name, topic, path, "float64", 0.0, (high - low) / 10, low, high, (low, high), rate)
 
 

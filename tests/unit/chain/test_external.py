@@ -70,7 +70,9 @@ def test_lengths_of_arrays_are_fields(tmp_path: Path) -> None:
     assert fields["len(load)"].range == (1, 9)
 
 
-TIMED = LOGGED.replace("[external.ranges]", 'timing = ["panel"]\n\n[external.ranges]\n"*:#loss" = [0, 2]')
+TIMED = LOGGED.replace(
+    "[external.ranges]", 'timing = ["panel"]\n\n[external.ranges]\n"*:#loss" = [0, 1]\n"*" = [-9, 9]'
+)
 
 
 def test_messages_may_be_late_or_get_lost_where_riot_toml_says_so(tmp_path: Path) -> None:
@@ -82,6 +84,18 @@ def test_messages_may_be_late_or_get_lost_where_riot_toml_says_so(tmp_path: Path
     assert fields["knob"].constant is False
     assert delay.injection(1.5, speed=3.0) == Injection("panel", fault="delay", delay=0.5)
     assert loss.injection(0.25, speed=3.0) == Injection("panel", fault="drop", probability=0.25)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [('"*:#loss" = [0, 1.5]', "a share of 1.5 cannot be lost"), ('"*:#delay" = [0, 0]', "is no range from 0 up")],
+)
+def test_what_cannot_be_late_or_lost_is_told(tmp_path: Path, stated: str, words: str) -> None:
+    log(tmp_path, [{"knob": 1.0}] * 5)
+    with pytest.raises(ConfigError, match=words):
+        external_fields(bench(tmp_path, TIMED.replace('"*:#loss" = [0, 1]', stated)).workspace)
+    apart = TIMED.replace('timing = ["panel"]', 'timing = ["panel"]\nexclude = ["panel:#*"]')
+    assert [field.path for field in external_fields(bench(tmp_path, apart).workspace)] == ["knob"]
 
 
 def test_of_a_topic_that_did_not_come_nothing_can_be_late(tmp_path: Path) -> None:
