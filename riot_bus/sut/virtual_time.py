@@ -8,6 +8,7 @@ machine's clock are at rest for riot; they have to follow the clock topic.
 
 from __future__ import annotations
 
+import functools
 import json
 import threading
 import time
@@ -57,8 +58,6 @@ class VirtualTime:
         self._held: list[tuple[str, Message]] = []
         self._lock = threading.Lock()
         self._count = 0
-        self._kernel = Threads(_kernel_threads())
-        self._kernel.busy()  # finds them
 
     def begin(self, time: int) -> None:
         """Begin a run: what components publish from now on is held, and nobody observes it yet.
@@ -172,7 +171,7 @@ class VirtualTime:
         What is sent on this machine wakes who reads it before the sender goes on, or a thread of the kernel does later.
         So where no thread wants the processor, seen twice with nothing that had run in between, nothing is on its way.
         """
-        threads, own, kernel = stage.threads(self._names), stage.others, self._kernel
+        threads, own, kernel = stage.threads(self._names), stage.others, _kernel_threads()
         start, held_up = time.monotonic(), None
 
         def nothing_runs(*, new: bool) -> bool:
@@ -249,11 +248,14 @@ def _as_json(now: int) -> bytes:
     return json.dumps({"sec": now // 10**9, "nanosec": now % 10**9}).encode()
 
 
-def _kernel_threads() -> list[int]:
+@functools.cache
+def _kernel_threads() -> Threads:
     """Return the threads of the kernel that go on with what was sent, where they can be seen: not in a container."""
     found = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
             if entry.name.isdecimal() and (entry / "comm").read_bytes().startswith(b"ksoftirqd/"):
                 found.append(int(entry.name))
-    return found
+    threads = Threads(found)
+    threads.busy()  # opens their files, once for all runs of this process
+    return threads
