@@ -122,7 +122,14 @@ def _main(name: str, namespace: str) -> None:
                 for payload in order["payloads"]:
                     publishers[topic].publish(bytes.fromhex(payload))
             case "acknowledged":
-                return publishers[topic].wait_for_all_acked(Duration(seconds=ANSWER_S / 2))
+                # asked again each second, in case that a long wait misses its end; otherwise it is told who has not
+                deadline = time.monotonic() + ANSWER_S / 2
+                while not publishers[topic].wait_for_all_acked(Duration(seconds=1)):
+                    if time.monotonic() > deadline:
+                        matched = publishers[topic].get_subscription_count()
+                        readers = node.get_subscriptions_info_by_topic(topic)
+                        return f"not by all of {matched}: {[(each.node_name, each.endpoint_gid) for each in readers]}"
+                return "yes"
             case "matched":
                 return publishers[topic].get_subscription_count()
             case "subscribe":

@@ -236,7 +236,7 @@ def test_what_has_arrived_crosses_though_the_bridge_is_ended(start: Any) -> None
     joined(talker, "/chatter")
     values = [f"message {number}" for number in range(800)]
     talker.do("publish", "/chatter", payloads=hexed(*values))
-    assert talker.do("acknowledged", "/chatter")
+    assert talker.do("acknowledged", "/chatter") == "yes"
     code, out, err = system.bridges["system"].end()
     assert (code, err) == (0, "")
     assert out.splitlines()[-1].split() == ["/chatter", "800", "0"]
@@ -292,7 +292,7 @@ def test_nodes_may_come_again(start: Any) -> None:
         joined(talker, "/chatter")
         expected += [f"life {life} message {number}" for number in range(50)]
         talker.do("publish", "/chatter", payloads=hexed(*expected[-50:]))
-        assert talker.do("acknowledged", "/chatter")
+        assert talker.do("acknowledged", "/chatter") == "yes"
         talker.end()
         assert [read(each) for each in listener.do("wait", "/chatter", count=len(expected))] == expected
     listener.end()

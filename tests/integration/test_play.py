@@ -209,8 +209,8 @@ class Echo:
 
     def _answer(self) -> None:
         for number in range(self._answers):
+            self.answered += number == self._answers - 1  # first: the next message may come before `put` returns
             self.client.put(Message(0, f"out/{number}", b""))
-        self.answered += 1
 
     def close(self) -> None:
         for each in self._threads:
