@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AnalysisFinished",
     "CampaignFinished",
+    "CampaignStarted",
     "FindingWritten",
     "Listener",
     "Listeners",
@@ -79,6 +80,18 @@ class TrialFinished(RunEvent):
     signature: str | None
     detail: str
     seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignStarted(RunEvent):
+    """A unit's test begins.
+
+    Attributes:
+        fingerprint: Of what is tested: a hash of the system file and of the code.
+    """
+
+    unit: str
+    fingerprint: str
 
 
 @dataclass(frozen=True, slots=True)

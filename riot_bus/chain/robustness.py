@@ -25,7 +25,7 @@ from riot_bus.chain.histories import shrink_history
 from riot_bus.chain.logs import FailingLog
 from riot_bus.chain.questions import dictionary_of
 from riot_bus.chain.testcases import injection_of
-from riot_bus.events import CampaignFinished, FindingWritten
+from riot_bus.events import CampaignFinished, CampaignStarted, FindingWritten
 from riot_bus.findings.records import (
     CampaignRecord,
     EffectsRecord,
@@ -120,6 +120,7 @@ def test_unit(
         RiotError: The unit does not start, its log holds nothing for it, nothing can be injected, or one of its
             own dictionaries has an entry that can never apply.
     """
+    workspace.tell(CampaignStarted(unit, workspace.fingerprint))
     registry = workspace.context.registry
     settings = workspace.context.file.unit[unit]
     subject = _subject(workspace, unit, whole_system=whole_system)

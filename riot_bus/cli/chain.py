@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,7 @@ from riot_bus.cli.options import EventFormat, Executor, Finding, Jobs, Out, Seed
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.chain.workspace import Workspace
 
@@ -27,6 +28,14 @@ FAULTS, INCONCLUSIVE = 1, 5
 
 Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: injected trials of the unit.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
+Reports = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--report",
+        metavar="NAME[=FILE]",
+        help="Keep a report up to date: junit, sarif, markdown, github, or of another package; may be repeated.",
+    ),
+]
 Covered = Annotated[bool, typer.Option("--covered", help="End when each value and fault was tried once.")]
 
 
@@ -67,22 +76,30 @@ def _workspace(
     *,
     executor: str | None,
     fresh: bool = False,
+    reports: Sequence[str] = (),
 ) -> Iterator[Workspace]:
     from rich.console import Console
 
     from riot_bus.chain.workspace import Workspace
     from riot_bus.cli.narrate import ConsoleNarrator, write_line
     from riot_bus.control.signals import ended_by_signals
+    from riot_bus.report.follow import ReportFollower, asked_report
 
     console = Console(stderr=True)
-    with ended_by_signals(_interrupt), ConsoleNarrator(console) as narrator:
+    asked = [asked_report(each, out=out) for each in reports]
+    say = partial(typer.echo, nl=False, err=form is not StreamFormat.TEXT)
+    with (
+        ended_by_signals(_interrupt),
+        ReportFollower(asked, out, say) as follower,
+        ConsoleNarrator(console) as narrator,
+    ):
         try:
             with Workspace(
                 system,
                 out,
                 jobs=jobs,
                 seed=seed,
-                listeners=[narrator, write_line] if form is StreamFormat.NDJSON else [narrator],
+                listeners=[narrator, follower, *([write_line] if form is StreamFormat.NDJSON else [])],
                 fresh=fresh,
                 executor=executor,
             ) as workspace:
@@ -195,12 +212,13 @@ def run_tests(
     jobs: Jobs = 0,
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
+    report: Reports = None,
 ) -> None:
     """Test one unit, or the running system, with exceptional values and group failures into findings."""
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
-    with _workspace(system, out, jobs, seed, form, executor=executor) as workspace:
+    with _workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
@@ -229,6 +247,7 @@ def analyze(
     jobs: Jobs = 0,
     executor: Executor = None,
     form: EventFormat = StreamFormat.TEXT,
+    report: Reports = None,
 ) -> None:
     """Run the whole chain on a system; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze_all
@@ -238,7 +257,7 @@ def analyze(
     from riot_bus.report.text import summary
 
     others = [find_step(name) for name in further or ()]
-    with _workspace(system, out, jobs, seed, form, executor=executor) as workspace:
+    with _workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:

@@ -25,7 +25,13 @@ def report(
     finding: Finding = DEFAULT_OUT,
     *,
     form: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="html, text, json, or a format of another package.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="html, text, json: of one finding; junit, sarif, markdown, github: of a campaign, too; or a format of "
+            "another package.",
+        ),
     ] = "html",
     out: Annotated[
         Path | None,
@@ -33,42 +39,44 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="Where to write it. [default: report.html in the finding's folder; text and json: stdout]",
+            help="Where to write it. [default: a file in the folder, or stdout, as it is usual for the format]",
         ),
     ] = None,
 ) -> None:
-    """Report a finding, as one self-contained HTML page unless asked otherwise."""
+    """Report a finding, or all findings of a campaign, as one self-contained HTML page unless asked otherwise."""
     from riot_bus.chain.workspace import open_finding
     from riot_bus.plugins import REPORTS
-    from riot_bus.report.finding_view import load
-    from riot_bus.report.formats import write_file
+    from riot_bus.report.campaign_view import is_output_folder
+    from riot_bus.report.formats import CampaignFormat, append_summary, render, view_of, write_file
 
     made = REPORTS.load(form, where="--format")()
-    folder, _ = open_finding(finding)
-    content = made.render(load(folder))
+    every = isinstance(made, CampaignFormat) and is_output_folder(finding)
+    folder = finding if every else open_finding(finding)[0]
+    view = view_of(folder)
+    content = render(made, view)
     if out is None and not made.file:
         typer.echo(content, nl=False)
     else:
         typer.echo(str(write_file(content, out or folder / made.file)))
+    append_summary(made, view)
 
 
 def findings(finding: Finding = DEFAULT_OUT, *, form: Format = OutputFormat.TEXT) -> None:
     """List the findings of an output folder, each in a few lines."""
-    from riot_bus.findings.records import CampaignRecord, FindingRecord
-    from riot_bus.report.text import summary
+    from riot_bus.report.campaign_view import load_campaign
+    from riot_bus.report.text import TextReport
     from riot_bus.vocabulary.redaction import escape_control_chars
 
-    paths = sorted((finding / "findings").glob(f"*/{FindingRecord.FILE}"))
-    folders = sorted((path.parent for path in paths), key=lambda folder: FindingRecord.load(folder).rank)
+    view = load_campaign(finding)
     if form is OutputFormat.JSON:
-        records = [{"folder": str(one), **FindingRecord.load(one).model_dump(mode="json")} for one in folders]
+        records = [{"folder": str(one.directory), **one.finding.model_dump(mode="json")} for one in view.findings]
         typer.echo(json.dumps(records, indent=1))
     else:
-        typer.echo("\n\n".join(summary(one) for one in folders) or "no finding")
-        if CampaignRecord.exists(finding):
-            record = CampaignRecord.load(finding)
-            for line in (*map(str, record.unjudged), *record.effects.lines()):
-                typer.echo(escape_control_chars(line))
+        typer.echo("\n".join(TextReport().render(one) for one in view.findings).rstrip("\n") or "no finding")
+        for line in (*map(str, view.campaign.unjudged), *view.campaign.effects.lines()) if view.campaign else ():
+            typer.echo(escape_control_chars(line))
+    for name, why in view.broken.items():
+        typer.echo(escape_control_chars(f"{name} cannot be used: {why}"), err=True)
 
 
 def trials(

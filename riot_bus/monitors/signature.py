@@ -14,12 +14,12 @@ import signal
 from dataclasses import dataclass
 from itertools import groupby, islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Crash", "crashes_in", "tracebacks"]
+__all__ = ["Crash", "Frame", "crashes_in", "fatal_thread", "frames_in", "traceback_of", "tracebacks"]
 
 _FRAME = re.compile(
     r'^\s*File "(?P<file>[^"]+)", line (?P<line>\d+),? in (?P<function>.+)\n?(?P<source>    .*)?$', re.MULTILINE
@@ -53,6 +53,38 @@ class Crash:
 
     place: str
     detail: str
+
+
+class Frame(NamedTuple):
+    """A line of source on a Python stack."""
+
+    file: str
+    line: int
+    function: str
+
+
+def frames_in(text: str) -> list[Frame]:
+    """Return the frames of Python stacks in a text, in its order: tracebacks end with the innermost one."""
+    return [Frame(each["file"], int(each["line"]), each["function"]) for each in _FRAME.finditer(text)]
+
+
+def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
+    """Return the last Python traceback of a crash with this signature; empty if there is none.
+
+    Args:
+        signature: Ends with the place of the crash; tracebacks of other places are of what the component got over.
+        errors: Its stderr.
+        printed: Its stdout.
+        root: Folder of its code.
+    """
+    known = (each for each in reversed([*tracebacks(printed), *tracebacks(errors)]))
+    return next((each for each in known if signature.endswith(_place(each, root))), "")
+
+
+def fatal_thread(errors: str) -> str:
+    """Return the stack that `faulthandler` has written of the thread in which a signal came; empty if it has not."""
+    fatal = _FATAL.search(errors)
+    return errors[fatal.end() :].partition(_CURRENT)[2].partition("\n\n")[0] if fatal else ""
 
 
 def tracebacks(text: str) -> list[str]:
@@ -136,7 +168,7 @@ def _native(status: int, errors: str, root: Path, stack: Sequence[tuple[str, str
     place = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
     thrown = next((match for pattern in (_TERMINATE, _RUST) if (match := pattern.search(errors))), None)
     fatal = _FATAL.search(errors)
-    thread = errors[fatal.end() :].partition(_CURRENT)[2].partition("\n\n")[0] if fatal and not thrown else ""
+    thread = "" if thrown else fatal_thread(errors)
     python = [each["function"] for each in _FRAME.finditer(thread) if _is_own(each["file"], root)]
     functions = [*_native_functions(stack, own=bool(python)), *python][:_CALLERS]
     place += f" {thrown[1]}" if thrown else ""

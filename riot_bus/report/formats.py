@@ -1,4 +1,4 @@
-"""Forms in which a finding is reported: what one is, and how it is written to a file.
+"""Forms in which a finding, or a whole campaign, is reported: what one is, and how it is written to a file.
 
 Forms of others are found by the entry points `riot_bus.reports`; `riot_bus.testing.reports` tests them.
 """
@@ -6,18 +6,20 @@ Forms of others are found by the entry points `riot_bus.reports`; `riot_bus.test
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from riot_bus.findings.records import FindingRecord
+from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
+from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from riot_bus.report.finding_view import FindingView
-
-__all__ = ["ReportFormat", "write_file"]
+__all__ = ["CampaignFormat", "ReportFormat", "SummaryFormat", "append_summary", "render", "view_of", "write_file"]
 
 
+@runtime_checkable
 class ReportFormat(Protocol):
     """Makes a report of one finding; a class without arguments.
 
@@ -34,6 +36,79 @@ class ReportFormat(Protocol):
             MissingExtraError: An optional dependency is not installed.
         """
         ...
+
+
+@runtime_checkable
+class CampaignFormat(Protocol):
+    """Makes a report of all that a campaign has found; it may be a `ReportFormat`, too.
+
+    Attributes:
+        file: Name of the file in the output folder that it is written to; empty for stdout.
+    """
+
+    file: str
+
+    def render_campaign(self, view: CampaignView) -> str | bytes:
+        """Return the report; texts in the view come from others, and may hold anything.
+
+        Raises:
+            MissingExtraError: An optional dependency is not installed.
+        """
+        ...
+
+
+@runtime_checkable
+class SummaryFormat(Protocol):
+    """A format that also adds to a file which an environment variable names, once the work has ended.
+
+    Attributes:
+        summary_variable: The variable.
+    """
+
+    summary_variable: str
+
+    def render_summary(self, view: CampaignView) -> str:
+        """Return what is added."""
+        ...
+
+
+def view_of(folder: Path) -> FindingView | CampaignView:
+    """Read a finding, or an output folder.
+
+    Raises:
+        ConfigError: `finding.json` is unusable.
+    """
+    return load(folder) if FindingRecord.exists(folder) else load_campaign(folder)
+
+
+def render(made: ReportFormat | CampaignFormat, view: FindingView | CampaignView) -> str | bytes:
+    """Return a report; of one finding as a campaign that has found nothing else where the format knows campaigns alone.
+
+    Raises:
+        ConfigError: It is to be of a campaign, and the format knows findings alone.
+    """
+    if isinstance(view, FindingView) and isinstance(made, ReportFormat):
+        return made.render(view)
+    if not isinstance(made, CampaignFormat):
+        raise ConfigError("this format reports one finding, not a campaign", hint="name the folder of a finding")
+    return made.render_campaign(view if isinstance(view, CampaignView) else view_of_one(view))
+
+
+def append_summary(made: object, view: FindingView | CampaignView) -> None:
+    """Add to the file that a format's environment variable names, if the format has one and it is set.
+
+    Raises:
+        ConfigError: It cannot be written there.
+    """
+    if not isinstance(made, SummaryFormat) or not (path := os.environ.get(made.summary_variable)):
+        return
+    text = made.render_summary(view if isinstance(view, CampaignView) else view_of_one(view))
+    try:
+        with open(path, "a", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        where = f"{made.summary_variable}={path}"
+        raise ConfigError(f"cannot add to the summary: {error.strerror}", where=where) from error
 
 
 def write_file(content: str | bytes, path: Path) -> Path:

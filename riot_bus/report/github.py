@@ -1,0 +1,83 @@
+"""A campaign as annotations of GitHub Actions, and as Markdown for the summary of the job.
+
+An annotation is a line of output that the runner takes as a command; what comes from others cannot begin one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.report.campaign_view import level_of, title_of
+from riot_bus.report.format import clean, share_interval
+from riot_bus.report.location import find_place
+from riot_bus.report.markdown import MarkdownReport
+from riot_bus.vocabulary.counting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from riot_bus.report.campaign_view import CampaignView
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["GithubReport"]
+
+_MOST = 10
+"""Annotations of a kind that GitHub shows for one step."""
+_LONGEST_TITLE, _LONGEST = 200, 2000
+
+
+class GithubReport:
+    """The report format `github`.
+
+    Attributes:
+        summary_variable: Environment variable that names the file whose Markdown GitHub shows with the job.
+    """
+
+    file = ""
+    summary_variable = "GITHUB_STEP_SUMMARY"
+
+    def render_campaign(self, view: CampaignView) -> str:
+        """Return a command in a line for each finding, the worst first, and one for what the campaign has come to."""
+        return "".join(f"{line}\n" for line in _commands(view))
+
+    def render_summary(self, view: CampaignView) -> str:
+        """Return what is appended to the file of `summary_variable`."""
+        return MarkdownReport().render_campaign(view)
+
+
+def _commands(view: CampaignView) -> Iterator[str]:
+    current = view.current
+    for one in current[:_MOST]:
+        place = find_place(one)
+        about = {
+            "file": place.path,
+            "line": str(place.line),
+            "title": clean(title_of(one.finding), limit=_LONGEST_TITLE),
+        }
+        yield _command(level_of(one.finding), about, _message(one))
+    told = view.verdict
+    if len(current) > _MOST:
+        told += f" ({counted(len(current) - _MOST, 'finding')} without an annotation: GitHub shows {_MOST} of a step)"
+    level = "error" if view.problem else "notice" if view.finished and not view.doubts else "warning"
+    yield _command(level, {"title": "riot"}, told)
+
+
+def _message(one: FindingView) -> str:
+    finding, rate = one.finding, one.finding.rate
+    lines = ["".join(part.text for part in one.verdict()), *finding.details[:1]]
+    if rate:
+        often = share_interval(rate.low, rate.high)
+        lines.append(f"{rate.count} of {counted(rate.total, 'fresh trial')} failed again, 95 %: {often}")
+    return "\n".join([*lines, one.command("reproduce")])
+
+
+def _command(name: str, about: dict[str, str], message: str) -> str:
+    properties = ",".join(f"{key}={_escaped(clean(text, limit=1000), more=':,')}" for key, text in about.items())
+    return f"::{name} {properties}::{_escaped(clean(message, limit=_LONGEST, lines=True))}"
+
+
+def _escaped(text: str, *, more: str = "") -> str:
+    """Return text with escapes for what ends a command, and for `more`, which ends a property of one."""
+    for letter in f"%\r\n{more}":
+        text = text.replace(letter, f"%{ord(letter):02X}")
+    return text

@@ -1,0 +1,144 @@
+"""Where a finding is shown in a repository: at the line of its code that fails, else where riot.toml names the unit.
+
+What a failing trial has printed says where: tracebacks and stacks of Python, reports of sanitizers, and native stacks
+as debuggers write them. Lines say where a finding is, never which one it is.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.config.toml_file import line_of
+from riot_bus.monitors.signature import Frame, fatal_thread, frames_in, traceback_of
+from riot_bus.report.finding_view import EVIDENCE
+from riot_bus.report.format import clean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from riot_bus.findings.records import FindingRecord
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["SourcePlace", "failing_stack", "find_place", "unit_place"]
+
+_KINDS = ("stdout", "stderr", "stacks")
+_LARGEST = 1 << 20
+_LONGEST_LINE = 2000
+_LONGEST_PATH = 1000
+_FILE = r"(?P<file>[^\s:(),]+\.\w+):(?P<line>\d{1,9})(?::\d+)?"
+_NATIVE = (
+    re.compile(rf"[ \t]*#\d+ .* {_FILE}$"),  # a frame of a sanitizer or a debugger
+    re.compile(rf"{_FILE}: runtime error: "),
+    re.compile(rf".* panicked at {_FILE}:?$"),
+)
+_OTHERS = {"site-packages", "dist-packages"}
+
+
+@dataclass(frozen=True, slots=True)
+class SourcePlace:
+    """A line of a file.
+
+    Attributes:
+        path: The file from the root of the repository, with `/` between its parts.
+        line: The line, from 1.
+    """
+
+    path: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}"
+
+
+def find_place(view: FindingView) -> SourcePlace:
+    """Return where a finding is shown: the innermost line of the user's code that failed, else where the unit stands.
+
+    Args:
+        view: The finding; what a failing trial has left is read from its folder.
+    """
+    finding = view.finding
+    system = _real(finding.system_file)
+    root = _root_of(system)
+    texts = {kind: _evidence(view.directory, f"{finding.component}.{kind}.txt") for kind in _KINDS}
+    texts["backtrace"] = _evidence(view.directory, "backtrace.txt")
+    for frame in failing_stack(finding, texts):
+        path = _real(str(system.parent / frame.file))
+        if _is_own(frame.file, path, root):
+            return _place(path, root, frame.line)
+    return unit_place(finding)
+
+
+def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[Frame]:
+    """Yield lines of source on the stack on which a finding fails, the innermost first; nothing where none is known.
+
+    Args:
+        finding: The finding.
+        texts: What its component left in a failing trial: its `stdout`, its `stderr`, the `stacks` of its threads, and
+            the `backtrace` of a debugger.
+    """
+    errors, stacks = texts.get("stderr", ""), texts.get("stacks", "")
+    if finding.monitor == "crash":
+        root = Path(finding.system_file).parent
+        raised = traceback_of(finding.signature, errors, texts.get("stdout", ""), root)
+        yield from reversed(frames_in(raised))
+        if not raised:
+            yield from _native_frames([*errors.splitlines(), *texts.get("backtrace", "").splitlines()])
+            yield from frames_in(fatal_thread(errors))
+    elif finding.monitor == "hang":
+        stands_in = set(finding.signature.partition(": in ")[2].split(", "))
+        yield from (frame for frame in frames_in(stacks) if frame.function in stands_in)
+
+
+def _native_frames(lines: Iterable[str]) -> Iterator[Frame]:
+    for line in lines:
+        found = next((match for one in _NATIVE if (match := one.match(line[:_LONGEST_LINE]))), None)
+        if found:
+            yield Frame(found["file"], int(found["line"]), "")
+
+
+def unit_place(finding: FindingRecord) -> SourcePlace:
+    """Return where riot.toml names a finding's unit; its first line if the file is gone."""
+    system = _real(finding.system_file)
+    try:
+        text = system.read_text(encoding="utf-8", errors="replace")
+    except (OSError, ValueError):
+        text = ""
+    return _place(system, _root_of(system), line_of(text, ["unit", finding.unit]))
+
+
+def _real(path: str) -> Path:
+    """Return a path without links, since pages of a repository know none; of a file that is gone, as far as it goes."""
+    return Path(os.path.realpath(path.replace("\0", "").encode(errors="replace")).decode(errors="replace"))
+
+
+def _root_of(system: Path) -> Path:
+    """Return what paths are told from: the repository of riot.toml, else the working folder, if it holds that."""
+    for folder in system.parents:
+        if os.path.exists(folder / ".git"):
+            return folder
+    here = Path.cwd().resolve()
+    return here if system.is_relative_to(here) else system.parent
+
+
+def _place(path: Path, root: Path, line: int) -> SourcePlace:
+    return SourcePlace(clean(path.relative_to(root).as_posix(), limit=_LONGEST_PATH), line)
+
+
+def _is_own(file: str, path: Path, root: Path) -> bool:
+    """Return whether a file of a stack is the user's; one with a relative path has to be there."""
+    own = path.is_relative_to(root) and not _OTHERS.intersection(path.parts)
+    return own and (os.path.isabs(file) or os.path.isfile(path))
+
+
+def _evidence(directory: Path, name: str) -> str:
+    """Return the end of a file that a failing trial has left; empty if there is none of that name."""
+    files = {path.name: path for path in (directory / EVIDENCE).glob("*.txt") if path.is_file()}
+    if name not in files:
+        return ""
+    with files[name].open("rb") as stream:
+        stream.seek(max(0, files[name].stat().st_size - _LARGEST))
+        return stream.read().decode(errors="replace")

@@ -1,0 +1,146 @@
+"""A finding, or a campaign, as Markdown for issues, comments and summaries of jobs: the twin of the page.
+
+What comes from others stands in code, where it is neither markup nor a link, and calls nobody.
+"""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import TYPE_CHECKING
+
+from riot_bus.report.campaign_view import title_of
+from riot_bus.report.format import clean, share_interval
+from riot_bus.report.location import find_place
+from riot_bus.report.statements import not_tried, statements
+from riot_bus.report.text import TextReport
+from riot_bus.vocabulary.counting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from riot_bus.report.campaign_view import CampaignView
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["LONGEST", "MarkdownReport", "bounded", "code"]
+
+LONGEST = 65_536
+"""Characters that GitHub takes as a comment."""
+_PLAIN = re.compile(r"(?!.*www\.)[A-Za-z0-9 \N{NO-BREAK SPACE}.,;:%()'<>=+-]*", re.IGNORECASE)
+_ENTITY = re.compile(r"[!-/:-@\[-`{-~]")
+_LONGEST_CELL = 300
+_MOST_DETAILS = 20
+
+
+class MarkdownReport:
+    """The report format `markdown`."""
+
+    file = ""
+
+    def render(self, view: FindingView) -> str:
+        """Return all that is known of a finding, as far as it fits into a comment."""
+        return bounded(list(_finding(view)), where=f"riot report {view.directory}")
+
+    def render_campaign(self, view: CampaignView) -> str:
+        """Return a table of all findings, what is in doubt, and what is known of each, as far as it fits."""
+        return bounded(list(_campaign(view)), where=f"riot findings {view.folder}")
+
+
+def bounded(parts: list[str], *, where: str, longest: int = LONGEST) -> str:
+    """Return the first parts that fit, and how many were left out.
+
+    Args:
+        parts: Parts of a document, each with its line ends.
+        where: Command that tells all.
+        longest: Characters at most.
+    """
+    room, kept = longest - len(_left_out(len(parts), where)), list[str]()
+    if sum(map(len, parts)) <= longest:
+        return "".join(parts)
+    for part in parts:
+        room -= len(part)
+        if room < 0:
+            break
+        kept.append(part)
+    return "".join([*kept, _left_out(len(parts) - len(kept), where)])
+
+
+def _left_out(count: int, where: str) -> str:
+    return f"\n\n{counted(count, 'part')} left out, as GitHub takes {LONGEST} characters: {code(where)} tells all.\n"
+
+
+def _campaign(view: CampaignView) -> Iterator[str]:
+    yield f"## riot: {_inline(view.verdict)}\n"
+    if view.current:
+        yield _heads("failure", "component", "severity", "fresh trials (95 %)", "fails when", "again")
+    for one in view.current:
+        finding, rate = one.finding, one.finding.rate
+        often = f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})" if rate else "not repeated"
+        rule = _cell(one.rule.text) if one.rule else "not known yet"
+        failure, again = _cell(title_of(finding)), _cell(one.command("reproduce"))
+        yield f"| {failure} | {_cell(finding.component)} | {_cell(finding.severity)} | {often} | {rule} | {again} |\n"
+    campaign = view.campaign
+    told = [("Doubts", view.doubts), ("Stopped early", [view.problem] if view.problem else [])]
+    if campaign:
+        told.append(("Not confirmed", [one.signature for one in campaign.unconfirmed]))
+        told.append(("Not told", list(campaign.untold)))
+    told.append(("Found with other code, not seen again", [one.directory.name for one in view.earlier]))
+    for title, lines in told:
+        yield from _listed(title, lines)
+    if campaign:
+        yield from _listed("Injections", campaign.effects.lines())
+    for one in view.current:
+        yield from _finding(one)
+
+
+def _finding(view: FindingView) -> Iterator[str]:
+    verdict = "".join(code(part.text) if part.code else _inline(part.text) for part in view.verdict())
+    yield f"\n### {code(clean(view.finding.id, limit=100))} ({view.severity})\n\n{verdict}\n"
+    yield f"\nAt {code(str(find_place(view)))}:\n"
+    if view.finding.details:
+        yield f"\n{_block(view.finding.details[:_MOST_DETAILS])}"
+    yield f"\n{_block(TextReport().render(view).splitlines()[1:])}"
+    yield _heads("what", "behind it", "how sure")
+    for one in statements(view):
+        yield f"| {_cell(one.claim)} | {_cell(one.evidence)} | {_cell(one.confidence)} |\n"
+    yield from _listed("What was not tried", not_tried(view))
+
+
+def _heads(*names: str) -> str:
+    return f"\n| {' | '.join(names)} |\n{'|---' * len(names)}|\n"
+
+
+def _listed(title: str, lines: Iterable[str]) -> Iterator[str]:
+    for place, line in enumerate(lines):
+        head = "" if place else f"\n**{title}**\n\n"
+        yield f"{head}- {_inline(line)}\n"
+
+
+def _inline(text: str) -> str:
+    """Return a sentence of ours as it is, one with anything in it that may be markup or a name as code."""
+    return escape(text, quote=False) if _PLAIN.fullmatch(text) else code(text)
+
+
+def code(text: str) -> str:
+    """Return a text in one line as code."""
+    text = clean(text, limit=4 * _LONGEST_CELL)
+    longest = max((len(run) for run in re.findall("`+", text)), default=0)
+    fence = "`" * (longest + 1)
+    pad = " " if not text.strip() or text[0] in "` " or text[-1] in "` " else ""
+    return f"{fence}{pad}{text}{pad}{fence}"
+
+
+def _cell(text: str) -> str:
+    """Return a text for a table, where a bar ends a cell even in code, so that such a text is written as HTML."""
+    text = clean(text, limit=_LONGEST_CELL)
+    if "|" in text:
+        return f"<code>{_ENTITY.sub(lambda found: f'&#{ord(found[0])};', text)}</code>"
+    return _inline(text)
+
+
+def _block(lines: Iterable[str]) -> str:
+    """Return lines as a block of code that none of them ends."""
+    text = "\n".join(clean(line, limit=1000, lines=True) for line in lines)
+    longest = max((len(run) for run in re.findall("`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}text\n{text}\n{fence}\n"

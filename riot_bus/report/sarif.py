@@ -1,0 +1,137 @@
+"""A campaign as SARIF 2.1.0, which GitHub, GitLab, Azure DevOps and editors show beside the code.
+
+A result is known again by its rule and by its fingerprint, which is the finding's signature: lines of code may shift.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import riot_bus
+from riot_bus.report.campaign_view import level_of, title_of
+from riot_bus.report.format import clean
+from riot_bus.report.location import find_place
+
+if TYPE_CHECKING:
+    from riot_bus.findings.records import FindingRecord, ProportionRecord
+    from riot_bus.report.campaign_view import CampaignView
+    from riot_bus.report.finding_view import FindingView
+
+__all__ = ["SarifReport", "fingerprint_of"]
+
+_SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
+_ROOT = "%SRCROOT%"
+_LONGEST = 900
+_MOST = 5000
+"""Results; GitHub shows no more of one upload."""
+
+
+class SarifReport:
+    """The report format `sarif`."""
+
+    file = "riot.sarif"
+
+    def render_campaign(self, view: CampaignView) -> str:
+        """Return the log; findings of other code than what was tested are left out, as they were not seen again."""
+        findings = view.current[:_MOST]
+        rules = list(dict.fromkeys(_rule_id(one.finding) for one in findings))
+        told = {_rule_id(one.finding): f"{one.failure} (monitor `{_rule_id(one.finding)}`)" for one in findings}
+        run = {
+            "tool": {
+                "driver": {
+                    "name": "riot_bus",
+                    "version": riot_bus.__version__,
+                    "semanticVersion": riot_bus.__version__,
+                    "rules": [_rule(name, told[name]) for name in rules],
+                }
+            },
+            "automationDetails": {"id": f"riot_bus/{clean(view.unit, limit=100)}/"},
+            "invocations": [
+                {
+                    "executionSuccessful": view.finished and not view.problem,
+                    "toolExecutionNotifications": [
+                        {"level": level, "message": _message(text)} for level, text in _notes(view)
+                    ],
+                }
+            ],
+            "originalUriBaseIds": {_ROOT: {"description": {"text": "The root of the repository."}}},
+            "results": [_result(one, rules) for one in findings],
+        }
+        log = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
+        return json.dumps(log, indent=1) + "\n"
+
+
+def fingerprint_of(finding: FindingRecord) -> str:
+    """Return what a finding is known by: a hash of component and signature, which have no line numbers in them."""
+    return hashlib.sha256(f"{finding.component}\n{title_of(finding)}".encode(errors="backslashreplace")).hexdigest()
+
+
+def _rule_id(finding: FindingRecord) -> str:
+    return clean(finding.monitor, limit=100) or "failure"
+
+
+def _rule(name: str, told: str) -> dict[str, Any]:
+    text = f"A component {told}."
+    return {
+        "id": name,
+        "name": name,
+        "shortDescription": _message(text),
+        "fullDescription": _message(f"{text} The failure has come again in fresh trials."),
+        "help": _message(
+            f"{text} `riot reproduce FINDING` shows it again, `riot report FINDING` all that is known of it."
+        ),
+        "properties": {"tags": ["robustness"]},
+    }
+
+
+def _result(one: FindingView, rules: list[str]) -> dict[str, Any]:
+    finding, digest = one.finding, fingerprint_of(one.finding)
+    place = find_place(one)
+    verdict = "".join(part.text for part in one.verdict())
+    detail = f" {finding.details[0]}" if finding.details else ""
+    known = {
+        "signature": finding.signature,
+        "severity": finding.severity,
+        "reach": one.severity,
+        "rule": one.rule.text if one.rule else "",
+        "reproduce": one.command("reproduce"),
+    }
+    properties: dict[str, Any] = {key: clean(text, limit=_LONGEST) for key, text in known.items() if text}
+    properties |= {"rate": _rate(finding.rate), "nominal": _rate(finding.nominal)}
+    return {
+        "ruleId": _rule_id(finding),
+        "ruleIndex": rules.index(_rule_id(finding)),
+        "level": level_of(finding),
+        "message": _message(f"{verdict}{detail}"),
+        "locations": [
+            {
+                "physicalLocation": {
+                    "artifactLocation": {"uri": quote(place.path), "uriBaseId": _ROOT},
+                    "region": {"startLine": place.line},
+                }
+            }
+        ],
+        # GitHub knows results by the second alone, and else takes a hash of the line, which several findings may share.
+        "partialFingerprints": {"riotSignature/v1": digest, "primaryLocationLineHash": f"{digest[:16]}:1"},
+        "properties": properties,
+    }
+
+
+def _rate(rate: ProportionRecord | None) -> dict[str, Any] | None:
+    return rate and rate.model_dump(mode="json")
+
+
+def _notes(view: CampaignView) -> list[tuple[str, str]]:
+    found = [("error", view.problem)] if view.problem else []
+    found += [("note" if view.finished and not view.doubts else "warning", view.verdict)]
+    left = len(view.current) - _MOST
+    found += [("warning", f"{left} more findings are left out")] if left > 0 else []
+    return [*found, *(("warning", doubt) for doubt in view.doubts[:_MOST])]
+
+
+def _message(text: str) -> dict[str, str]:
+    """Return a message of plain text: braces and links in it would have a meaning."""
+    return {"text": clean(text, limit=_LONGEST).replace("{", "{{").replace("}", "}}").replace("](", "] (")}
