@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["LONGEST", "MarkdownReport", "bounded", "code"]
+__all__ = ["LONGEST", "MarkdownReport", "bounded", "cell", "code"]
 
 LONGEST = 65_536
 """Characters that GitHub takes as a comment."""
@@ -76,9 +76,9 @@ def _campaign(view: CampaignView) -> Iterator[str]:
     for one in view.current:
         finding, rate = one.finding, one.finding.rate
         often = f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})" if rate else "not repeated"
-        rule = _cell(one.rule.text) if one.rule else "not known yet"
-        failure, again = _cell(title_of(finding)), _cell(one.command("reproduce"))
-        yield f"| {failure} | {_cell(finding.component)} | {_cell(finding.severity)} | {often} | {rule} | {again} |\n"
+        rule = cell(one.rule.text) if one.rule else "not known yet"
+        failure, again = cell(title_of(finding)), cell(one.command("reproduce"))
+        yield f"| {failure} | {cell(finding.component)} | {cell(finding.severity)} | {often} | {rule} | {again} |\n"
     campaign = view.campaign
     told = [("Doubts", view.doubts), ("Stopped early", [view.problem] if view.problem else [])]
     if campaign:
@@ -102,7 +102,7 @@ def _finding(view: FindingView) -> Iterator[str]:
     yield f"\n{_block(TextReport().render(view).splitlines()[1:])}"
     yield _heads("what", "behind it", "how sure")
     for one in statements(view):
-        yield f"| {_cell(one.claim)} | {_cell(one.evidence)} | {_cell(one.confidence)} |\n"
+        yield f"| {cell(one.claim)} | {cell(one.evidence)} | {cell(one.confidence)} |\n"
     yield from _listed("What was not tried", not_tried(view))
 
 
@@ -123,14 +123,14 @@ def _inline(text: str) -> str:
 
 def code(text: str) -> str:
     """Return a text in one line as code."""
-    text = clean(text, limit=4 * _LONGEST_CELL)
+    text = clean(text, limit=4 * _LONGEST_CELL) or " "
     longest = max((len(run) for run in re.findall("`+", text)), default=0)
-    fence = "`" * (longest + 1)
-    pad = " " if not text.strip() or text[0] in "` " or text[-1] in "` " else ""
+    fence, ends = "`" * (longest + 1), text[:1] + text[-1:]
+    pad = " " if "`" in ends or (ends == "  " and text.strip(" ")) else ""
     return f"{fence}{pad}{text}{pad}{fence}"
 
 
-def _cell(text: str) -> str:
+def cell(text: str) -> str:
     """Return a text for a table, where a bar ends a cell even in code, so that such a text is written as HTML."""
     text = clean(text, limit=_LONGEST_CELL)
     if "|" in text:

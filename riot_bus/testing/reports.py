@@ -1,6 +1,6 @@
 """What every report format has to hold, as tests to inherit: for authors of formats for `riot report --format`.
 
-    class TestMine(ReportConformance):
+    class TestMine(ReportConformance):  # CampaignReportConformance, if it has `render_campaign`
         report = MyReport
 
 Needs pytest: pip install 'riot-bus[testing]'.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import json
 import unicodedata
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -18,15 +19,27 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import pytest
 
 from riot_bus.findings.steps import STEPS
+from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.finding_view import load
+from riot_bus.report.formats import render
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
-    from riot_bus.report.formats import ReportFormat
+    from riot_bus.report.formats import CampaignFormat, ReportFormat
 
-__all__ = ["FINDING_FILES", "HOSTILE_TEXT", "STAGES", "ReportConformance", "view_at"]
+__all__ = [
+    "CAMPAIGNS",
+    "FINDING_FILES",
+    "HOSTILE_TEXT",
+    "STAGES",
+    "CampaignReportConformance",
+    "ReportConformance",
+    "campaign_at",
+    "view_at",
+]
 
 _X, _GOAL, _SPEED = "/map:x", "/goal:pose.x", "/odom:speed"
 _RATE = {"value": 0.98, "low": 0.93, "high": 1.0, "count": 98, "total": 100}
@@ -142,6 +155,59 @@ STAGES = _stages()
 """Files of findings by stage of progress, some broken, one with hostile names."""
 
 
+_CAMPAIGN: dict[str, Any] = {
+    "unit": "planner",
+    "fingerprint": "1f3a",
+    "failing": 27,
+    "tested": 120,
+    "findings": ["planner-crash-1f3a"],
+    "unconfirmed": [{"signature": "hang of planner", "details": ["still busy"], "repeats": 4}],
+    "covered": 256,
+    "coverable": 2240,
+    "effects": {"injections": 30, "failing": 2, "topics": {"/map": _RATE}, "undecided": {"/odom": 3}},
+    "untold": ["silent: nothing on /plan: nominal trials show the same"],
+    "rate": _RATE,
+    "trials": 128,
+    "seconds": 341.0,
+}
+_UNJUDGED = {"detail": "its process was killed", "occurrences": 3, "injections": [{"topic": "/map"}]}
+
+CAMPAIGNS: dict[str, tuple[Any, tuple[str, ...]]] = {
+    "finished": (_CAMPAIGN, ("until activate",)),
+    "not finished": (None, ("until test",)),
+    "nothing found": (_CAMPAIGN | {"findings": []}, ()),
+    "nothing done": (None, ()),
+    "inconclusive": (_CAMPAIGN | {"findings": [], "notes": {"rate: nothing came on /plan": 120}}, ()),
+    "not judged": (_CAMPAIGN | {"findings": [], "unjudged": [_UNJUDGED]}, ()),
+    "several": (_CAMPAIGN, ("until rules", "broken rules", "until test")),
+    "broken": ("{", ("until test",)),
+    "a broken finding": (_CAMPAIGN, ("broken", "until test")),
+    "hostile": (_poisoned(copy.deepcopy(_CAMPAIGN)) | {"findings": ["0"]}, ("hostile",)),
+}
+"""Campaigns by name: `campaign.json`, and the stages of their findings; `broken` is one that cannot be read."""
+
+
+def campaign_at(name: str, folder: Path) -> CampaignView:
+    """Write the files of a campaign into a folder and read them.
+
+    Args:
+        name: One of `CAMPAIGNS`.
+        folder: An empty folder.
+    """
+    record, stages = CAMPAIGNS[name]
+    if record is not None:
+        (folder / "campaign.json").write_text(record if isinstance(record, str) else json.dumps(record), "utf-8")
+    names = record["findings"] if isinstance(record, dict) else []
+    for number, stage in enumerate(stages):
+        finding = folder / "findings" / (names[number] if number < len(names) else str(number))
+        finding.mkdir(parents=True)
+        if stage == "broken":
+            (finding / "finding.json").write_text("{", encoding="utf-8")
+        else:
+            view_at(stage, finding)
+    return load_campaign(folder)
+
+
 def view_at(stage: str, folder: Path) -> FindingView:
     """Write the files of a stage into a folder and read them.
 
@@ -160,53 +226,99 @@ class ReportConformance:
     Attributes:
         report: The class, or what else makes the format.
         markup: Whether the report is HTML or XML, where names must not become tags.
+        markdown: Whether it is Markdown, where names must not become markup.
         binary: Whether it is no text.
     """
 
-    report: ClassVar[Callable[[], ReportFormat]]
+    report: ClassVar[Callable[[], ReportFormat | CampaignFormat]]
     markup: ClassVar[bool] = False
+    markdown: ClassVar[bool] = False
     binary: ClassVar[bool] = False
 
     def test_its_file_is_a_name_of_its_own(self) -> None:
         """It is written into the finding's folder, over none of the finding's files, or to stdout."""
         file = type(self).report().file
         assert Path(file).name == file
-        assert file not in _STEP_OF
+        assert file not in {*_STEP_OF, "campaign.json", "nominal.mcap"}
 
     @pytest.mark.parametrize("stage", STAGES)
     def test_every_stage_is_reported(self, stage: str, tmp_path: Path) -> None:
         """Nothing is raised whichever files are missing or broken, something is said, and nothing is written."""
-        view = view_at(stage, tmp_path)
-        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-        content = type(self).report().render(view)
-        assert content
-        assert isinstance(content, bytes) if self.binary else self._text(content)
-        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+        self._is_reported(view_at(stage, tmp_path), tmp_path)
 
     def test_it_is_deterministic(self, tmp_path: Path) -> None:
         """The same files give the same report, whoever makes it."""
         view = view_at("until activate", tmp_path)
-        assert type(self).report().render(view) == type(self).report().render(load(tmp_path))
+        assert self._report(view) == self._report(load(tmp_path))
 
     def test_hostile_names_stay_text(self, tmp_path: Path) -> None:
         """They neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
-        folders = [tmp_path / name for name in ("hostile", "harmless")]
-        for folder in folders:
-            folder.mkdir()
-        content = type(self).report().render(view_at("hostile", folders[0]))
+        self._is_harmless(tmp_path, view_at, "until activate")
+
+    def _report(self, view: FindingView | CampaignView) -> str | bytes:
+        return render(type(self).report(), view)
+
+    def _is_reported(self, view: FindingView | CampaignView, folder: Path) -> None:
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        content = self._report(view)
+        assert content
+        assert isinstance(content, bytes) if self.binary else self._text(content)
+        assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+    def _is_harmless(
+        self, tmp_path: Path, made: Callable[[str, Path], FindingView | CampaignView], harmless: str
+    ) -> None:
         if self.binary:
             pytest.skip("this format is no text")
-        text = self._text(content)
-        kinds = {unicodedata.category(character) for character in text if character not in "\n\t"}
+        found = []
+        for name in ("hostile", harmless):
+            folder = tmp_path / name
+            folder.mkdir()
+            found.append(self._text(self._report(made(name, folder))))
+        kinds = {unicodedata.category(character) for character in found[0] if character not in "\n\t"}
         assert not kinds & {"Cc", "Cf", "Cs", "Zl", "Zp"}
-        if self.markup:
-            harmless = self._text(type(self).report().render(view_at("until activate", folders[1])))
-            assert _Markup(text).found <= _Markup(harmless).found
+        if self.markdown:
+            found = [_page_of(text) for text in found]
+        if self.markup or self.markdown:
+            assert _Markup(found[0]).found <= _Markup(found[1]).found
 
     @staticmethod
     def _text(content: str | bytes) -> str:
         """Return a report as text; what is not UTF-8 is an error."""
         return content.encode().decode() if isinstance(content, str) else content.decode()
+
+
+class CampaignReportConformance(ReportConformance):
+    """What holds besides for a format that reports campaigns: it reports them however they have ended, or have not."""
+
+    @pytest.mark.parametrize("campaign", CAMPAIGNS)
+    def test_every_campaign_is_reported(self, campaign: str, tmp_path: Path) -> None:
+        """Nothing is raised whatever it has come to, something is said, and nothing is written."""
+        self._is_reported(campaign_at(campaign, tmp_path), tmp_path)
+
+    def test_campaigns_that_differ_are_told_apart(self, tmp_path: Path) -> None:
+        """One that was not finished, or from which nothing can be concluded, does not look like a clean one."""
+        told = []
+        for number, name in enumerate(("nothing found", "nothing done", "inconclusive", "not judged")):
+            view = campaign_at(name, _made(tmp_path / str(number) / "out"))
+            told.append(self._report(replace(view, folder=tmp_path)))
+        assert len(set(told)) == len(told)
+
+    def test_hostile_names_of_campaigns_stay_text(self, tmp_path: Path) -> None:
+        """They neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
+        self._is_harmless(tmp_path, campaign_at, "finished")
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _page_of(markdown: str) -> str:
+    """Return Markdown as a page, with tables and whatever HTML there is in it."""
+    from markdown_it import MarkdownIt
+
+    return str(MarkdownIt("commonmark").enable("table").render(markdown))
 
 
 class _Markup(HTMLParser):

@@ -7,10 +7,22 @@ from pathlib import Path
 import pytest
 
 from riot_bus.plugins import REPORTS
+from riot_bus.report.github import GithubReport
 from riot_bus.report.json_form import JsonReport
+from riot_bus.report.junit import JunitReport
+from riot_bus.report.markdown import MarkdownReport
 from riot_bus.report.page import HtmlReport
+from riot_bus.report.sarif import SarifReport
 from riot_bus.report.text import TextReport
-from riot_bus.testing.reports import FINDING_FILES, STAGES, ReportConformance, view_at
+from riot_bus.testing.reports import (
+    CAMPAIGNS,
+    FINDING_FILES,
+    STAGES,
+    CampaignReportConformance,
+    ReportConformance,
+    campaign_at,
+    view_at,
+)
 from riot_bus.vocabulary.errors import ConfigError
 
 pytest.importorskip("jinja2")
@@ -20,6 +32,24 @@ pytest.importorskip("matplotlib")
 class TestHtml(ReportConformance):
     report = HtmlReport
     markup = True
+
+
+class TestJunit(CampaignReportConformance):
+    report = JunitReport
+    markup = True
+
+
+class TestSarif(CampaignReportConformance):
+    report = SarifReport
+
+
+class TestGithub(CampaignReportConformance):
+    report = GithubReport
+
+
+class TestMarkdown(CampaignReportConformance):
+    report = MarkdownReport
+    markdown = True
 
 
 class TestText(ReportConformance):
@@ -64,13 +94,51 @@ class Writing(Raw):
         return "x"
 
 
-def broken(report):
-    return type("Broken", (ReportConformance,), {"report": report, "markup": True})()
+class RawCampaign:
+    file = ""
+
+    def render_campaign(self, view):
+        return f"<html>{view.verdict}</html>"
+
+
+class RawMarkdown:
+    file = ""
+
+    def render(self, view):
+        return f"- `{view.finding.signature}`\n"
+
+    def render_campaign(self, view):
+        return f"|a|\n|---|\n|`{view.verdict}`|\n" if view.campaign else "not finished"
+
+
+class Hopeful(RawCampaign):
+    def render_campaign(self, view):
+        return f"{len(view.findings)} findings\n"
+
+
+def broken(report, **more):
+    made = CampaignReportConformance if hasattr(report, "render_campaign") else ReportConformance
+    return type("Broken", (made,), {"report": report, "markup": True, **more})()
 
 
 def test_a_format_that_lets_names_become_tags_is_found(tmp_path: Path) -> None:
     with pytest.raises(AssertionError):
         broken(Raw).test_hostile_names_stay_text(tmp_path)
+
+
+def test_a_format_of_campaigns_that_lets_names_become_tags_is_found(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError):
+        broken(RawCampaign).test_hostile_names_of_campaigns_stay_text(tmp_path)
+
+
+def test_markdown_that_names_can_leave_is_found(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError):
+        broken(RawMarkdown, markup=False, markdown=True).test_hostile_names_stay_text(tmp_path)
+
+
+def test_a_format_that_takes_an_unfinished_campaign_for_a_clean_one_is_found(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError):
+        broken(Hopeful).test_campaigns_that_differ_are_told_apart(tmp_path)
 
 
 def test_a_format_that_replaces_a_file_of_the_finding_is_found() -> None:
@@ -96,7 +164,24 @@ def test_the_bench_has_whole_findings(tmp_path: Path) -> None:
     assert len(STAGES) > 2 * len(FINDING_FILES)
 
 
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_the_bench_has_the_campaigns_that_it_names(name: str, tmp_path: Path) -> None:
+    view = campaign_at(name, tmp_path)
+    assert bool(view.broken) == ("broken" in name)
+    assert (view.campaign is None) == (name in ("not finished", "nothing done", "broken"))
+    assert bool(view.findings) == (name not in ("nothing found", "nothing done", "inconclusive", "not judged"))
+
+
 def test_the_shipped_formats_are_plug_ins() -> None:
-    assert [REPORTS.load(name) for name in ("html", "json", "text")] == [HtmlReport, JsonReport, TextReport]
+    shipped = {
+        "github": GithubReport,
+        "html": HtmlReport,
+        "json": JsonReport,
+        "junit": JunitReport,
+        "markdown": MarkdownReport,
+        "sarif": SarifReport,
+        "text": TextReport,
+    }
+    assert {name: REPORTS.load(name) for name in REPORTS.targets()} == shipped
     with pytest.raises(ConfigError, match="did you mean 'html'"):
         REPORTS.load("htm")
