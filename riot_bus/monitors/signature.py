@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Crash", "Frame", "crashes_in", "fatal_thread", "frames_in", "traceback_of", "tracebacks"]
+__all__ = ["Crash", "SourceFrame", "crashes_in", "fatal_thread", "frames_in", "traceback_of", "tracebacks"]
 
 _FRAME = re.compile(
     r'^\s*File "(?P<file>[^"]+)", line (?P<line>\d+),? in (?P<function>.+)\n?(?P<source>    .*)?$', re.MULTILINE
@@ -55,7 +55,7 @@ class Crash:
     detail: str
 
 
-class Frame(NamedTuple):
+class SourceFrame(NamedTuple):
     """A line of source on a Python stack."""
 
     file: str
@@ -63,9 +63,9 @@ class Frame(NamedTuple):
     function: str
 
 
-def frames_in(text: str) -> list[Frame]:
+def frames_in(text: str) -> list[SourceFrame]:
     """Return the frames of Python stacks in a text, in its order: tracebacks end with the innermost one."""
-    return [Frame(each["file"], int(each["line"]), each["function"]) for each in _FRAME.finditer(text)]
+    return [SourceFrame(each["file"], int(each["line"]), each["function"]) for each in _FRAME.finditer(text)]
 
 
 def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from riot_bus.config.toml_file import line_of
-from riot_bus.monitors.signature import Frame, fatal_thread, frames_in, traceback_of
+from riot_bus.monitors.signature import SourceFrame, fatal_thread, frames_in, traceback_of
 from riot_bus.report.finding_view import EVIDENCE
 from riot_bus.report.format import clean
 
@@ -72,7 +72,7 @@ def find_place(view: FindingView) -> SourcePlace:
     return unit_place(finding)
 
 
-def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[Frame]:
+def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[SourceFrame]:
     """Yield lines of source on the stack on which a finding fails, the innermost first; nothing where none is known.
 
     Args:
@@ -93,11 +93,11 @@ def failing_stack(finding: FindingRecord, texts: Mapping[str, str]) -> Iterator[
         yield from (frame for frame in frames_in(stacks) if frame.function in stands_in)
 
 
-def _native_frames(lines: Iterable[str]) -> Iterator[Frame]:
+def _native_frames(lines: Iterable[str]) -> Iterator[SourceFrame]:
     for line in lines:
         found = next((match for one in _NATIVE if (match := one.match(line[:_LONGEST_LINE]))), None)
         if found:
-            yield Frame(found["file"], int(found["line"]), "")
+            yield SourceFrame(found["file"], int(found["line"]), "")
 
 
 def unit_place(finding: FindingRecord) -> SourcePlace:

@@ -12,8 +12,10 @@ from typer.testing import CliRunner, Result
 
 from riot_bus.campaign.store import TrialStore
 from riot_bus.cli.main import make_app
+from riot_bus.plugins import REPORTS
+from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.text import summary
-from riot_bus.testing.reports import view_at
+from riot_bus.testing.reports import campaign_at, view_at
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.trial import Outcome, Verdict, Violation
 
@@ -67,6 +69,99 @@ def test_a_format_of_others_as_on_the_page(folder: Path, plugin_package: Callabl
     plugin_package(CSV, "riot_bus.reports", csv="CsvReport")
     assert report(folder, "--format=csv").stdout == f"{folder / 'report.csv'}\n"
     assert (folder / "report.csv").read_text() == "id,severity\nplanner-crash-1f3a,activated\n"
+
+
+@pytest.mark.parametrize(("form", "name"), [("junit", "riot.xunit.xml"), ("sarif", "riot.sarif")])
+def test_a_campaign_is_written_into_its_folder(form: str, name: str, tmp_path: Path) -> None:
+    view = campaign_at("several", tmp_path)
+    assert report(tmp_path, f"--format={form}").stdout == f"{tmp_path / name}\n"
+    assert (tmp_path / name).read_text() == REPORTS.load(form)().render_campaign(view)
+
+
+@pytest.mark.parametrize("form", ["github", "markdown"])
+def test_a_campaign_goes_to_stdout(form: str, tmp_path: Path) -> None:
+    view = campaign_at("several", tmp_path)
+    assert report(tmp_path, f"--format={form}").stdout == REPORTS.load(form)().render_campaign(view)
+
+
+def test_a_format_of_campaigns_takes_one_finding(folder: Path) -> None:
+    told = report(folder, "--format=junit")
+    assert told.stdout == f"{folder / 'riot.xunit.xml'}\n"
+    assert (folder / "riot.xunit.xml").read_text().count("<testcase ") == 1
+    assert "1 finding of planner" in report(folder, "--format=github").stdout
+    assert report(folder, "--format=markdown").stdout.startswith("\n### `planner-crash-1f3a` (activated)\n")
+
+
+def test_formats_of_findings_take_an_output_folder_with_one(tmp_path: Path) -> None:
+    campaign_at("finished", tmp_path)
+    only = tmp_path / "findings" / "planner-crash-1f3a"
+    assert report(tmp_path, "--format=text").stdout == summary(only) + "\n"
+    (tmp_path / "findings" / "two").mkdir()
+    view_at("until test", tmp_path / "findings" / "two")
+    problem = report(tmp_path, "--format=text").exception
+    assert isinstance(problem, ConfigError)
+    assert "2 findings in" in str(problem)
+
+
+def test_the_summary_of_a_job_is_added_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign_at("finished", tmp_path)
+    file = tmp_path / "summary.md"
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(file))
+    for _ in range(2):
+        assert "::notice title=riot::" in report(tmp_path, "--format=github").stdout
+    assert file.read_text().count("## riot: 1 finding in 120 trials of planner\n") == 2
+    report(tmp_path, "--format=junit")
+    assert file.read_text().count("## riot: ") == 2
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path))
+    problem = report(tmp_path, "--format=github").exception
+    assert isinstance(problem, ConfigError)
+    assert "GITHUB_STEP_SUMMARY" in str(problem)
+
+
+def findings(folder: Path, *words: str) -> Result:
+    return CliRunner().invoke(make_app("findings"), ["findings", str(folder), *words])
+
+
+def test_findings_are_listed_the_worst_first_and_a_broken_one_is_told(tmp_path: Path) -> None:
+    campaign_at("a broken finding", tmp_path)
+    told = findings(tmp_path)
+    assert told.exit_code == 0
+    assert told.stdout.startswith(summary(tmp_path / "findings" / "1") + "\n")
+    assert "findings/planner-crash-1f3a/finding.json cannot be used" in told.stderr
+    (record,) = json.loads(findings(tmp_path, "--format=json").stdout)
+    assert (record["folder"], record["id"]) == (str(tmp_path / "findings" / "1"), "planner-crash-1f3a")
+
+
+def test_two_findings_have_a_line_between_them(tmp_path: Path) -> None:
+    campaign_at("several", tmp_path)
+    first, second, third = (summary(one.directory) for one in load_campaign(tmp_path).findings)
+    assert findings(tmp_path).stdout.startswith(f"{first}\n\n{second}\n\n{third}\n")
+    assert "30 injections: " in findings(tmp_path).stdout
+
+
+def test_no_finding_is_said(tmp_path: Path) -> None:
+    assert findings(tmp_path).stdout == "no finding\n"
+
+
+@pytest.mark.parametrize(("asked", "words"), [("junt", "did you mean 'junit'?"), ("html", "is of one finding")])
+@pytest.mark.parametrize("command", ["test", "analyze"])
+def test_a_report_that_cannot_be_had_is_refused_before_any_trial(
+    command: str, asked: str, words: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    arguments = [command, "--system", str(tmp_path / "none.toml"), "--out", str(out), "--report", asked]
+    problem = CliRunner().invoke(make_app(command), arguments).exception
+    assert isinstance(problem, ConfigError)
+    assert words in str(problem)
+    assert not out.exists()
+
+
+def test_a_system_that_cannot_be_read_is_an_error_in_its_report(tmp_path: Path) -> None:
+    file = tmp_path / "build" / "pkg" / "riot.xunit.xml"
+    arguments = ["test", "--system", str(tmp_path / "none.toml"), "--out", str(tmp_path), "--report", f"junit={file}"]
+    assert isinstance(CliRunner().invoke(make_app("test"), arguments).exception, ConfigError)
+    assert 'errors="1"' in file.read_text()
+    assert "cannot read the system file" in file.read_text()
 
 
 def test_what_cannot_be_done_is_named(folder: Path, tmp_path: Path) -> None:

@@ -4,7 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.monitors.signature import Crash, crashes_in, tracebacks
+from riot_bus.monitors.signature import (
+    Crash,
+    SourceFrame,
+    crashes_in,
+    fatal_thread,
+    frames_in,
+    traceback_of,
+    tracebacks,
+)
 
 ROOT = Path("/srv/rover")
 
@@ -188,3 +196,21 @@ def test_undefined_behaviour_counts_though_the_process_goes_on() -> None:
 def test_long_output_is_read_in_time() -> None:
     for part in ("a:1:1: runtime error", "SUMMARY: XSanitizer: ", " in ", "Traceback (most recent call last):\n"):
         crashes_in(1, part * 10_000, ROOT, part * 10_000)
+
+
+def test_the_traceback_of_a_crash_is_found_by_its_place() -> None:
+    crash, other = traceback(OWN, LIBRARY, error="ValueError: 1"), traceback(OTHER, error="ValueError: 2")
+    (found,) = crashes_in(1, crash, ROOT)
+    signature = f"crash in part: {found.place}"
+    for errors, printed in ((f"{other}\n{crash}\n{other}\n", ""), (other, crash)):
+        assert traceback_of(signature, errors, printed, ROOT) == crash
+    assert traceback_of(signature, other, "", ROOT) == ""
+    assert frames_in(crash)[0] == SourceFrame("/srv/rover/part.py", 7, "place")
+    assert [frame.line for frame in frames_in(crash)] == [7, 3]
+
+
+def test_the_stack_of_the_thread_in_which_a_signal_came() -> None:
+    text = 'Fatal Python error: Aborted\n\nThread 0x1 (most recent call first):\n  File "/a.py", line 1 in wait\n\n'
+    text += 'Current thread 0x2 (most recent call first):\n  File "/b.py", line 2 in call\n\nExtension modules: x\n'
+    assert frames_in(fatal_thread(text)) == [SourceFrame("/b.py", 2, "call")]
+    assert fatal_thread("Current thread 0x2 (most recent call first):") == ""
