@@ -38,7 +38,7 @@ class JunitReport:
         """Return the document; texts of others stay text, and what XML cannot hold is written as an escape."""
         units = dict.fromkeys([*([view.unit] if not view.alone else []), *(one.finding.unit for one in view.findings)])
         suites = [_suite(view, unit) for unit in units]
-        root = ElementTree.Element("testsuites", name="riot", **_totals(suites))
+        root = ElementTree.Element("testsuites", {"name": "riot", **_totals(suites)})
         root.extend(suites)
         ElementTree.indent(root)
         return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
@@ -121,8 +121,8 @@ def _properties(view: CampaignView, findings: Iterable[FindingView], *, of_it: b
             "place": str(find_place(one)),
             "severity": finding.severity,
             "reach": one.severity,
-            "rate": rate and f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})",
-            "rule": one.rule and one.rule.text,
+            "rate": f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})" if rate else "",
+            "rule": one.rule.text if one.rule else "",
             "reproduce": one.command("reproduce"),
         }
         name = clean(one.directory.name, limit=100)
@@ -132,7 +132,7 @@ def _properties(view: CampaignView, findings: Iterable[FindingView], *, of_it: b
 def _add(case: ElementTree.Element, tag: str, message: str, lines: Iterable[str], *, kind: str = "") -> None:
     about = {"type": clean(kind, limit=100)} if kind else {}
     told = clean(message, limit=_LONGEST_LINE)
-    ElementTree.SubElement(case, tag, message=told, **about).text = _lines(lines) or told
+    ElementTree.SubElement(case, tag, {"message": told, **about}).text = _lines(lines) or told
 
 
 def _lines(lines: Iterable[str]) -> str:

@@ -121,7 +121,7 @@ def _result(one: FindingView, rules: list[str]) -> dict[str, Any]:
 
 
 def _rate(rate: ProportionRecord | None) -> dict[str, Any] | None:
-    return rate and rate.model_dump(mode="json")
+    return rate.model_dump(mode="json") if rate else None
 
 
 def _notes(view: CampaignView) -> list[tuple[str, str]]:
