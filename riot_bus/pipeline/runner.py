@@ -92,12 +92,17 @@ class Counts:
 
 @dataclass(slots=True)
 class Route:
-    """What concerns the messages of one key: topic, counts, the interceptors that want them, and their type."""
+    """What concerns the messages of one key: topic, counts, the interceptors that want them, and their type.
+
+    Attributes:
+        first: How many had been seen when `Pipeline.restart` was called last.
+    """
 
     topic: str
     counts: Counts
     stages: tuple[tuple[Stage, Callable[[Event], bool]], ...]
     kind: MessageType | None
+    first: int = 0
 
 
 class Pipeline:
@@ -135,6 +140,7 @@ class Pipeline:
         """The interceptor that is being asked at this moment, if any; another list for each question."""
         self._registry = registry
         self._origin = start
+        self._before: dict[str, int] = {}
         self._running = False
         self._started: dict[int, Stage] = {}
         self._routes: dict[str, Route] = {}
@@ -205,7 +211,7 @@ class Pipeline:
         event = Event(
             message,
             route.topic,
-            counts.seen,
+            counts.seen - route.first,
             (time - self._origin) / 1e9,
             arrival,
             segment,
@@ -388,7 +394,8 @@ class Pipeline:
             topic = self._registry.topic(key)
             deciders = [(stage, stage.for_key(key, self._registry)) for stage in self.stages]
             stages = tuple((stage, decide) for stage, decide in deciders if decide is not None)
-            route = Route(topic, self._count(topic), stages, self._registry.type_of(key) if stages else None)
+            kind = self._registry.type_of(key) if stages else None
+            route = Route(topic, self._count(topic), stages, kind, self._before.get(topic, 0))
             if len(self._routes) >= _CACHED_KEYS:
                 self._routes.clear()
             self._routes[key] = route
@@ -396,6 +403,12 @@ class Pipeline:
 
     def forget(self) -> None:
         """Look up again what concerns the messages of each key: a type has become known."""
+        self._routes.clear()
+
+    def restart(self) -> None:
+        """Let time and numbers of messages begin at the next one; what was counted so far stays."""
+        self._origin = None
+        self._before = {topic: counts.seen for topic, counts in self.counts.items()}
         self._routes.clear()
 
     def _count(self, topic: str) -> Counts:

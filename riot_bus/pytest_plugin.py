@@ -1,0 +1,196 @@
+"""The pytest plug-in: fixtures `riot`, `riot_router`, `riot_segment`, `riot_finding`, and the marker `riot`.
+
+How they are used: docs/pytest.md. Every pytest run where riot_bus is installed loads this file, so it imports
+nothing of the rest until a fixture is used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from riot_bus.chain.reproduce import Reproduction
+    from riot_bus.testing.live_router import LiveRouter, RouterTest, SegmentAccess
+
+_MARKER = "riot(plan=None, segment=None, intercept=()): use the fixture riot with this injection plan (or several), in \
+this segment, with these topics intercepted"
+_FAILED = pytest.StashKey[bool]()
+_LOG = pytest.StashKey[Path]()
+_USED = pytest.StashKey["RouterTest"]()
+_LONGEST_NAME = 150
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add our options."""
+    group = parser.getgroup("riot", "robustness tests on a message bus (riot_bus)")
+    group.addoption(
+        "--riot-record",
+        choices=("on-failure", "always", "never"),
+        default="on-failure",
+        help="keep the log (MCAP) of tests that use the fixture riot [default: on-failure]",
+    )
+    group.addoption("--riot-record-dir", type=Path, metavar="DIR", help="where [default: riot-logs in the root folder]")
+    group.addoption("--riot-seed", type=int, default=0, metavar="N", help="seed of all that riot injects [default: 0]")
+    parser.addini(
+        "riot_segments", "segments of the router, tests are in the first", type="args", default=["system", "unit"]
+    )
+    parser.addini("riot_types", "types of messages, TOPIC=TYPE a line", type="linelist", default=[])
+    parser.addini("riot_messages", "files that define types of messages", type="paths", default=[])
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare our marker."""
+    config.addinivalue_line("markers", _MARKER)
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Let tests with our marker use the fixture."""
+    marked = isinstance(item, pytest.Function) and item.get_closest_marker("riot") is not None
+    if marked and "riot" not in item.fixturenames:
+        item.fixturenames.append("riot")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    """Say of a failed test where its log is and how it is done again."""
+    report: Any = yield
+    if report.failed:
+        item.stash[_FAILED] = True
+        one, log = item.stash.get(_USED, None), item.stash.get(_LOG, None)
+        told = [f"note:  {text}" for text in one.problems()] if one is not None and call.when == "call" else []
+        told += [f"log:   {log}"] if log is not None else []
+        if one is not None:
+            told.append(f"again: pytest {shlex.quote(item.nodeid)} --riot-seed {one.seed}")
+            report.sections.append(("riot", "\n".join(told)))
+    return report
+
+
+@pytest.fixture(scope="session")
+def riot_router(request: pytest.FixtureRequest) -> Iterator[LiveRouter]:
+    """A router on free ports for all tests of this process; processes that they start are in its first segment."""
+    from riot_bus.config.arguments import parse_types
+    from riot_bus.testing.live_router import LiveRouter
+    from riot_bus.types.registry import TypeRegistry, load_adapters
+
+    config = request.config
+    registry = TypeRegistry(
+        load_adapters(), declared=parse_types(config.getini("riot_types")), definitions=config.getini("riot_messages")
+    )
+    with ExitStack() as stack:
+        router = stack.enter_context(LiveRouter(config.getini("riot_segments"), registry=registry))
+        stack.enter_context(_environment(next(iter(router.segments.values())).variables))
+        yield router
+
+
+@pytest.fixture
+def riot_segment(riot_router: LiveRouter) -> Callable[[str], SegmentAccess]:
+    """How to get into a segment, by its name: endpoint, configuration file, environment."""
+    return riot_router.segment
+
+
+@pytest.fixture
+def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[RouterTest]:
+    """What a test intercepts, injects and sees; at its end, what it asked for must have happened."""
+    from riot_bus.log.run import run_facts
+    from riot_bus.log.writer import LogWriter
+
+    item, config = request.node, request.config
+    wanted = _marked(item)
+    mode, seed = config.getoption("--riot-record"), config.getoption("--riot-seed")
+    out = _folder_of(item)
+    path = None if mode == "never" else out.with_name(f"{out.name}.mcap")
+    with ExitStack() as stack:
+        log = None
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            facts = {**run_facts(), "test": item.nodeid, "seed": str(seed)}
+            log = LogWriter(path, registry=riot_router.registry, metadata=facts, threaded=True)
+            item.stash[_LOG] = path
+            stack.callback(_forget_log, item, path, mode)
+        if wanted["segment"] is not None:
+            stack.enter_context(_environment(riot_router.segment(wanted["segment"]).variables))
+        one = stack.enter_context(riot_router.test(folder=request.path.parent, out=out, seed=seed, log=log))
+        item.stash[_USED] = one
+        if wanted["intercept"]:
+            one.intercept(*wanted["intercept"])
+        if wanted["plan"]:
+            one.inject(*wanted["plan"])
+        yield one
+        if not item.stash.get(_FAILED, False) and (problems := one.problems()):  # else the report has said it
+            item.stash[_FAILED] = True
+            pytest.fail("riot: " + "\n".join(problems), pytrace=False)
+
+
+@pytest.fixture
+def riot_finding(request: pytest.FixtureRequest) -> Callable[..., Reproduction]:
+    """A finding's folder as a regression test: fails as long as fresh trials of its shortest log do."""
+
+    def finding(path: str | Path, *, system: str | Path | None = None, trials: int | None = None) -> Reproduction:
+        from riot_bus.testing.regression import reproduce_finding
+
+        __tracebackhide__ = True
+        folder = request.path.parent / path
+        found = reproduce_finding(folder, system=request.path.parent / (system or "riot.toml"), trials=trials)
+        assert found.answer == "fixed", (
+            f"{found.failed} of {found.trials} trials of {found.log} fail: {found.detail}; "
+            f"again: riot reproduce {shlex.quote(str(folder))}"
+        )
+        return found
+
+    return finding
+
+
+def _marked(item: pytest.Item) -> dict[str, Any]:
+    """Return what markers want: the closest one says the segment, all of them plans and topics."""
+    plans: list[Any] = []
+    topics: list[str] = []
+    segment: str | None = None
+    for marker in item.iter_markers("riot"):
+        if marker.args or marker.kwargs.keys() - {"plan", "segment", "intercept"}:
+            raise pytest.UsageError(f"{item.nodeid}: {_MARKER.partition(':')[0]} is what the marker riot takes")
+        plans += _several(marker.kwargs.get("plan"))
+        topics += _several(marker.kwargs.get("intercept"))
+        segment = segment or marker.kwargs.get("segment")
+    return {"plan": plans, "segment": segment, "intercept": topics}
+
+
+def _several(given: Any) -> Sequence[Any]:
+    if given is None:
+        return ()
+    return given if isinstance(given, list | tuple) else [given]
+
+
+def _folder_of(item: pytest.Item) -> Path:
+    """Return where a test's files are kept: with the test's name, as far as file systems allow, and a hash of it."""
+    folder = item.config.getoption("--riot-record-dir") or item.config.rootpath / "riot-logs"
+    name = re.sub(r"[^A-Za-z0-9_.\-]+", "_", item.nodeid).strip("_.")[-_LONGEST_NAME:]
+    return Path(folder) / f"{name}-{hashlib.sha256(item.nodeid.encode()).hexdigest()[:6]}"
+
+
+def _forget_log(item: pytest.Item, path: Path, mode: str) -> None:
+    if mode == "on-failure" and not item.stash.get(_FAILED, False):
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
