@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
     from riot_bus.chain.reproduce import Reproduction
     from riot_bus.testing.live_router import LiveRouter, RouterTest, SegmentAccess
@@ -55,15 +55,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Let tests with our marker use the fixture."""
-    marked = isinstance(item, pytest.Function) and item.get_closest_marker("riot") is not None
-    if marked and "riot" not in item.fixturenames:
-        item.fixturenames.append("riot")
+    names = item.fixturenames if isinstance(item, pytest.Function) else None
+    if names is not None and item.get_closest_marker("riot") is not None and "riot" not in names:
+        names.append("riot")
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Say of a failed test where its log is and how it is done again."""
-    report: Any = yield
+    report = yield
     if report.failed:
         item.stash[_FAILED] = True
         one, log = item.stash.get(_USED, None), item.stash.get(_LOG, None)

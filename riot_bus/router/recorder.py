@@ -35,14 +35,17 @@ class Writer(Protocol):
     """Where messages are written; `riot_bus.log.writer.LogWriter` is one.
 
     What raises LostMessagesError says which messages are lost besides; of other errors, only this message is.
-
-    Attributes:
-        problem: Why nothing can be written at present, empty if all is well.
-        refused: Messages that it cannot hold.
     """
 
-    problem: str
-    refused: int
+    @property
+    def problem(self) -> str:
+        """Why nothing can be written at present; empty if all is well."""
+        ...
+
+    @property
+    def refused(self) -> int:
+        """Messages that it cannot hold."""
+        ...
 
     def write(
         self, message: Message, *, role: Literal["delivered", "original"] = ..., changes: Sequence[Change] = ...

@@ -7,10 +7,11 @@ import threading
 import time
 from collections import Counter, deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.elements import read_elements, read_field
 from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.elements import quantity_of
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
     from riot_bus.log.writer import LogWriter
     from riot_bus.pipeline.event import Change
     from riot_bus.types.registry import TypeRegistry
-    from riot_bus.vocabulary.elements import Elements
     from riot_bus.vocabulary.message import Message
-    from riot_bus.vocabulary.trial import Scalar
 
 __all__ = ["Capture", "Captured"]
 
@@ -53,7 +52,7 @@ class Captured:
         """Its payload."""
         return self.message.payload
 
-    def read(self, path: str) -> Scalar | Elements:
+    def read(self, path: str) -> Any:
         """Return a field's value; of a path with `[*]`, all elements.
 
         Raises:
@@ -65,7 +64,9 @@ class Captured:
         if kind is None:
             hint = "say it in the ini option riot_types: TOPIC=TYPE"
             raise ConfigError("nothing tells the type of these messages", where=message.key, hint=hint)
-        return (read_elements if "[*]" in path else read_field)(kind, message.payload, path)
+        if "[*]" in path and quantity_of(path) is None:
+            return read_elements(kind, message.payload, path)
+        return read_field(kind, message.payload, path)
 
 
 class Capture:

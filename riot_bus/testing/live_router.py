@@ -6,6 +6,7 @@ import json
 import tempfile
 import time
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -187,7 +188,7 @@ class RouterTest:
             for number, each in enumerate(found):
                 field = f":{each.field}" if each.field else ""
                 text = f"injection {number} ({each.fault} of {each.topic}{field}) was not carried out"
-                self._needed[text] = lambda number=number: injector.hits[number] > 0
+                self._needed[text] = partial(_carried_out, injector, number)
         self._interceptors.append(injector)
         self._apply()
 
@@ -263,16 +264,18 @@ class RouterTest:
         """Return what has happened to intercepted and recorded messages since the test began, by topic."""
         return {topic: _less(now, self._before.get(topic)) for topic, now in self._router.bus.counts().items()}
 
-    def explore(self, system: str | Path, **options: Any) -> None:
+    def explore(self, system: str | Path, *, out: str | Path | None = None, **options: Any) -> None:
         """Test a unit of a riot.toml with exceptional values; see `riot_bus.testing.exploration.explore`.
 
         Args:
-            system: Path of riot.toml, relative to the test's own.
-            options: Arguments of `explore`.
+            system: Path of riot.toml; paths are relative to the folder of the test's file.
+            out: Folder for everything that is written; by default one of the test's own beside its log.
+            options: Further arguments of `explore`.
         """
         from riot_bus.testing.exploration import explore
 
-        explore(self._folder / system, **{"out": self._out, "seed": self.seed, **options})
+        folder = self._out if out is None else self._folder / out
+        explore(self._folder / system, folder, **{"seed": self.seed, **options})
 
     def problems(self) -> list[str]:
         """Wait until all is through, then return why the test has not shown what it seems to.
@@ -331,6 +334,10 @@ class _Function:
     def message(self, event: Event) -> None:
         """Call it."""
         self._function(event)
+
+
+def _carried_out(injector: Injector, number: int) -> bool:
+    return injector.hits[number] > 0
 
 
 def _name(interceptor: object) -> str:
