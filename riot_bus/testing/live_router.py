@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 import time
+from collections import Counter
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
-from riot_bus.zenoh.session import intersects
+from riot_bus.zenoh.session import intersects, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -149,6 +150,7 @@ class RouterTest:
         self.seed = seed
         self._router, self._recorder = router, recorder
         self._folder, self._out = folder, out
+        self._put: Counter[str] = Counter()
         self._keys: list[str] = []
         self._interceptors: list[object] = []
         self._needed: dict[str, Callable[[], bool]] = {}
@@ -225,17 +227,20 @@ class RouterTest:
         data = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
         key = self._router.registry.key_expression(topic)
         self._router.bus.put(segment or next(iter(self._router.segments)), Message(0, key, data, **more))
+        self._put[key] += 1
 
     def wait_subscribed(self, *topics: str, segment: str, timeout: float = 10.0) -> None:
         """Wait until components of a segment have subscribed to topics.
 
-        Meanwhile only intercepted messages are recorded: who records all others would be taken for a subscriber.
+        Meanwhile, of what components send, only intercepted messages are recorded: who records all would be taken for a
+        subscriber.
 
         Raises:
             AssertionError: They have not in time.
         """
         bus = self._router.bus
         keys = [self._router.registry.key_expression(topic) for topic in topics]
+        wait_until(self._all_put_is_recorded, _SETTLED_S)
         bus.set_recorder(self._recorder, record=())
         bus.wait_observed(_OBSERVED_S)
         deadline = time.monotonic() + timeout
@@ -299,6 +304,9 @@ class RouterTest:
             if each.unrecorded:
                 found.append(f"{counted(each.unrecorded, 'message')} of {topic} not recorded")
         return found
+
+    def _all_put_is_recorded(self) -> bool:
+        return all(len(self.record.sent(key)) >= number for key, number in self._put.items())
 
     def _came(self, wanted: str) -> Callable[[], bool]:
         registry = self._router.registry

@@ -104,6 +104,19 @@ def test_index_counts_per_topic_and_seconds_from_the_first_message():
     assert seen == [("a", 0, 0.0), ("b", 0, 1.0), ("a", 1, 2.0)]
 
 
+def test_numbers_and_time_can_begin_anew_while_counts_go_on():
+    seen = []
+    pipe = pipeline(act(lambda event: seen.append((event.index, event.seconds))))
+    for time in (1, 2):
+        pipe.feed(message(time=time * 1_000_000_000))
+    pipe.restart()
+    for time in (5, 6):
+        pipe.feed(message(time=time * 1_000_000_000))
+    pipe.feed(message(key="rover/new", time=8_000_000_000))
+    assert seen == [(0, 0.0), (1, 1.0), (0, 0.0), (1, 1.0), (0, 3.0)]
+    assert pipe.counts["rover/odom"].seen == 4
+
+
 def test_types_are_looked_up_once_per_key_and_per_message_only_when_needed():
     class Registry(TypeRegistry):
         asked = 0
