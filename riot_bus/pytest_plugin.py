@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
     from riot_bus.chain.reproduce import Reproduction
-    from riot_bus.testing.live_router import LiveRouter, RouterTest, SegmentAccess
+    from riot_bus.testing.live_router import LiveRouter, LiveSegment, RouterTest
 
 _MARKER = "riot(plan=None, segment=None, intercept=()): use the fixture riot with this injection plan (or several), in \
 this segment, with these topics intercepted"
@@ -95,7 +95,7 @@ def riot_router(request: pytest.FixtureRequest) -> Iterator[LiveRouter]:
 
 
 @pytest.fixture
-def riot_segment(riot_router: LiveRouter) -> Callable[[str], SegmentAccess]:
+def riot_segment(riot_router: LiveRouter) -> Callable[[str], LiveSegment]:
     """How to get into a segment, by its name: endpoint, configuration file, environment."""
     return riot_router.segment
 

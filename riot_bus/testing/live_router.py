@@ -35,14 +35,14 @@ if TYPE_CHECKING:
     from riot_bus.testing.capture import Captured
     from riot_bus.types.registry import TypeRegistry
 
-__all__ = ["LiveRouter", "RouterTest", "SegmentAccess"]
+__all__ = ["LiveRouter", "LiveSegment", "RouterTest"]
 
 _DRAINED_S = 5.0
 _SETTLED_S = 0.5
 _OBSERVED_S = 3.0
 
 
-class SegmentAccess:
+class LiveSegment:
     """How a component gets into a segment.
 
     Attributes:
@@ -80,7 +80,7 @@ class LiveRouter:
 
     def __init__(self, segments: Sequence[str], *, registry: TypeRegistry) -> None:
         self.registry = registry
-        self.segments: dict[str, SegmentAccess] = {}
+        self.segments: dict[str, LiveSegment] = {}
         self.bus = Bus(dict.fromkeys(segments, ()), registry=registry)
         self._stack = ExitStack()
 
@@ -88,14 +88,14 @@ class LiveRouter:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="riot-")))
             bus = stack.enter_context(self.bus)
-            self.segments = {name: SegmentAccess(name, bus.endpoint(name), folder) for name in bus.sessions}
+            self.segments = {name: LiveSegment(name, bus.endpoint(name), folder) for name in bus.sessions}
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def segment(self, name: str) -> SegmentAccess:
+    def segment(self, name: str) -> LiveSegment:
         """Return how to get into a segment; raises ConfigError if there is none of this name."""
         self.bus.segment(name)
         return self.segments[name]
