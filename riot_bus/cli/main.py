@@ -34,6 +34,8 @@ COMMANDS = {
     "edit": ("edit",),
     "record": ("record",),
     "router": ("router",),
+    "segment_exec": ("exec",),
+    "ros_test": ("ros-test",),
     "ctl": ("ctl",),
     "graph": ("graph",),
     "init": ("init",),

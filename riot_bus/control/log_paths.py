@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.errors import ConfigError
@@ -11,7 +12,7 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["claim", "safe_path"]
+__all__ = ["claim", "file_stem", "safe_path"]
 
 _LONGEST_NAME = 240
 
@@ -34,6 +35,11 @@ def claim(folder: Path, text: str | None, stem: str) -> Path:
         if not os.path.lexists(path):
             return _create(path)
     raise AssertionError
+
+
+def file_stem(name: str) -> str:
+    """Return a name, from wherever it comes, as that of a file without its ending."""
+    return re.sub(r"[^\w.-]+|^\.", "_", name)[: _LONGEST_NAME // 4] or "_"
 
 
 def safe_path(folder: Path, text: str) -> Path:

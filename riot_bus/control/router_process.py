@@ -20,6 +20,7 @@ from riot_bus.zenoh.network import Network
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from riot_bus.config.router_settings import RouterSettings
     from riot_bus.control.bypass import Bypass
     from riot_bus.control.router_options import RouterOptions
     from riot_bus.control.router_service import RouterService
@@ -80,18 +81,21 @@ def run_router(
 
 
 @contextmanager
-def router_of(options: RouterOptions, *, warn: Callable[[str], None]) -> Iterator[RouterService]:
+def router_of(
+    options: RouterOptions, *, warn: Callable[[str], None], settings: RouterSettings | None = None
+) -> Iterator[RouterService]:
     """Yield a router whose segments are open; it is not itself.
 
     Args:
         options: What to do.
         warn: Prints a line of diagnostics.
+        settings: Take the place of those of riot.toml and of `options.flags`.
 
     Raises:
         ConfigError: An option is wrong.
         EnvironmentFaultError: An endpoint is in use.
     """
-    settings = settings_of(options.system, options.flags)
+    settings = settings or settings_of(options.system, options.flags)
     if options.carried and len(settings.segments) > 1:  # first, so that they include what else is intercepted of them
         settings = replace(settings, intercept=(*options.carried, *settings.intercept))
     with closing(Network(settings.segments)) as network:

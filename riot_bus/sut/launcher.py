@@ -70,9 +70,10 @@ class Launcher:
 
     Args:
         slot: Number of the trial among those that run at once.
+        quiet: Whether nothing is written to the stdout of this process.
     """
 
-    def __init__(self, slot: int = 0) -> None:
+    def __init__(self, slot: int = 0, *, quiet: bool = True) -> None:
         self.slot = slot
         ours, theirs = socket.socketpair()
         self._link = ours
@@ -84,7 +85,7 @@ class Launcher:
         self._supervisor = subprocess.Popen(
             [sys.executable, "-S", "-E", str(_SUPERVISOR)],
             stdin=theirs.fileno(),
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL if quiet else None,
             start_new_session=True,
         )
         theirs.close()
@@ -102,19 +103,19 @@ class Launcher:
         *,
         env: Mapping[str, str],
         cwd: Path,
-        directory: Path,
+        directory: Path | None,
         fixed: bool = False,
         fork: Fork | None = None,
         limits: Mapping[str, float] | None = None,
     ) -> ComponentProcess:
-        """Start a component; its output goes to `<directory>/<name>.out` and `.err`.
+        """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
 
         Args:
             name: What it is called.
             argv: Its command.
             env: Its whole environment.
             cwd: Its working folder.
-            directory: Folder for its output.
+            directory: Folder for its output; None to leave it where this process writes to, if that is not `quiet`.
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: How it is forked; None to execute its command.
             limits: What it may have of the machine (see `resource_limits.Guard`); None for anything.
@@ -122,9 +123,12 @@ class Launcher:
         Raises:
             EnvironmentFaultError: The command cannot be executed.
         """
-        stdout, stderr = directory / f"{name}.out", directory / f"{name}.err"
+        stdout, stderr = (
+            Path(os.devnull) if directory is None else directory / f"{name}.{end}" for end in ("out", "err")
+        )
         request = {"do": "start", "argv": list(argv), "env": dict(env), "cwd": str(cwd), "fixed": fixed}
         request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": fork._asdict() if fork else None}
+        request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
         with self._lock:
             self._send(request)

@@ -154,8 +154,8 @@ class Supervisor:
                 env=request["env"],
                 cwd=request["cwd"],
                 stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
+                stdout=None if request["ours"] else out,
+                stderr=None if request["ours"] else err,
                 start_new_session=True,
                 preexec_fn=become_fixed_component if request["fixed"] else become_component,
             )

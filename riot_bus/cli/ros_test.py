@@ -1,0 +1,96 @@
+"""`riot ros-test`: runs existing tests through a router of their own, unedited."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["register"]
+
+Texts = list[str] | None
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command("ros-test", context_settings={"allow_interspersed_args": False})(ros_test)
+
+
+def ros_test(
+    command: Annotated[list[str], typer.Argument(metavar="COMMAND", help="colcon test, pytest, launch_test, ...")],
+    *,
+    unit_nodes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="REGEX",
+            help="Processes in the segment unit, all others are in system: programs, scripts, names of ROS nodes.",
+        ),
+    ] = None,
+    intercept: Annotated[
+        Texts, typer.Option(metavar="KEYEXPR", envvar="RIOT_INTERCEPT", help="What goes through the interceptors.")
+    ] = None,
+    intercept_services: Annotated[
+        Texts, typer.Option(metavar="KEYEXPR", envvar="RIOT_INTERCEPT_SERVICES", help="Services and actions likewise.")
+    ] = None,
+    interceptor: Annotated[
+        Texts, typer.Option(metavar="'NAME key=value ...'|FILE.py[:NAME]", help="As of riot router; repeatable.")
+    ] = None,
+    inject: Annotated[Path | None, typer.Option(metavar="PLAN.toml", envvar="RIOT_INJECT", help="Injections.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="OUT.mcap|FOLDER", help="Record all that passes; in a folder by package.")
+    ] = None,
+    dds: Annotated[
+        bool, typer.Option("--dds", help="Nodes use DDS: each segment has a ROS domain of its own, and a bridge to it.")
+    ] = False,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system",
+            "-s",
+            metavar="FILE",
+            envvar="RIOT_SYSTEM",
+            help="System file; its segments are not used. [default: riot.toml, if it exists]",
+        ),
+    ] = None,
+    type_: Annotated[Texts, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")] = None,
+    msg: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Definitions of message types.")] = None,
+    seed: Annotated[int, typer.Option(envvar="RIOT_SEED", help="Seed of everything that is random.")] = 0,
+    package: Annotated[str, typer.Option(hidden=True)] = "",
+    in_: Annotated[Path | None, typer.Option("--in", hidden=True)] = None,
+    account: Annotated[Path | None, typer.Option(hidden=True)] = None,
+) -> None:
+    """Run existing tests, unedited, through a router of their own; of colcon test, those of each package.
+
+    The exit status is the command's. At the end stderr says what passed through, and loudly so if nothing did.
+    No process of the tests is left behind.
+    """
+    from riot_bus.bridge.program import end_as
+    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_options import RouterOptions
+    from riot_bus.sut.existing_tests.run import RosTest, run_tests
+
+    words = sys.argv[2 : len(sys.argv) - len(command)]
+    options = RouterOptions(
+        system=system,
+        flags=RouterFlags(intercept=intercept or (), services=intercept_services or ()),
+        interceptors=interceptor or (),
+        inject=inject,
+        types=type_ or (),
+        definitions=msg or (),
+        seed=seed,
+    )
+    asked = RosTest(
+        router=options,
+        nodes=unit_nodes,
+        dds=dds,
+        record=record,
+        package=package,
+        folder=in_,
+        account=account,
+        words=words[:-1] if words[-1:] == ["--"] else words,
+    )
+    status = run_tests(command, asked, warn=lambda line: typer.echo(line, err=True))
+    end_as(status)
+    raise typer.Exit(status)

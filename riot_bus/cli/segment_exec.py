@@ -1,0 +1,59 @@
+"""`riot exec`: runs a command in a segment, unchanged."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command("exec", context_settings={"allow_interspersed_args": False})(execute)
+
+
+def execute(
+    command: Annotated[list[str], typer.Argument(metavar="COMMAND", help="What to run.")],
+    *,
+    segment: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME[=ENDPOINT,...]",
+            help="The segment, and where it listens if nothing else tells.",
+            show_default=False,
+        ),
+    ],
+    host: Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")] = None,
+    cfg: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."
+        ),
+    ] = None,
+    system: Annotated[
+        Path | None,
+        typer.Option(
+            "--system", "-s", metavar="FILE", help="System file that has the segment, whoever has started this."
+        ),
+    ] = None,
+) -> None:
+    """Run a command in a segment, in place of this process and with its streams.
+
+    The segment is one of the router that runs this (riot ros-test); else one of riot.toml, or of a router without one.
+    It also works as a prefix: ros2 launch ... launch-prefix:='riot exec --segment unit --'
+    """
+    from riot_bus.control.segment_exec import become, environment_in
+
+    environ = environment_in(
+        segment,
+        os.environ,
+        system=system,
+        host=host,
+        cfg=cfg or (),
+        hint=lambda text: typer.echo(f"hint: {text}", err=True),
+    )
+    become(command, environ)

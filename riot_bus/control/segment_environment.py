@@ -1,0 +1,157 @@
+"""What a process needs to be in a segment of a running router, as environment variables: one small contract.
+
+Whoever opens a router exports (`export`), and each child can then say in which segment another process shall be
+(`segment_variables`; `riot exec` does so, and what `riot ros-test` puts into processes):
+
+| variable | example | |
+|---|---|---|
+| `RIOT_ENDPOINTS` | `system=tcp/127.0.0.1:41234 unit=tcp/127.0.0.1:41235` | where components of each segment connect |
+| `RIOT_ZENOHFILES` | `/tmp/riot-x/zenoh` | folder of the files for `ZENOH_CONFIG`, `zenoh-SEGMENT.json5` |
+| `RIOT_DOMAINS` | `system=41 unit=42` | the ROS domain of each segment, where bridges join DDS to them |
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.control.environment import client_settings, override, reachable, session_file
+from riot_bus.control.router_flags import parse_endpoints
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = [
+    "FILES",
+    "NOT_ISOLATED",
+    "endpoints_of",
+    "export",
+    "exported_endpoints",
+    "segment_variables",
+    "write_session_files",
+]
+
+_ENDPOINTS, FILES, _DOMAINS = "RIOT_ENDPOINTS", "RIOT_ZENOHFILES", "RIOT_DOMAINS"
+_OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
+_FILE = "zenoh-{}.json5"
+
+NOT_ISOLATED = {"RMW_TEST_FIXTURE_DISABLE_ISOLATION": "1", "DISABLE_ROS_ISOLATION": "1"}
+"""Keep ROS's test fixtures from opening a router, or taking a domain, of their own in place of what is given."""
+
+
+def export(
+    endpoints: Mapping[str, Sequence[str]],
+    *,
+    files: Path | None = None,
+    domains: Mapping[str, int] | None = None,
+) -> dict[str, str]:
+    """Return the variables by which children of a router's process can put processes into its segments.
+
+    Args:
+        endpoints: Where components of each segment connect.
+        files: Folder in which `write_session_files` has been; without it programs that call Zenoh themselves are not
+            reached by `segment_variables`.
+        domains: The ROS domain that a bridge joins to each segment.
+    """
+    variables = {_ENDPOINTS: shlex.join(f"{name}={','.join(found)}" for name, found in endpoints.items())}
+    if files is not None:
+        variables[FILES] = str(files.absolute())
+    if domains:
+        variables[_DOMAINS] = " ".join(f"{name}={number}" for name, number in domains.items())
+    return variables
+
+
+def endpoints_of(name: str, environ: Mapping[str, str]) -> tuple[str, ...]:
+    """Return where components of a segment connect, as `export` has said.
+
+    Raises:
+        ConfigError: No router has exported such a segment, or the variable is not usable.
+    """
+    exported = exported_endpoints(environ)
+    if name not in exported:
+        hint = did_you_mean(name, exported) or "whoever opens a router exports it, such as riot ros-test"
+        raise ConfigError(f"no segment {name!r}", where=_ENDPOINTS, hint=hint)
+    return exported[name]
+
+
+def exported_endpoints(environ: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """Return where components of each segment connect, as `export` has said; nothing if it has not.
+
+    Raises:
+        ConfigError: The variable is not usable.
+    """
+    try:
+        words = shlex.split(environ.get(_ENDPOINTS, ""))
+    except ValueError as error:
+        raise ConfigError(f"cannot be taken apart: {error}", where=_ENDPOINTS) from None
+    return parse_endpoints(words, where=_ENDPOINTS)
+
+
+def segment_variables(
+    name: str, environ: Mapping[str, str], *, config: Mapping[str, Any] | None = None
+) -> dict[str, str]:
+    """Return what a component of a segment needs besides these variables, whoever it is.
+
+    ROS 2 nodes get rmw_zenoh's override, which keeps what was overridden before of other keys, or their domain behind a
+    bridge; programs that call `Config::from_env` get `ZENOH_CONFIG`, and `riot` itself `RIOT_ENDPOINT`.
+
+    Args:
+        name: Name of the segment.
+        environ: The environment, with what `export` has said.
+        config: Further keys of a ROS 2 node's Zenoh configuration.
+
+    Raises:
+        ConfigError: No router has exported such a segment, or a variable is not usable.
+    """
+    listen = endpoints_of(name, environ)
+    variables = {**NOT_ISOLATED, "RIOT_ENDPOINT": reachable(listen)[0]}
+    if FILES in environ:
+        variables["ZENOH_CONFIG"] = str(Path(environ[FILES]) / _FILE.format(name))
+    with suppress(ConfigError):  # rmw_zenoh cannot connect to what there is; others can
+        settings = client_settings(reachable(listen, flavour="rmw_zenoh"), config)
+        kept = [
+            pair for pair in environ.get(_OVERRIDE, "").split(";") if pair.partition("=")[0].strip() not in settings
+        ]
+        variables[_OVERRIDE] = ";".join([*filter(str.strip, kept), override(settings)])
+    domain = _domains(environ).get(name)
+    if domain is not None:
+        variables["ROS_DOMAIN_ID"] = domain
+    elif _OVERRIDE in variables:
+        variables["RMW_IMPLEMENTATION"] = "rmw_zenoh_cpp"
+    return variables
+
+
+def write_session_files(
+    endpoints: Mapping[str, Sequence[str]], folder: Path, *, config: Mapping[str, Any] | None = None
+) -> None:
+    """Write the file of each segment for `ZENOH_CONFIG`; others can read none of them, nor a half of one.
+
+    Args:
+        endpoints: Where components of each segment connect.
+        folder: Where to; only this user should be able to write there.
+        config: Further keys of a component's Zenoh configuration.
+
+    Raises:
+        ConfigError: A file cannot be written.
+    """
+    for name, found in endpoints.items():
+        path, text = folder / _FILE.format(name), session_file(client_settings(reachable(found), config))
+        part = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600), "w") as out:
+                out.write(text)
+            part.replace(path)
+        except OSError as error:
+            raise ConfigError(f"cannot write the configuration: {error.strerror}", where=str(path)) from error
+
+
+def _domains(environ: Mapping[str, str]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in environ.get(_DOMAINS, "").split()]
+    for name, _, number in pairs:
+        if not (number.isascii() and number.isdigit()):
+            raise ConfigError(f"{number!r} is no ROS domain", where=f"{_DOMAINS}: {name}", hint="such as unit=42")
+    return {name: number for name, _, number in pairs}

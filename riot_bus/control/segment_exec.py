@@ -1,0 +1,138 @@
+"""`riot exec --segment NAME -- COMMAND`: becomes a command that is in a segment."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import stat
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from riot_bus.config.endpoints import split_endpoints
+from riot_bus.control.component import client_cfg
+from riot_bus.control.environment import client_settings, missing_for_clients, reachable, session_file
+from riot_bus.control.segment_environment import (
+    FILES,
+    endpoints_of,
+    export,
+    exported_endpoints,
+    segment_variables,
+    write_session_files,
+)
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+__all__ = ["become", "environment_in", "session_files_folder"]
+
+_OTHERS = 0o077
+
+
+def environment_in(
+    segment: str,
+    environ: Mapping[str, str],
+    *,
+    system: Path | None = None,
+    host: str | None = None,
+    cfg: Sequence[str] = (),
+    hint: Callable[[str], None],
+) -> dict[str, str]:
+    """Return the whole environment of a command that shall be in a segment.
+
+    Args:
+        segment: `NAME`, or `NAME=ENDPOINT[,ENDPOINT...]`.
+        environ: The environment so far.
+        system: riot.toml; None for what a running router has exported, else for what `riot router` would take here:
+            `RIOT_SYSTEM` and `RIOT_SEGMENT`, or riot.toml in the working folder, or none.
+        host: The router's machine, for components elsewhere.
+        cfg: `KEY=VALUE`, settings of the component.
+        hint: Is told what is still missing.
+
+    Raises:
+        ConfigError: There is no such segment, it cannot be reached, or its file cannot be written.
+    """
+    name, given, listen = segment.partition("=")
+    config, exported = client_cfg(cfg), not (given or system) and bool(exported_endpoints(environ))
+    if exported and FILES in environ and not config and host is None:
+        return {**environ, **segment_variables(name, environ)}
+    if given:
+        endpoints = reachable(split_endpoints(listen), host=host)
+    elif exported:
+        endpoints = reachable(endpoints_of(name, environ), host=host)
+    else:
+        endpoints, config = _of_router(name, config, environ, system=system, host=host, hint=hint)
+    folder = session_files_folder(session_file(client_settings(endpoints, config)))
+    write_session_files({name: endpoints}, folder, config=config)
+    # This is not exported: children that are put into another segment ask for it where this one was asked for.
+    found = {**environ, **export({name: endpoints}, files=folder)}
+    return {**environ, **segment_variables(name, found, config=config)}
+
+
+def become(command: Sequence[str], environ: Mapping[str, str]) -> NoReturn:
+    """Replace this process by a command, so that signals and exit status are the command's own.
+
+    Args:
+        command: Program and arguments.
+        environ: Its environment.
+
+    Raises:
+        EnvironmentFaultError: It cannot be executed.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    for number in (signal.SIGPIPE, signal.SIGXFSZ):  # Python ignores them, which a command would inherit
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        os.execvpe(command[0], list(command), environ)  # noqa: S606 - no shell is what is wanted
+    except OSError as error:
+        raise EnvironmentFaultError(f"{command[0]!r} cannot be executed: {error.strerror or error}") from error
+
+
+def session_files_folder(text: str) -> Path:
+    """Return a folder for the files of one configuration, which nobody else can write to, and which outlives `become`.
+
+    The name follows from what is in the file, so there are as many as configurations, however often they are used. What
+    `$XDG_RUNTIME_DIR` has is gone when the user logs out.
+
+    Raises:
+        ConfigError: Somebody else has made it.
+    """
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    root = Path(runtime) / "riot-bus" if runtime else Path(tempfile.gettempdir()) / f"riot-bus-{os.getuid()}"
+    folder = root / hashlib.sha256(text.encode()).hexdigest()[:16]
+    try:
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = root.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS:
+            hint = "remove it, or set XDG_RUNTIME_DIR to a folder of yours"
+            raise ConfigError("others may write there", where=str(root), hint=hint)
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot be made: {error.strerror}", where=str(folder)) from error
+    return folder
+
+
+def _of_router(
+    name: str,
+    config: dict[str, Any],
+    environ: Mapping[str, str],
+    *,
+    system: Path | None,
+    host: str | None,
+    hint: Callable[[str], None],
+) -> tuple[list[str], dict[str, Any]]:
+    from riot_bus.control.router_flags import RouterFlags
+    from riot_bus.control.router_options import settings_of
+
+    flags = RouterFlags(segments=environ.get("RIOT_SEGMENT", "").split())
+    if system is None and environ.get("RIOT_SYSTEM"):
+        system = Path(environ["RIOT_SYSTEM"])
+    found = settings_of(system, flags).segment(name)
+    config, hints = missing_for_clients(found, config)
+    for each in hints:
+        hint(each)
+    return reachable(found.listen, host=host), config

@@ -1,0 +1,1 @@
+"""Tests of others, unedited, through a router of their own: `riot ros-test`."""

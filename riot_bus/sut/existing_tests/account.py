@@ -1,0 +1,115 @@
+"""What `riot ros-test` says at the end: what passed through, and loudly so if nothing did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.redaction import escape_control_chars
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from riot_bus.router.counts import Losses, TopicCounts
+    from riot_bus.sut.existing_tests.placement import Started
+
+__all__ = ["Account"]
+
+_MOST_NAMES = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Account:
+    """What passed through the router of one command.
+
+    Attributes:
+        wanted: Topics and services that were to be intercepted.
+        counts: By topic.
+        crossed: Intercepted messages that had a subscriber in another segment; calls of services do anyway.
+        losses: What was lost against everybody's will.
+        hits: How often each injection of the plan was carried out; None without a plan.
+        recording: The log; empty without one.
+        components: How many connected to each segment; bridges are none, and what is behind them is not seen.
+        domains: ROS domain of each segment; empty without bridges.
+        nodes: Which processes were to be in the segment `unit`; None for none.
+        started: Which were, and which not.
+    """
+
+    wanted: Sequence[str]
+    counts: Mapping[str, TopicCounts]
+    crossed: int
+    losses: Losses
+    hits: Sequence[int] | None = None
+    recording: str = ""
+    components: Mapping[str, int] = field(default_factory=dict)
+    domains: Mapping[str, int] = field(default_factory=dict)
+    nodes: str | None = None
+    started: Started
+
+    @property
+    def vacuous(self) -> str:
+        """Why the results say nothing about what was asked for; empty if they may."""
+        calls = any(each.received for topic, each in self.counts.items() if "/@" in topic)
+        if self.wanted and not self.crossed and not calls:
+            came = counted(self._sum("received"), "message")
+            told = f"{came} of {_some(self.wanted)} came, and none had a receiver in another segment"
+            return f"NOTHING WAS INTERCEPTED: {told}"
+        if self.hits is not None and not any(self.hits):
+            return "NOTHING WAS INJECTED: no message met the conditions of the plan"
+        if not self.wanted and not self.components and not self.domains:
+            return "NOTHING USED THIS ROUTER: no component has connected to it"
+        return ""
+
+    def lines(self) -> list[str]:
+        """Return what there is to say: one line of what passed, further ones of what is noteworthy."""
+        found = [self._passed()]
+        if self.started.chosen:
+            found.append(f"in segment unit: {_names(self.started.chosen)}")
+        if self.losses:
+            reasons = ", ".join(f"{reason}: {number}" for reason, number in self.losses.reasons.items())
+            unrecorded = sum(self.losses.recordings.values())
+            found += [f"LOST: {counted(sum(self.losses.messages.values()), 'message')} ({reasons})"] if reasons else []
+            found += [f"LOST: {counted(unrecorded, 'message')} not recorded"] if unrecorded else []
+            found += [f"LOST: {each}" for each in self.losses.links]
+        if self.vacuous:
+            found += [self.vacuous, *(f"  hint: {hint}" for hint in self._hints())]
+        return [escape_control_chars(line) for line in found]
+
+    def _sum(self, name: str) -> int:
+        return sum(getattr(each, name) for each in self.counts.values())
+
+    def _passed(self) -> str:
+        what = "nothing was to be intercepted"
+        if self.wanted:
+            topics = sum(each.received > 0 for each in self.counts.values())
+            figures = (("changed", "changed"), ("forwarded", "delivered"), *((name, name) for name in _AS_CALLED))
+            told = ", ".join(f"{self._sum(name)} {word}" for name, word in figures)
+            what = f"{counted(self._sum('received'), 'message')} of {counted(topics, 'topic')} intercepted: {told}"
+        if self.hits is not None:
+            what += f"; {counted(sum(self.hits), 'injection')} carried out"
+        recorded = counted(self._sum("recorded"), "message")
+        return what + (f"; recording {self.recording} ({recorded})" if self.recording else "")
+
+    def _hints(self) -> Iterable[str]:
+        if not self.components and not self.domains:
+            yield (
+                "no component has connected to this router: nodes of DDS need --dds; programs that call Zenoh "
+                "themselves read ZENOH_CONFIG (Config.from_env) or take an endpoint, such as $RIOT_ENDPOINT"
+            )
+        if self.nodes is None:
+            yield "all processes are in the segment system: say by --unit-nodes which shall be in the segment unit"
+        elif not self.started.chosen:
+            others = _names(self.started.others) or "nothing that Python has started"
+            yield f"no process is called {self.nodes!r}; started were: {others}"
+
+
+_AS_CALLED = ("dropped", "added", "held", "lost")
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
+
+
+def _names(found: Mapping[str, int]) -> str:
+    return _some([name if number == 1 else f"{name} ({number} times)" for name, number in found.items()])

@@ -1,0 +1,78 @@
+"""Bridges for tests whose nodes use DDS: a ROS domain of its own for each segment of the router."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections import Counter
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.sut.existing_tests.commands import riot_command
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import environment_of_others, wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from riot_bus.sut.launcher import ComponentProcess, Launcher
+
+__all__ = ["bridged_domains"]
+
+_READY_S = 60.0
+_END_S = 15.0
+_LOOK_S = 0.05
+
+
+@contextmanager
+def bridged_domains(
+    launcher: Launcher, endpoints: Mapping[str, str], domains: Mapping[str, int], *, folder: Path
+) -> Iterator[Counter[str]]:
+    """Join a ROS domain to each segment, until the end; what is on its way then still crosses.
+
+    Yields what is filled in the end: how many messages of each topic a bridge has carried into its domain.
+
+    Args:
+        launcher: Owner of the processes.
+        endpoints: Where each segment listens.
+        domains: The domain of each.
+        folder: For their output.
+
+    Raises:
+        EnvironmentFaultError: A bridge does not start, as where there is no rclpy.
+    """
+    bridges = []
+    for segment, domain in domains.items():
+        options = [f"--domain={domain}", f"--endpoint={endpoints[segment]}", "--format=json"]
+        command = [*riot_command(), "bridge", "ros2", *options]
+        name = f"bridge-{segment}"
+        bridges.append(launcher.start(name, command, env=environment_of_others(), cwd=folder, directory=folder))
+    for bridge in bridges:
+        _wait_ready(launcher, bridge)
+    carried: Counter[str] = Counter()
+    try:
+        yield carried
+    finally:
+        for bridge in bridges:
+            launcher.interrupt(bridge, signal.SIGINT)
+        launcher.wait(bridges, timeout=_END_S)
+        for bridge in bridges:
+            topics = _event(bridge, "ended").get("topics", {})
+            carried.update({topic: ways["to_domain"] for topic, ways in topics.items()})
+
+
+def _wait_ready(launcher: Launcher, bridge: ComponentProcess) -> None:
+    wait_until(lambda: bool(_event(bridge, "ready")) or not launcher.alive(bridge), _READY_S, interval=_LOOK_S)
+    if not _event(bridge, "ready"):
+        why = bridge.errors().strip().splitlines() or ["it says nothing"]
+        hint = "RIOT_ROS_PYTHON or RIOT_ROS_SETUP name a Python that has rclpy (docs/ros2.md)"
+        raise EnvironmentFaultError(f"no bridge to DDS: {' '.join(why[-4:])}", where="--dds", hint=hint)
+
+
+def _event(bridge: ComponentProcess, name: str) -> dict[str, Any]:
+    """Return what a bridge has said so far of an event; nothing if it has not."""
+    for line in bridge.printed().splitlines():
+        if line.startswith("{") and (event := json.loads(line)).get("event") == name:
+            return dict(event)
+    return {}

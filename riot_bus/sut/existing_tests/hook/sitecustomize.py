@@ -1,0 +1,167 @@
+"""Gives processes that are started the environment of another segment, by their names; and packages a router each.
+
+Python imports this by itself, as `riot ros-test` puts this folder first on PYTHONPATH. What it is to do stands in the
+file that `RIOT_PLACEMENT` names. It changes `subprocess.Popen`, by which launch, launch_testing, launch_pytest, `ros2
+run`, colcon and most test suites start processes: their command, its name and its prefix stay what they were, only
+variables are added. Nothing else changes: a `sitecustomize` of another one is imported as it would be. Standard library
+only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
+
+_FOLDER = os.path.dirname(os.path.abspath(__file__))
+_INTERPRETER = re.compile(r"(?:python|pypy)[0-9.]*t?")
+_NODE = re.compile(r"(?:^|:)__(?:node|name):=(.+)")
+_NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
+_WITH_VALUE = ("-W", "-X")
+_TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
+_LARGEST = 1 << 18
+"""Bytes of what is told."""
+
+
+def words_of(command: object, *, shell: bool = False) -> list[str]:
+    """Return the words of a command as `subprocess.Popen` takes it; of a shell's command those that come first."""
+    import shlex
+
+    if isinstance(command, (str, bytes, os.PathLike)):
+        text = os.fsdecode(command)
+        if not shell:
+            return [text]
+        try:
+            return shlex.split(text)
+        except ValueError:
+            return text.split()
+    return [os.fsdecode(word) for word in command]  # type: ignore[attr-defined]
+
+
+def names_of(words: Sequence[str]) -> list[str]:
+    """Return what a command is called: its program, the script or module that Python runs, its ROS node."""
+    found = [os.path.basename(words[0])]
+    if _INTERPRETER.fullmatch(found[0]):
+        found += _python_names(words[1:])
+    found += [name[:-3] for name in found if name.endswith(".py")]
+    nodes = [match.group(1) for match in map(_NODE.search, words) if match]
+    spaces = [match.group(1) for match in map(_NAMESPACE.search, words) if match]
+    found += [f"{space.rstrip('/')}/{node}" for node in nodes[-1:] for space in spaces[-1:] or [""]]
+    return [*found, *nodes[-1:]]
+
+
+def _python_names(words: Sequence[str]) -> list[str]:
+    rest = iter(words)
+    for word in rest:
+        if word == "-m":
+            return [next(rest, "")]
+        if word in _WITH_VALUE:
+            next(rest, "")
+        elif word == "-c" or not word.startswith("-"):
+            return [] if word == "-c" else [os.path.basename(word)]
+    return []
+
+
+def placed(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
+    """Change the arguments of a `Popen` as a plan says, and tell what was started.
+
+    Args:
+        plan: `segment`, `nodes` (regular expression, empty for none), `variables`, `told` (file that is appended to).
+        popen: The arguments, by name.
+    """
+    words = words_of(popen["args"], shell=bool(popen.get("shell")))
+    names = names_of(words)
+    program = popen.get("executable")
+    if program is not None:
+        names.append(os.path.basename(os.fsdecode(program)))
+    chosen = bool(plan["nodes"]) and any(re.fullmatch(plan["nodes"], name) for name in names)
+    if chosen:
+        given = popen.get("env")
+        popen["env"] = {**(os.environ if given is None else given), **plan["variables"]}
+    _tell(plan["told"], names=names[:8], segment=plan["segment"] if chosen else "")
+
+
+def _tell(file: str, **event: object) -> None:
+    try:
+        number = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+    except OSError:  # riot is gone
+        return
+    try:
+        if os.fstat(number).st_size < _LARGEST:
+            os.write(number, json.dumps(event).encode()[:4096] + b"\n")
+    finally:
+        os.close(number)
+
+
+def wrapped(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
+    """Have the tests of one package run by a `riot ros-test` of their own, if this is colcon and starts them.
+
+    Args:
+        plan: `wrap`, the words to put before, with `{package}` and `{folder}` in them, and `cwd`, where these run.
+        popen: The arguments of `Popen`, by name.
+    """
+    words = words_of(popen["args"])
+    if popen.get("shell") or "colcon" not in sys.argv[0] or not _TEST_PROGRAMS & set(names_of(words)):
+        return
+    if "--show-only" in words:  # colcon asks whether there are any
+        return
+    folder = os.path.abspath(os.fsdecode(popen.get("cwd") or os.curdir))
+    options = (popen.get("env") or os.environ).get("PYTEST_ADDOPTS", "")
+    told = re.search(r"--junit-prefix=([\w.-]+)", options)
+    package = told.group(1) if told else os.path.basename(folder)
+    values = {"{package}": package, "{folder}": folder}
+    popen["args"] = [*(values.get(word, word) for word in plan["wrap"]), *words]
+    popen["cwd"] = plan["cwd"]
+
+
+def patch(plan: Mapping[str, Any]) -> None:
+    """Have `change` look at each process that this one starts."""
+    import functools
+    import subprocess
+
+    change: Callable[[Mapping[str, Any], dict[str, Any]], None] = wrapped if plan.get("wrap") else placed
+    original: Any = subprocess.Popen.__init__
+    order = original.__code__.co_varnames[1 : original.__code__.co_argcount]
+
+    @functools.wraps(original)
+    def begin(self: Any, *arguments: Any, **options: Any) -> None:
+        popen = {**dict(zip(order, arguments)), **options}  # noqa: B905 - for Python 3.8
+        if len(arguments) > len(order) or "args" not in popen:
+            return original(self, *arguments, **options)
+        if not isinstance(popen["args"], (str, bytes, os.PathLike)):
+            popen["args"] = list(popen["args"])  # an iterator can be read but once
+        with contextlib.suppress(Exception):  # what starts processes must see nothing of this
+            change(plan, popen)
+        return original(self, **popen)
+
+    subprocess.Popen.__init__ = begin  # type: ignore[method-assign]
+
+
+def _chain() -> None:
+    """Import the `sitecustomize` that would have been found without this one."""
+    import importlib.machinery
+    import importlib.util
+
+    rest = [folder for folder in sys.path if os.path.abspath(folder or ".") != _FOLDER]
+    found = importlib.machinery.PathFinder.find_spec("sitecustomize", rest)
+    if found is not None and found.loader is not None:
+        found.loader.exec_module(importlib.util.module_from_spec(found))
+
+
+def _begin(file: str) -> None:
+    with contextlib.suppress(OSError, ValueError), open(file, encoding="utf-8") as stream:  # else riot is gone
+        patch(json.load(stream))
+
+
+if not hasattr(sys, "_riot_placement"):  # else another one that it has imported imports this one
+    sys._riot_placement = True  # type: ignore[attr-defined]
+    if "RIOT_PLACEMENT" in os.environ:
+        _begin(os.environ["RIOT_PLACEMENT"])
+    _chain()

@@ -1,0 +1,224 @@
+"""`riot ros-test`: runs a command whose processes use a router of its own, and says what passed through."""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.config.router_settings import SegmentSettings
+from riot_bus.control.log_paths import claim, file_stem
+from riot_bus.control.router_options import RouterOptions, settings_of
+from riot_bus.control.segment_environment import export, segment_variables, write_session_files
+from riot_bus.control.signals import END_S, ended_by_signals
+from riot_bus.sut.existing_tests.account import Account
+from riot_bus.sut.existing_tests.bridges import bridged_domains
+from riot_bus.sut.existing_tests.commands import is_colcon_test, router_per_package
+from riot_bus.sut.existing_tests.crossings import Crossings
+from riot_bus.sut.existing_tests.domains import free_domains
+from riot_bus.sut.existing_tests.package_accounts import leave_account, package_lines
+from riot_bus.sut.existing_tests.placement import Placement
+from riot_bus.sut.launcher import Launcher
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.zenoh.session import environment_of_others
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from riot_bus.config.router_settings import RouterSettings
+    from riot_bus.control.router_service import RouterService
+
+__all__ = ["RosTest", "run_tests"]
+
+HERE, UNIT = "system", "unit"
+"""The segment of the command, and that of the processes that are chosen."""
+_LOOK_S = 0.05
+_GRACE_S = END_S * 2 / 3
+"""Seconds for a command that was told to end, before it and all that it has started is killed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosTest:
+    """What `riot ros-test` was asked to do.
+
+    Attributes:
+        router: What the router does; its segments are not those of riot.toml but two on free ports of this machine.
+        nodes: Regular expression for names of processes and nodes that shall be in the segment `unit`.
+        dds: Whether nodes use DDS, so that each segment gets a ROS domain and a bridge.
+        record: A log, or a folder for logs.
+        package: Whose tests these are.
+        folder: Where the command runs; the working folder by default.
+        account: Folder in which to leave what there is to say, for who runs several of these.
+        words: The options as they were written.
+    """
+
+    router: RouterOptions = field(default_factory=RouterOptions)
+    nodes: str | None = None
+    dds: bool = False
+    record: Path | None = None
+    package: str = ""
+    folder: Path | None = None
+    account: Path | None = None
+    words: Sequence[str] = ()
+
+
+def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], None]) -> int:
+    """Run a command to its end, or until SIGINT or SIGTERM, which it is told as SIGINT.
+
+    Nothing that it has started is left behind, not even when this process is killed.
+
+    Args:
+        command: Program and arguments.
+        asked: What to do.
+        warn: Prints a line of diagnostics.
+
+    Returns:
+        The command's exit status, negative for a signal.
+
+    Raises:
+        ConfigError: An option is wrong.
+        EnvironmentFaultError: The command, or a bridge, cannot be started.
+    """
+    stop = threading.Event()
+    with ended_by_signals(stop.set), tempfile.TemporaryDirectory(prefix="riot-tests-") as text:
+        folder = Path(text)
+        if is_colcon_test(command):
+            return _run_packages(command, asked, folder, stop, warn)
+        return _run_one(command, asked, folder, stop, warn)
+
+
+def _run_one(
+    command: Sequence[str], asked: RosTest, folder: Path, stop: threading.Event, warn: Callable[[str], None]
+) -> int:
+    from riot_bus.control.router_process import router_of
+
+    settings = _own_settings(asked)
+    with router_of(asked.router, settings=settings, warn=warn) as service:
+        with service:
+            service.watch()
+            with ExitStack() as stack:
+                crossings = stack.enter_context(Crossings(service.bus))
+                launcher = stack.enter_context(Launcher(quiet=False))
+                endpoints = {name: service.bus.segment(name).endpoints for name in settings.segments}
+                domains: dict[str, int] = {}
+                carried: Mapping[str, int] = {}
+                if asked.dds:
+                    domains = dict(zip(endpoints, stack.enter_context(free_domains(len(endpoints))), strict=True))
+                    first = {name: found[0] for name, found in endpoints.items()}
+                    carried = stack.enter_context(bridged_domains(launcher, first, domains, folder=folder))
+                write_session_files(endpoints, folder)
+                given = {**environment_of_others(), **export(endpoints, files=folder, domains=domains)}
+                unit = segment_variables(UNIT, given)
+                placement = Placement(folder, segment=UNIT, nodes=asked.nodes, variables=unit)
+                environment = {**given, **segment_variables(HERE, given), **placement.environment(given)}
+                components = _Components(service)
+                status = _carried_out(launcher, command, environment, asked.folder, stop, components.look)
+                started = placement.started()
+            plan = service.status()["plan"]
+        account = Account(
+            wanted=service.topics,
+            counts=service.counts(),
+            crossed=sum(carried.values()) if domains else crossings.count(components.found),
+            losses=service.losses,
+            hits=plan["hits_by_injection"] if plan is not None else None,
+            recording=settings.record or "",
+            components=components.found,
+            domains=domains,
+            nodes=asked.nodes,
+            started=started,
+        )
+    lines = account.lines()
+    for line in lines:
+        warn(f"riot: {line}")
+    if asked.account is not None:
+        leave_account(asked.account, asked.package, lines, vacuous=bool(account.vacuous))
+    return status
+
+
+def _run_packages(
+    command: Sequence[str], asked: RosTest, folder: Path, stop: threading.Event, warn: Callable[[str], None]
+) -> int:
+    if asked.record is not None and asked.record.suffix == ".mcap":
+        hint = "name a folder: each package has a log there"
+        raise ConfigError("one log for the tests of several packages", where=f"--record {asked.record}", hint=hint)
+    given = environment_of_others()
+    (accounts := folder / "accounts").mkdir()
+    with Launcher(quiet=False) as launcher:
+        hook = router_per_package(given, asked.words, folder=folder, accounts=accounts)
+        status = _carried_out(launcher, command, {**given, **hook}, asked.folder, stop, lambda: None)
+    for line in package_lines(accounts):
+        warn(f"riot: {line}")
+    return status
+
+
+def _own_settings(asked: RosTest) -> RouterSettings:
+    """Return settings of a router that only this machine reaches, and that joins no other one."""
+    settings = settings_of(asked.router.system, asked.router.flags)
+    record = settings.record
+    if asked.record is not None:
+        record = str(asked.record.absolute())
+        if asked.record.suffix != ".mcap":
+            asked.record.mkdir(parents=True, exist_ok=True)
+            stem = file_stem(asked.package or (asked.folder or Path.cwd()).name)
+            record = str(claim(asked.record.absolute(), None, stem))
+    segments = {HERE: SegmentSettings(), UNIT: SegmentSettings()}
+    return replace(settings, segments=segments, control=None, record=record)
+
+
+def _carried_out(
+    launcher: Launcher,
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    folder: Path | None,
+    stop: threading.Event,
+    look: Callable[[], None],
+) -> int:
+    """Run the command; return its exit status, negative for a signal."""
+    if stop.is_set():
+        return -signal.SIGINT
+    where = folder or Path.cwd()
+    try:
+        process = launcher.start("tests", command, env=environment, cwd=where, directory=None)
+    except EnvironmentFaultError as error:
+        hint = f"it was to run in {where}"
+        raise EnvironmentFaultError(error.message.replace("component 'tests'", repr(command[0])), hint=hint) from None
+    killed_at = float("inf")
+    while not launcher.wait([process], timeout=_LOOK_S):
+        if stop.is_set() and killed_at == float("inf"):
+            launcher.interrupt(process, signal.SIGINT)
+            killed_at = time.monotonic() + _GRACE_S
+        if time.monotonic() > killed_at:
+            launcher.interrupt(process, signal.SIGKILL)
+        look()
+    return process.status or 0
+
+
+class _Components:
+    """Who has connected so far, beside who was there before."""
+
+    def __init__(self, service: RouterService) -> None:
+        from riot_bus.control.router_process import Upkeep
+
+        self._service, self._upkeep = service, Upkeep()
+        self._before = self._peers()
+        self._seen: dict[str, set[str]] = {name: set() for name in self._before}
+
+    def _peers(self) -> dict[str, set[str]]:
+        bus = self._service.bus
+        return {name: bus.segment(name).peers() - bus.ids_ever for name in self._service.settings.segments}
+
+    def look(self) -> None:
+        """Look who is there now."""
+        self._upkeep()
+        for name, found in self._peers().items():
+            self._seen[name] |= found - self._before[name]
+
+    @property
+    def found(self) -> dict[str, int]:
+        """How many, by segment; none where nobody was."""
+        return {name: len(found) for name, found in self._seen.items() if found}
