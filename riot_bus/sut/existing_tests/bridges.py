@@ -72,7 +72,7 @@ def _wait_ready(launcher: Launcher, bridge: ComponentProcess) -> None:
 
 def _event(bridge: ComponentProcess, name: str) -> dict[str, Any]:
     """Return what a bridge has said so far of an event; nothing if it has not."""
-    for line in bridge.printed().splitlines():
-        if line.startswith("{") and (event := json.loads(line)).get("event") == name:
+    for line in bridge.printed().splitlines(keepends=True):
+        if line.startswith("{") and line.endswith("\n") and (event := json.loads(line)).get("event") == name:
             return dict(event)
     return {}

@@ -15,14 +15,14 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Placement", "Started", "hooked"]
+__all__ = ["Placement", "StartedProcesses", "hooked"]
 
 HOOK = Path(__file__).with_name("hook")
 _LARGEST = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Started:
+class StartedProcesses:
     """What was started, as far as Python has started it: how often each name, by its first name.
 
     Attributes:
@@ -62,7 +62,7 @@ class Placement:
         """Return the variables by which the hook works, for a process with these."""
         return hooked(given, self._plan)
 
-    def started(self) -> Started:
+    def started(self) -> StartedProcesses:
         """Return what was started so far."""
         found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
         with self._told.open("rb") as stream:
@@ -72,7 +72,7 @@ class Placement:
             names = event.get("names")
             if isinstance(names, list) and names:
                 found[bool(event.get("segment"))][str(names[-1] if len(names) > 1 else names[0])] += 1
-        return Started(found[True], found[False])
+        return StartedProcesses(found[True], found[False])
 
 
 def hooked(given: Mapping[str, str], plan: Path) -> dict[str, str]:

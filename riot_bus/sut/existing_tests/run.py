@@ -16,12 +16,12 @@ from riot_bus.control.log_paths import claim, file_stem
 from riot_bus.control.router_options import RouterOptions, settings_of
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.control.signals import END_S, ended_by_signals
-from riot_bus.sut.existing_tests.account import Account
 from riot_bus.sut.existing_tests.bridges import bridged_domains
 from riot_bus.sut.existing_tests.commands import is_colcon_test, router_per_package
 from riot_bus.sut.existing_tests.crossings import Crossings
 from riot_bus.sut.existing_tests.domains import free_domains
 from riot_bus.sut.existing_tests.package_accounts import leave_account, package_lines
+from riot_bus.sut.existing_tests.passage import Passage
 from riot_bus.sut.existing_tests.placement import Placement
 from riot_bus.sut.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
@@ -120,23 +120,26 @@ def _run_one(
                 status = _carried_out(launcher, command, environment, asked.folder, stop, components.look)
                 started = placement.started()
             plan = service.status()["plan"]
-        account = Account(
+        counts = service.counts()
+        behind = sum(carried.get(topic, 0) for topic, each in counts.items() if each.received)
+        passage = Passage(
             wanted=service.topics,
-            counts=service.counts(),
-            crossed=sum(carried.values()) if domains else crossings.count(components.found),
+            counts=counts,
+            crossed=behind if domains else crossings.count(components.found),
             losses=service.losses,
             hits=plan["hits_by_injection"] if plan is not None else None,
+            problems=plan["problems"] if plan is not None else {},
             recording=settings.record or "",
             components=components.found,
             domains=domains,
             nodes=asked.nodes,
             started=started,
         )
-    lines = account.lines()
+    lines = passage.lines()
     for line in lines:
         warn(f"riot: {line}")
     if asked.account is not None:
-        leave_account(asked.account, asked.package, lines, vacuous=bool(account.vacuous))
+        leave_account(asked.account, asked.package, lines, vacuous=bool(passage.vacuous))
     return status
 
 

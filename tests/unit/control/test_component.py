@@ -60,7 +60,8 @@ def test_variables_stand_for_all_settings_of_clients() -> None:
     for name in ("mavlink", "ros2"):
         found |= commands(bridges.get_command(None, name), "bridge", name)
     assert found.pop("router") == {"--cfg": "RIOT_CFG"}
-    assert found.pop("router env") == {"--cfg": None}  # of a component, not of whoever asks
+    for name in ("router env", "exec"):
+        assert found.pop(name) == {"--cfg": None}  # of a component, not of whoever asks
     assert found.pop("agent") == {"--cfg": "RIOT_CLIENT_CFG", "--fleet-cfg": "RIOT_FLEET_CFG"}
     assert {"ctl", "graph", "init", "play", "record", "fleet play", "bridge ros2", "bridge mavlink"} <= set(found)
     assert all(each == {"--cfg": "RIOT_CLIENT_CFG"} for each in found.values())

@@ -134,12 +134,13 @@ def patch(plan: Mapping[str, Any]) -> None:
     def begin(self: Any, *arguments: Any, **options: Any) -> None:
         popen = {**dict(zip(order, arguments)), **options}  # noqa: B905 - for Python 3.8
         if len(arguments) > len(order) or "args" not in popen:
-            return original(self, *arguments, **options)
+            original(self, *arguments, **options)
+            return
         if not isinstance(popen["args"], (str, bytes, os.PathLike)):
             popen["args"] = list(popen["args"])  # an iterator can be read but once
         with contextlib.suppress(Exception):  # what starts processes must see nothing of this
             change(plan, popen)
-        return original(self, **popen)
+        original(self, **popen)
 
     subprocess.Popen.__init__ = begin  # type: ignore[method-assign]
 

@@ -1,4 +1,4 @@
-"""What `riot ros-test` says at the end: what passed through, and loudly so if nothing did."""
+"""What passed through the router of `riot ros-test`, as it says at the end; loudly so if nothing did."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from riot_bus.router.counts import Losses, TopicCounts
-    from riot_bus.sut.existing_tests.placement import Started
+    from riot_bus.sut.existing_tests.placement import StartedProcesses
 
-__all__ = ["Account"]
+__all__ = ["Passage"]
 
 _MOST_NAMES = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Account:
+class Passage:
     """What passed through the router of one command.
 
     Attributes:
@@ -29,6 +29,7 @@ class Account:
         crossed: Intercepted messages that had a subscriber in another segment; calls of services do anyway.
         losses: What was lost against everybody's will.
         hits: How often each injection of the plan was carried out; None without a plan.
+        problems: Why injections could not be carried out, by topic.
         recording: The log; empty without one.
         components: How many connected to each segment; bridges are none, and what is behind them is not seen.
         domains: ROS domain of each segment; empty without bridges.
@@ -41,11 +42,12 @@ class Account:
     crossed: int
     losses: Losses
     hits: Sequence[int] | None = None
+    problems: Mapping[str, str] = field(default_factory=dict)
     recording: str = ""
     components: Mapping[str, int] = field(default_factory=dict)
     domains: Mapping[str, int] = field(default_factory=dict)
     nodes: str | None = None
-    started: Started
+    started: StartedProcesses
 
     @property
     def vacuous(self) -> str:
@@ -56,7 +58,7 @@ class Account:
             told = f"{came} of {_some(self.wanted)} came, and none had a receiver in another segment"
             return f"NOTHING WAS INTERCEPTED: {told}"
         if self.hits is not None and not any(self.hits):
-            return "NOTHING WAS INJECTED: no message met the conditions of the plan"
+            return "NOTHING WAS INJECTED: the plan has not met a message to change"
         if not self.wanted and not self.components and not self.domains:
             return "NOTHING USED THIS ROUTER: no component has connected to it"
         return ""
@@ -64,6 +66,7 @@ class Account:
     def lines(self) -> list[str]:
         """Return what there is to say: one line of what passed, further ones of what is noteworthy."""
         found = [self._passed()]
+        found += [f"not injected: {topic}: {problem}" for topic, problem in self.problems.items()]
         if self.started.chosen:
             found.append(f"in segment unit: {_names(self.started.chosen)}")
         if self.losses:

@@ -1,0 +1,75 @@
+"""`riot ros-test --dds`: nodes of real ROS 2 with Fast DDS, each segment of the router with a ROS domain of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from riot_bus.log.reader import LogReader
+from tests.integration.existing_suite import ros_test
+from tests.ros2_env import ros2_environment, ros2_interpreter
+
+pytestmark = pytest.mark.integration
+
+LISTENER = """
+import math, rclpy
+from geometry_msgs.msg import Twist
+
+rclpy.init()
+node, found = rclpy.create_node("listener"), []
+node.create_subscription(Twist, "/cmd_vel", lambda message: found.append(message.linear.x), 10)
+while len(found) < 3:
+    rclpy.spin_once(node)
+print(found, flush=True)
+raise SystemExit(0 if all(map(math.isfinite, found)) else 3)
+"""
+TESTS = """
+import rclpy, subprocess, sys
+from geometry_msgs.msg import Twist, Vector3
+
+rclpy.init()
+node = rclpy.create_node("tests")
+publisher = node.create_publisher(Twist, "/cmd_vel", 10)
+with subprocess.Popen([sys.executable, "listener.py"]) as listener:
+    while listener.poll() is None:
+        publisher.publish(Twist(linear=Vector3(x=0.5)))
+        rclpy.spin_once(node, timeout_sec=0.05)
+raise SystemExit(listener.returncode)
+"""
+
+
+@pytest.fixture
+def variables(tmp_path: Path) -> dict[str, str]:
+    (tmp_path / "listener.py").write_text(LISTENER)
+    (tmp_path / "tests.py").write_text(TESTS)
+    log = tmp_path / "log"
+    log.mkdir()
+    chosen = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR", "FASTDDS_BUILTIN_TRANSPORTS", "PYTHONUNBUFFERED")
+    given = ros2_environment(0, log)
+    return {**{name: given[name] for name in chosen}, "RIOT_ROS_PYTHON": str(ros2_interpreter())}
+
+
+def test_dds_nodes_pass_through_the_router(tmp_path: Path, variables: dict[str, str]) -> None:
+    command = [variables["RIOT_ROS_PYTHON"], "tests.py"]
+    options = ("--dds", "--unit-nodes=listener", "--interceptor=set field=linear.x value=nan select=/cmd_vel")
+    code, out, said = ros_test(tmp_path, *options, "--record=run.mcap", command=command, **variables)
+    assert (code, out, said[1:]) == (3, "[nan, nan, nan]\n", ["in segment unit: listener"])
+    with LogReader(tmp_path / "run.mcap") as log:
+        found = [message for message in log.messages() if "cmd_vel" in message.key]
+    assert said[0].endswith(f"; recording {tmp_path / 'run.mcap'} ({len(found)} messages)")
+    assert len(found) >= 3
+
+
+def test_all_in_one_domain_is_said(tmp_path: Path, variables: dict[str, str]) -> None:
+    command = [variables["RIOT_ROS_PYTHON"], "tests.py"]
+    options = ("--dds", "--interceptor=set field=linear.x value=nan select=/cmd_vel")
+    code, out, said = ros_test(tmp_path, *options, command=command, **variables)
+    assert (code, out) == (0, "[0.5, 0.5, 0.5]\n")
+    assert said[1].startswith("NOTHING WAS INTERCEPTED: ")
+
+
+def test_without_rclpy_it_says_what_is_missing(tmp_path: Path) -> None:
+    code, _, said = ros_test(tmp_path, "--dds", command=["true"], RIOT_ROS_PYTHON="no-such-python")
+    assert code == 4
+    assert said[0].startswith("--dds: no bridge to DDS: ")
