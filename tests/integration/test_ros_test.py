@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from riot_bus.log.reader import LogReader
 from tests.integration.existing_suite import ros_test, write_suite
+from tests.integration.router_process import riot
 
 pytestmark = pytest.mark.integration
 
@@ -100,6 +102,11 @@ def test_tests_are_not_isolated_a_second_time(tmp_path: Path) -> None:
     assert {word.partition("=")[0] for word in found["RIOT_ENDPOINTS"].split()} == {"system", "unit"}
 
 
+def test_another_middleware_of_the_user_is_not_replaced_silently(tmp_path: Path) -> None:
+    _, _, err = riot("ros-test", "--", "true", cwd=tmp_path, environment={"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"})
+    assert "warning: RMW_IMPLEMENTATION=rmw_fastrtps_cpp is not rmw_zenoh_cpp" in err
+
+
 def test_riot_exec_knows_the_segments(suite: Path) -> None:
     command = ["sh", "-c", f"'{sys.executable}' -m riot_bus exec --segment unit -- env"]
     _, out, _ = ros_test(suite, command=command)
@@ -116,3 +123,18 @@ def test_the_router_is_its_own_whatever_riot_toml_says(suite: Path) -> None:
     code, _, said = ros_test(suite, "--unit-nodes=listener")
     assert code == 0
     assert " of 1 topic intercepted: 0 changed" in said[0]
+
+
+THIRD_PARTY = Path(__file__).with_name("third_party")
+
+
+def test_the_environment_of_rmw_zenoh_is_read_by_others(python: Path, tmp_path: Path) -> None:
+    for node in ("planner", "driver"):
+        shutil.copy(THIRD_PARTY / "ros_node.py", tmp_path / f"{node}.py")
+    command = [str(python), str(THIRD_PARTY / "suite.py")]
+    variables = {"GIT_ALLOW_PROTOCOL": "file", "ZENOH_ROS2_SDK_CACHE": str(tmp_path)}
+    code, out, said = ros_test(tmp_path, "--unit-nodes=driver", "--intercept=/cmd_vel", command=command, **variables)
+    assert (code, out, said[1]) == (0, "[1.5, 1.5]\n", "in segment unit: driver")
+    options = ("--unit-nodes=driver", "--interceptor=set field=linear.x value=nan select=/cmd_vel")
+    code, out, said = ros_test(tmp_path, *options, command=command, **variables)
+    assert (code, out, said[1]) == (3, "[nan, nan]\n", "in segment unit: driver")

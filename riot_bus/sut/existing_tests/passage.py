@@ -100,9 +100,9 @@ class Passage:
                 "no component has connected to this router: nodes of DDS need --dds; programs that call Zenoh "
                 "themselves read ZENOH_CONFIG (Config.from_env) or take an endpoint, such as $RIOT_ENDPOINT"
             )
-        if self.nodes is None:
+        if self.nodes is None and "unit" not in self.components:
             yield "all processes are in the segment system: say by --unit-nodes which shall be in the segment unit"
-        elif not self.started.chosen:
+        elif self.nodes is not None and not self.started.chosen:
             others = _names(self.started.others) or "nothing that Python has started"
             yield f"no process is called {self.nodes!r}; started were: {others}"
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import tempfile
 import threading
 import time
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,15 +14,12 @@ from typing import TYPE_CHECKING
 from riot_bus.config.router_settings import SegmentSettings
 from riot_bus.control.log_paths import claim, file_stem
 from riot_bus.control.router_options import RouterOptions, settings_of
-from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.control.signals import END_S, ended_by_signals
-from riot_bus.sut.existing_tests.bridges import bridged_domains
 from riot_bus.sut.existing_tests.commands import is_colcon_test, router_per_package
 from riot_bus.sut.existing_tests.crossings import Crossings
-from riot_bus.sut.existing_tests.domains import free_domains
 from riot_bus.sut.existing_tests.package_accounts import leave_account, package_lines
 from riot_bus.sut.existing_tests.passage import Passage
-from riot_bus.sut.existing_tests.placement import Placement
+from riot_bus.sut.existing_tests.segments import HERE, UNIT, Components, open_segments
 from riot_bus.sut.launcher import Launcher
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.zenoh.session import environment_of_others
@@ -31,12 +28,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from riot_bus.config.router_settings import RouterSettings
-    from riot_bus.control.router_service import RouterService
 
 __all__ = ["RosTest", "run_tests"]
 
-HERE, UNIT = "system", "unit"
-"""The segment of the command, and that of the processes that are chosen."""
+_RMW = "rmw_zenoh_cpp"
 _LOOK_S = 0.05
 _GRACE_S = END_S * 2 / 3
 """Seconds for a command that was told to end, before it and all that it has started is killed."""
@@ -95,45 +90,44 @@ def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], N
 def _run_one(
     command: Sequence[str], asked: RosTest, folder: Path, stop: threading.Event, warn: Callable[[str], None]
 ) -> int:
-    from riot_bus.control.router_process import router_of
+    from riot_bus.control.router_process import Upkeep, router_of
 
     settings = _own_settings(asked)
+    chosen = os.environ.get("RMW_IMPLEMENTATION") or _RMW
+    if chosen != _RMW and not asked.dds:
+        warn(
+            f"warning: RMW_IMPLEMENTATION={chosen} is not {_RMW}, which nodes get\n  hint: --dds lets them keep theirs"
+        )
     with router_of(asked.router, settings=settings, warn=warn) as service:
         with service:
             service.watch()
-            with ExitStack() as stack:
-                crossings = stack.enter_context(Crossings(service.bus))
-                launcher = stack.enter_context(Launcher(quiet=False))
-                endpoints = {name: service.bus.segment(name).endpoints for name in settings.segments}
-                domains: dict[str, int] = {}
-                carried: Mapping[str, int] = {}
-                if asked.dds:
-                    domains = dict(zip(endpoints, stack.enter_context(free_domains(len(endpoints))), strict=True))
-                    first = {name: found[0] for name, found in endpoints.items()}
-                    carried = stack.enter_context(bridged_domains(launcher, first, domains, folder=folder))
-                write_session_files(endpoints, folder)
-                given = {**environment_of_others(), **export(endpoints, files=folder, domains=domains)}
-                unit = segment_variables(UNIT, given)
-                placement = Placement(folder, segment=UNIT, nodes=asked.nodes, variables=unit)
-                environment = {**given, **segment_variables(HERE, given), **placement.environment(given)}
-                components = _Components(service)
-                status = _carried_out(launcher, command, environment, asked.folder, stop, components.look)
-                started = placement.started()
-            plan = service.status()["plan"]
+            with (
+                Crossings(service.bus) as crossings,
+                Launcher(quiet=False) as launcher,
+                open_segments(service, launcher, folder, nodes=asked.nodes, dds=asked.dds) as segments,
+            ):
+                components, upkeep = Components(service), Upkeep()
+
+                def look() -> None:
+                    upkeep()
+                    components.look()
+
+                status = _carried_out(launcher, command, segments.environment, asked.folder, stop, look)
+            plan = service.status()["plan"] or {}
         counts = service.counts()
-        behind = sum(carried.get(topic, 0) for topic, each in counts.items() if each.received)
+        behind = sum(segments.carried.get(topic, 0) for topic, each in counts.items() if each.received)
         passage = Passage(
             wanted=service.topics,
             counts=counts,
-            crossed=behind if domains else crossings.count(components.found),
+            crossed=behind if segments.domains else crossings.count(components.found),
             losses=service.losses,
-            hits=plan["hits_by_injection"] if plan is not None else None,
-            problems=plan["problems"] if plan is not None else {},
+            hits=plan.get("hits_by_injection"),
+            problems=plan.get("problems", {}),
             recording=settings.record or "",
             components=components.found,
-            domains=domains,
+            domains=segments.domains,
             nodes=asked.nodes,
-            started=started,
+            started=segments.placement.started(),
         )
     lines = passage.lines()
     for line in lines:
@@ -199,29 +193,3 @@ def _carried_out(
             launcher.interrupt(process, signal.SIGKILL)
         look()
     return process.status or 0
-
-
-class _Components:
-    """Who has connected so far, beside who was there before."""
-
-    def __init__(self, service: RouterService) -> None:
-        from riot_bus.control.router_process import Upkeep
-
-        self._service, self._upkeep = service, Upkeep()
-        self._before = self._peers()
-        self._seen: dict[str, set[str]] = {name: set() for name in self._before}
-
-    def _peers(self) -> dict[str, set[str]]:
-        bus = self._service.bus
-        return {name: bus.segment(name).peers() - bus.ids_ever for name in self._service.settings.segments}
-
-    def look(self) -> None:
-        """Look who is there now."""
-        self._upkeep()
-        for name, found in self._peers().items():
-            self._seen[name] |= found - self._before[name]
-
-    @property
-    def found(self) -> dict[str, int]:
-        """How many, by segment; none where nobody was."""
-        return {name: len(found) for name, found in self._seen.items() if found}

@@ -61,7 +61,13 @@ EMPTY = StartedProcesses({}, {"amcl": 2, "git": 1})
             ],
         ),
         (
-            {"crossed": 0, "counts": {}, "nodes": None, "started": StartedProcesses({}, {})},
+            {
+                "crossed": 0,
+                "counts": {},
+                "nodes": None,
+                "components": {"system": 2},
+                "started": StartedProcesses({}, {}),
+            },
             [
                 "NOTHING WAS INTERCEPTED: 0 messages of /odom came",
                 "  hint: all processes are in the segment system: say by --unit-nodes",

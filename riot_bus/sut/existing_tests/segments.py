@@ -1,0 +1,102 @@
+"""The two segments of the router of `riot ros-test`: what puts processes into them, and who came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from riot_bus.control.segment_environment import export, segment_variables, write_session_files
+from riot_bus.sut.existing_tests.bridges import bridged_domains
+from riot_bus.sut.existing_tests.domains import free_domains
+from riot_bus.sut.existing_tests.placement import Placement
+from riot_bus.zenoh.session import environment_of_others
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from riot_bus.control.router_service import RouterService
+    from riot_bus.sut.launcher import Launcher
+
+__all__ = ["HERE", "UNIT", "Components", "ReadySegments", "open_segments"]
+
+HERE, UNIT = "system", "unit"
+"""The segment of the command, and that of the processes that are chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadySegments:
+    """Segments that are ready for a command.
+
+    Attributes:
+        environment: Of the command, whole.
+        placement: Puts processes into the other segment.
+        domains: ROS domain of each segment; empty without bridges.
+        carried: Messages that bridges have carried into a domain, by topic; known in the end.
+    """
+
+    environment: Mapping[str, str]
+    placement: Placement
+    domains: Mapping[str, int]
+    carried: Mapping[str, int]
+
+
+@contextmanager
+def open_segments(
+    service: RouterService, launcher: Launcher, folder: Path, *, nodes: str | None, dds: bool
+) -> Iterator[ReadySegments]:
+    """Make the segments of a running router ready for a command.
+
+    Args:
+        service: The router.
+        launcher: Owner of the bridges' processes.
+        folder: For files; only this user should be able to write there.
+        nodes: Which processes shall be in the segment `unit`; None for none.
+        dds: Whether nodes use DDS.
+
+    Raises:
+        ConfigError: `nodes` is no regular expression.
+        EnvironmentFaultError: A bridge does not start.
+    """
+    endpoints = {name: service.bus.segment(name).endpoints for name in service.settings.segments}
+    domains: dict[str, int] = {}
+    carried: Mapping[str, int] = {}
+    with ExitStack() as stack:
+        if dds:
+            domains = dict(zip(endpoints, stack.enter_context(free_domains(len(endpoints))), strict=True))
+            first = {name: found[0] for name, found in endpoints.items()}
+            carried = stack.enter_context(bridged_domains(launcher, first, domains, folder=folder))
+        write_session_files(endpoints, folder)
+        given = {**environment_of_others(), **export(endpoints, files=folder, domains=domains)}
+        placement = Placement(folder, segment=UNIT, nodes=nodes, variables=segment_variables(UNIT, given))
+        environment = {**given, **segment_variables(HERE, given), **placement.environment(given)}
+        yield ReadySegments(environment, placement, domains, carried)
+
+
+class Components:
+    """Who has connected so far, beside who was there before.
+
+    Args:
+        service: The router.
+    """
+
+    def __init__(self, service: RouterService) -> None:
+        self._service = service
+        self._before = self._peers()
+        self._seen: dict[str, set[str]] = {name: set() for name in self._before}
+
+    def _peers(self) -> dict[str, set[str]]:
+        bus = self._service.bus
+        return {name: bus.segment(name).peers() - bus.ids_ever for name in self._service.settings.segments}
+
+    def look(self) -> None:
+        """Look who is there now."""
+        for name, found in self._peers().items():
+            self._seen[name] |= found - self._before[name]
+
+    @property
+    def found(self) -> dict[str, int]:
+        """How many, by segment; none where nobody was."""
+        return {name: len(found) for name, found in self._seen.items() if found}
