@@ -71,9 +71,10 @@ class Launcher:
     Args:
         slot: Number of the trial among those that run at once.
         quiet: Whether nothing is written to the stdout of this process.
+        scratch: A folder that is removed in the end, even if this process is killed.
     """
 
-    def __init__(self, slot: int = 0, *, quiet: bool = True) -> None:
+    def __init__(self, slot: int = 0, *, quiet: bool = True, scratch: Path | None = None) -> None:
         self.slot = slot
         ours, theirs = socket.socketpair()
         self._link = ours
@@ -83,7 +84,7 @@ class Launcher:
         self._replies: list[dict[str, object]] = []
         self._exited: list[dict[str, Any]] = []
         self._supervisor = subprocess.Popen(
-            [sys.executable, "-S", "-E", str(_SUPERVISOR)],
+            [sys.executable, "-S", "-E", str(_SUPERVISOR), *([str(scratch)] if scratch is not None else [])],
             stdin=theirs.fileno(),
             stdout=subprocess.DEVNULL if quiet else None,
             start_new_session=True,

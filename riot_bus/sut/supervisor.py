@@ -266,7 +266,7 @@ class Supervisor:
 
 
 def main() -> int:
-    """Serve the socket on file descriptor 0 until it ends."""
+    """Serve the socket on file descriptor 0 until it ends; then remove the folders that the arguments name."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     _prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -276,6 +276,11 @@ def main() -> int:
             supervisor.serve()
     finally:
         supervisor.close()
+        if sys.argv[1:]:
+            import shutil  # few need it, and all wait for imports
+
+            for folder in sys.argv[1:]:
+                shutil.rmtree(folder, ignore_errors=True)
     return 0
 
 

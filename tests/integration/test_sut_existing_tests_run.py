@@ -74,8 +74,11 @@ def test_a_second_one_ends_what_does_not_listen(tmp_path: Path) -> None:
 
 def test_nothing_outlives_a_riot_that_is_killed(tmp_path: Path) -> None:
     running = Running(tmp_path, "ignores")
+    scratch = Path(running.processes[0].environ()["RIOT_PLACEMENT"]).parent
+    assert scratch.exists()
     running.riot.kill()
     assert running.gone()
+    assert wait_until(lambda: not scratch.exists(), WAIT_S)
     assert running.end() == -signal.SIGKILL
 
 

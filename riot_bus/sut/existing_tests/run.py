@@ -80,7 +80,10 @@ def run_tests(command: Sequence[str], asked: RosTest, *, warn: Callable[[str], N
         EnvironmentFaultError: The command, or a bridge, cannot be started.
     """
     stop = threading.Event()
-    with ended_by_signals(stop.set), tempfile.TemporaryDirectory(prefix="riot-tests-") as text:
+    with (
+        ended_by_signals(stop.set),
+        tempfile.TemporaryDirectory(prefix="riot-tests-", ignore_cleanup_errors=True) as text,
+    ):
         folder = Path(text)
         if is_colcon_test(command):
             return _run_packages(command, asked, folder, stop, warn)
@@ -103,7 +106,7 @@ def _run_one(
             service.watch()
             with (
                 Crossings(service.bus) as crossings,
-                Launcher(quiet=False) as launcher,
+                Launcher(quiet=False, scratch=folder) as launcher,
                 open_segments(service, launcher, folder, nodes=asked.nodes, dds=asked.dds) as segments,
             ):
                 components, upkeep = Components(service), Upkeep()
@@ -113,6 +116,7 @@ def _run_one(
                     components.look()
 
                 status = _carried_out(launcher, command, segments.environment, asked.folder, stop, look)
+                started = segments.placement.started()
             plan = service.status()["plan"] or {}
         counts = service.counts()
         behind = sum(segments.carried.get(topic, 0) for topic, each in counts.items() if each.received)
@@ -127,7 +131,7 @@ def _run_one(
             components=components.found,
             domains=segments.domains,
             nodes=asked.nodes,
-            started=segments.placement.started(),
+            started=started,
         )
     lines = passage.lines()
     for line in lines:
@@ -145,10 +149,11 @@ def _run_packages(
         raise ConfigError("one log for the tests of several packages", where=f"--record {asked.record}", hint=hint)
     given = environment_of_others()
     (accounts := folder / "accounts").mkdir()
-    with Launcher(quiet=False) as launcher:
+    with Launcher(quiet=False, scratch=folder) as launcher:
         hook = router_per_package(given, asked.words, folder=folder, accounts=accounts)
         status = _carried_out(launcher, command, {**given, **hook}, asked.folder, stop, lambda: None)
-    for line in package_lines(accounts):
+        lines = package_lines(accounts)
+    for line in lines:
         warn(f"riot: {line}")
     return status
 

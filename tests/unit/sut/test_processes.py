@@ -58,6 +58,22 @@ def test_command_that_does_not_exist(launcher: Launcher, tmp_path: Path) -> None
         launcher.start("part", ["no-such-program"], env={}, cwd=tmp_path, directory=tmp_path)
 
 
+def test_output_may_be_ours_and_a_folder_goes_with_the_processes(tmp_path: Path) -> None:
+    (scratch := tmp_path / "scratch").mkdir()
+    code = f"""
+from pathlib import Path
+from riot_bus.sut.launcher import Launcher
+with Launcher(quiet=False, scratch=Path({str(scratch)!r})) as launcher:
+    command = ["sh", "-c", "echo out; echo err >&2; cat"]
+    process = launcher.start("part", command, env={{}}, cwd=Path("/"), directory=None)
+    assert launcher.wait([process], timeout={WAIT_S})
+    print(process.status, process.printed(), process.errors())
+"""
+    done = subprocess.run([sys.executable, "-c", code], input="not read", capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("out\n0  \n", "err\n")
+    assert not scratch.exists()
+
+
 def test_kill_all_takes_grandchildren_along(launcher: Launcher, start: Start, tmp_path: Path) -> None:
     code = "import subprocess,time; subprocess.Popen(['sleep','97.5'], start_new_session=True); time.sleep(60)"
     process = start(code)
