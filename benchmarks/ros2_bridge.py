@@ -28,8 +28,9 @@ import psutil
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from riot_bus.sut.domains import free_domains  # noqa: E402 - found by the path above
 from tests.interop import ROS2, provide  # noqa: E402 - lies beside this folder
-from tests.ros2_env import ros2_domains, ros2_environment  # noqa: E402 - lies beside this folder
+from tests.ros2_env import ros2_environment  # noqa: E402 - lies beside this folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -99,7 +100,7 @@ class Measurement:
     def __init__(self, path: str, python: Path, stack: ExitStack) -> None:
         self._python, self._stack = python, stack
         self._folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        domains = stack.enter_context(ros2_domains(2))
+        domains = stack.enter_context(free_domains(2))
         environments = [ros2_environment(domain, self._folder) for domain in domains]
         before = {each.pid for each in psutil.Process().children(recursive=True)}
         if path == "direct":

@@ -1,23 +1,16 @@
-"""Real ROS 2 for tests: rclpy from wheels, in an environment of its own, and DDS domains that no other test uses.
+"""Real ROS 2 for tests: rclpy from wheels, in an environment of its own.
 
 `tests/interop.py` provides it.
 """
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
-import random
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.interop import ROS2, own_folder, require
-
-FIRST_DOMAIN, LAST_DOMAIN = 1, 99  # their UDP ports are below those that the system gives away
+from tests.interop import ROS2, require
 
 
 @pytest.fixture(scope="session")
@@ -35,7 +28,7 @@ def ros2_environment(domain: int, folder: Path) -> dict[str, str]:
     """Return the variables of a process that uses ROS 2 in one domain, on this machine alone.
 
     Args:
-        domain: Of `ros2_domains`.
+        domain: Of `riot_bus.sut.domains.free_domains`, so that nobody else uses it.
         folder: For its log files.
     """
     foreign = ("ROS_", "RMW_", "FASTDDS_", "FASTRTPS_", "RCUTILS_", "AMENT_", "ZENOH_", "RIOT_", "PYTHON", "_ROS_")
@@ -48,24 +41,3 @@ def ros2_environment(domain: int, folder: Path) -> dict[str, str]:
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # processes that are killed leave nothing in shared memory
         "PYTHONUNBUFFERED": "1",
     }
-
-
-@contextlib.contextmanager
-def ros2_domains(count: int) -> Iterator[list[int]]:
-    """Reserve domains that no other test of this machine uses meanwhile."""
-    folder = own_folder(Path(tempfile.gettempdir()) / f"riot-bus-domains-{os.getuid()}")
-    numbers = list(range(FIRST_DOMAIN, LAST_DOMAIN + 1))
-    random.shuffle(numbers)
-    with contextlib.ExitStack() as stack:
-        found: list[int] = []
-        for number in numbers:
-            lock = stack.enter_context((folder / str(number)).open("w"))
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            found.append(number)
-            if len(found) == count:
-                break
-        assert len(found) == count, "all DDS domains are in use"
-        yield found

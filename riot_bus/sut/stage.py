@@ -11,13 +11,14 @@ import socket
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
+from riot_bus.sut.domains import free_domains
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
@@ -60,8 +61,6 @@ in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls in
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
-_DOMAINS = 100
-"""Of DDS: 0 is the usual one, and the ports of those beyond 101 are such as the kernel hands out."""
 _PORTS = range(15_000, 32_000)
 """Below those that the kernel hands out, so that none is gone before the component listens there."""
 
@@ -145,6 +144,7 @@ class TrialSetup:
         self._started: dict[str, float] = {}
         self._folders: dict[str, Path] = {}
         self._ports: dict[str, int] = {}
+        self._reserved = ExitStack()
         self.idle = STILL
         self.imports = {} if imports is None else imports
         self.senders, self.others = own_senders(), own_others()
@@ -178,6 +178,7 @@ class TrialSetup:
                 if name not in self.imports:
                     self.imports[name] = self.python.imports(process.pid)
         finally:
+            self._reserved.close()
             self.bus.close()
 
     def renew(self) -> None:
@@ -211,11 +212,11 @@ class TrialSetup:
             "{duration}": f"{pace.duration if pace else 0:g}",
             "{speed}": f"{pace.speed if pace else 1:g}",
             "{slot}": str(self.launcher.slot),
-            "{domain}": str(1 + self.launcher.slot % _DOMAINS),
         }
         words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
         for text in (*component.command, *component.env.values(), component.cwd):
             words |= {word: str(self._free_port(word)) for word in FREE_PORT.findall(text)}
+            words |= {"{domain}": str(self._domain)} if "{domain}" in text else {}
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
         given = {**environment_of_others(), **filled}
@@ -259,6 +260,11 @@ class TrialSetup:
         if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
             self.launcher.interrupt(process, signal.SIGTERM)
             self.launcher.wait([process], timeout=3.0)
+
+    @functools.cached_property
+    def _domain(self) -> int:
+        """A ROS domain that nobody else has until the trial ends."""
+        return self._reserved.enter_context(free_domains(1))[0]
 
     def _free_port(self, word: str) -> int:
         """Return a port of TCP and UDP that was free, for each placeholder its own, the same in all of the trial."""

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from riot_bus.control.environment import client_settings, environment, session_file
+from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.inject.interceptor import Injector
 from riot_bus.inject.plan import read_plan
 from riot_bus.interceptors.parsing import from_text
@@ -48,22 +48,20 @@ class LiveSegment:
     Attributes:
         name: Of the segment.
         endpoint: Where components connect, such as `tcp/127.0.0.1:41234`.
-        config_file: A Zenoh configuration, for `zenoh.Config.from_file`.
-        variables: Environment that makes a process use it: programs that call `zenoh.Config.from_env`, and ROS 2
-            nodes with rmw_zenoh.
+        variables: Environment by which a process uses it: programs that call `zenoh.Config.from_env`, ROS 2 nodes with
+            rmw_zenoh, and `riot`.
     """
 
-    def __init__(self, name: str, endpoint: str, folder: Path) -> None:
+    def __init__(self, name: str, endpoint: str, exported: Mapping[str, str]) -> None:
         self.name = name
         self.endpoint = endpoint
-        self.config_file = folder / f"zenoh-{name}.json5"
-        self.config_file.write_text(session_file(client_settings([endpoint])), encoding="utf-8")
-        ros = environment([endpoint], "rmw_zenoh")
-        self.variables = {
-            **environment([endpoint], "zenoh", file=self.config_file),
-            "ZENOH_CONFIG_OVERRIDE": ros["ZENOH_CONFIG_OVERRIDE"],
-            "RMW_TEST_FIXTURE_DISABLE_ISOLATION": "1",
-        }
+        self.variables = {**exported, **segment_variables(name, exported)}
+        self.variables.pop("RMW_IMPLEMENTATION", None)  # nodes of other middleware are tests' own matter
+
+    @property
+    def config_file(self) -> Path:
+        """A Zenoh configuration, for `zenoh.Config.from_file`."""
+        return Path(self.variables["ZENOH_CONFIG"])
 
     def open(self) -> Any:
         """Return a Zenoh session of a component there; close it."""
@@ -88,7 +86,10 @@ class LiveRouter:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="riot-")))
             bus = stack.enter_context(self.bus)
-            self.segments = {name: LiveSegment(name, bus.endpoint(name), folder) for name in bus.sessions}
+            endpoints = {name: [bus.endpoint(name)] for name in bus.sessions}
+            write_session_files(endpoints, folder)
+            exported = export(endpoints, files=folder)
+            self.segments = {name: LiveSegment(name, found[0], exported) for name, found in endpoints.items()}
             self._stack = stack.pop_all()
         return self
 

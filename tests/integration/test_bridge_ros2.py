@@ -15,12 +15,13 @@ from typing import Any
 import psutil
 import pytest
 
+from riot_bus.sut.domains import free_domains
 from riot_bus.zenoh.session import wait_until
 from tests.bags import text
 from tests.integration.bridge_process import BridgeProcess
 from tests.integration.rclpy_node import BEST_EFFORT, LATCHED, RELIABLE, RclpyNode
 from tests.integration.router_process import RouterProcess
-from tests.ros2_env import ros2_domains, ros2_environment, ros2_interpreter
+from tests.ros2_env import ros2_environment, ros2_interpreter
 
 pytestmark = pytest.mark.integration
 
@@ -61,7 +62,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., System]]:
     """Starts a router with some options, and a bridge at each segment."""
     python = ros2_interpreter()
     with contextlib.ExitStack() as stack:
-        domains = stack.enter_context(ros2_domains(2))
+        domains = stack.enter_context(free_domains(2))
 
         def begin(*options: str, bridge: tuple[str, ...] = ()) -> System:
             router = stack.enter_context(RouterProcess(*options))
@@ -328,7 +329,7 @@ def test_a_second_bridge_of_a_domain_is_refused(start: Any) -> None:
 def test_of_two_bridges_that_start_together_one_stays_and_nothing_comes_twice(tmp_path: Path) -> None:
     python = ros2_interpreter()
     with contextlib.ExitStack() as stack:
-        (domain,) = stack.enter_context(ros2_domains(1))
+        (domain,) = stack.enter_context(free_domains(1))
         environment = ros2_environment(domain, tmp_path)
         router = stack.enter_context(RouterProcess())
         talker, listener = (stack.enter_context(RclpyNode(python, environment, name)) for name in ("a", "b"))

@@ -15,6 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
+from riot_bus.sut.domains import free_domains
 from riot_bus.vocabulary.message import Message
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import free_endpoint, release, wait_until
@@ -25,7 +26,7 @@ from tests.integration.bridge_process import BridgeProcess
 from tests.integration.rclpy_node import BEST_EFFORT, LATCHED, RELIABLE, RclpyNode
 from tests.integration.router_process import riot
 from tests.integration.zenoh_process import ZenohProcess
-from tests.ros2_env import ros2_domains, ros2_environment, ros2_interpreter
+from tests.ros2_env import ros2_environment, ros2_interpreter
 
 pytestmark = pytest.mark.integration
 
@@ -44,7 +45,7 @@ class Domain:
 
     def __init__(self, router: str, folder: Path, stack: contextlib.ExitStack) -> None:
         self.python = ros2_interpreter()
-        (self.number,) = stack.enter_context(ros2_domains(1))
+        (self.number,) = stack.enter_context(free_domains(1))
         self.environment = ros2_environment(self.number, folder)
         self.router, self._stack = router, stack
 

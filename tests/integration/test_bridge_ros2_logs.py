@@ -21,12 +21,13 @@ from riot_bus.play.options import PlayOptions
 from riot_bus.play.service import PlayService
 from riot_bus.record.options import CaptureOptions
 from riot_bus.record.service import CaptureService
+from riot_bus.sut.domains import free_domains
 from riot_bus.zenoh.session import wait_until
 from tests.foxglove_env import foxglove_messages
 from tests.integration.bridge_process import BridgeProcess
 from tests.integration.rclpy_node import BEST_EFFORT, LATCHED, RELIABLE, RclpyNode
 from tests.integration.zenoh_process import ZenohProcess
-from tests.ros2_env import ros2_domains, ros2_environment, ros2_interpreter
+from tests.ros2_env import ros2_environment, ros2_interpreter
 
 pytestmark = pytest.mark.integration
 
@@ -128,7 +129,7 @@ def router() -> Iterator[str]:
 def bag(router: str, tmp_path: Path) -> Path:
     """A bag of the topics of a real node, recorded on the segment."""
     python = ros2_interpreter()
-    with ros2_domains(1) as (domain,):
+    with free_domains(1) as (domain,):
         environment = ros2_environment(domain, tmp_path)
         options = CaptureOptions(endpoint=router, output=tmp_path / "bag", bag=True, control=False)
         with (
@@ -177,7 +178,7 @@ def test_rosbags_and_both_foxglove_readers_open_it(bag: Path) -> None:
 def test_it_plays_into_real_subscribers_with_its_quality_of_service(bag: Path, router: str, tmp_path: Path) -> None:
     python = ros2_interpreter()
     with contextlib.ExitStack() as stack:
-        (domain,) = stack.enter_context(ros2_domains(1))
+        (domain,) = stack.enter_context(free_domains(1))
         environment = ros2_environment(domain, tmp_path)
         bridge = stack.enter_context(BridgeProcess(python, environment, router))
         assert bridge.ready.startswith("ready: ")

@@ -4,40 +4,24 @@ Usage: `start.py ENDPOINT FOLDER NODE [ARGUMENT...]`. Ends as the node ends; who
 group, so nothing is left behind.
 """
 
-import fcntl
 import os
-import random
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
+
+from riot_bus.sut.domains import free_domains
 
 PYTHON = os.environ["RIOT_ROS_PYTHON"]
-FIRST_DOMAIN, LAST_DOMAIN = 1, 99
 FOREIGN = ("ROS_", "RMW_", "FASTDDS_", "AMENT_", "ZENOH_", "PYTHON", "RIOT_")
 
 
-def reserve_domain():
-    """Return a domain that nobody else on this machine reserves while the returned lock is open."""
-    folder = Path(tempfile.gettempdir()) / f"riot-bus-domains-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    numbers = list(range(FIRST_DOMAIN, LAST_DOMAIN + 1))
-    random.shuffle(numbers)
-    for number in numbers:
-        lock = (folder / str(number)).open("w")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.close()
-            continue
-        return number, lock
-    raise SystemExit("all DDS domains are in use")
-
-
 def main(endpoint, folder, script, *arguments):
-    domain, _lock = reserve_domain()
+    with free_domains(1) as (domain,):
+        run(domain, endpoint, folder, script, *arguments)
+
+
+def run(domain, endpoint, folder, script, *arguments):
     ros = {
         **{key: value for key, value in os.environ.items() if not key.startswith(FOREIGN)},
         "ROS_DOMAIN_ID": str(domain),
