@@ -4,8 +4,8 @@ import socket
 
 import pytest
 
-from riot_bus.sut.domains import free_domains
 from riot_bus.sut import domains
+from riot_bus.sut.domains import free_domains
 from riot_bus.vocabulary.errors import EnvironmentFaultError
 
 
