@@ -6,7 +6,7 @@ Whoever opens a router exports (`export`), and each child can then say in which 
 | variable | example | |
 |---|---|---|
 | `RIOT_ENDPOINTS` | `system=tcp/127.0.0.1:41234 unit=tcp/127.0.0.1:41235` | where components of each segment connect |
-| `RIOT_ZENOHFILES` | `/tmp/riot-x/zenoh` | folder of the files for `ZENOH_CONFIG`, `zenoh-SEGMENT.json5` |
+| `RIOT_ZENOH_FILES` | `/tmp/riot-x/zenoh` | folder of the files for `ZENOH_CONFIG`, `zenoh-SEGMENT.json5` |
 | `RIOT_DOMAINS` | `system=41 unit=42` | the ROS domain of each segment, where bridges join DDS to them |
 """
 
@@ -35,7 +35,7 @@ __all__ = [
     "write_session_files",
 ]
 
-_ENDPOINTS, FILES, _DOMAINS = "RIOT_ENDPOINTS", "RIOT_ZENOHFILES", "RIOT_DOMAINS"
+_ENDPOINTS, FILES, _DOMAINS = "RIOT_ENDPOINTS", "RIOT_ZENOH_FILES", "RIOT_DOMAINS"
 _OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _FILE = "zenoh-{}.json5"
 
