@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 import shlex
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
     from riot_bus.chain.reproduce import Reproduction
-    from riot_bus.testing.live_router import LiveRouter, LiveSegment, RouterTest
+    from riot_bus.testing.fixture import RouterTest
+    from riot_bus.testing.live_router import LiveRouter, LiveSegment
 
 _MARKER = "riot(plan=None, segment=None, intercept=()): use the fixture riot with this injection plan (or several), in \
 this segment, with these topics intercepted"
-_FAILED = pytest.StashKey[bool]()
+_OUTCOMES = pytest.StashKey[dict[str, str]]()
+"""Outcome of each phase of the test, and whether its call has ended."""
+
 _LOG = pytest.StashKey[Path]()
 _USED = pytest.StashKey["RouterTest"]()
 _LONGEST_NAME = 150
@@ -41,9 +44,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption("--riot-record-dir", type=Path, metavar="DIR", help="where [default: riot-logs in the root folder]")
     group.addoption("--riot-seed", type=int, default=0, metavar="N", help="seed of all that riot injects [default: 0]")
-    parser.addini(
-        "riot_segments", "segments of the router, tests are in the first", type="args", default=["system", "unit"]
-    )
+    told = "segments of the router; tests publish in the first, what they test is in the last"
+    parser.addini("riot_segments", told, type="args", default=["system", "unit"])
     parser.addini("riot_types", "types of messages, TOPIC=TYPE a line", type="linelist", default=[])
     parser.addini("riot_messages", "files that define types of messages", type="paths", default=[])
 
@@ -60,26 +62,51 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         names.append("riot")
 
 
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Forget the log of a test when all of it has passed; not if somebody has ended the tests."""
+    result = yield
+    log, outcomes = item.stash.get(_LOG, None), item.stash.get(_OUTCOMES, {})
+    kept = item.config.getoption("--riot-record") == "always" or "failed" in outcomes.values()
+    if log is not None and not kept:
+        log.unlink(missing_ok=True)
+    return result
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Note that the call has ended."""
+    try:
+        return (yield)
+    finally:
+        item.stash.get(_OUTCOMES, {})["ended"] = "yes"
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Say of a failed test where its log is and how it is done again."""
+    """Say of a failed test where its log is, how it is done again, and what riot has noticed."""
     report = yield
-    if report.failed:
-        item.stash[_FAILED] = True
-        one, log = item.stash.get(_USED, None), item.stash.get(_LOG, None)
-        told = [f"note:  {text}" for text in one.problems()] if one is not None and call.when == "call" else []
-        told += [f"log:   {log}"] if log is not None else []
-        if one is not None:
-            told.append(f"again: pytest {shlex.quote(item.nodeid)} --riot-seed {one.seed}")
-            report.sections.append(("riot", "\n".join(told)))
+    outcomes = item.stash.setdefault(_OUTCOMES, {})
+    outcomes[call.when] = report.outcome
+    one, log = item.stash.get(_USED, None), item.stash.get(_LOG, None)
+    if report.failed and one is not None:
+        again = f"pytest {shlex.quote(str(item.config.rootpath / item.nodeid))} --riot-seed {one.seed}"
+        told = {"log": str(log) if log is not None else "", "again": again}
+        report.user_properties += [(f"riot-{name}", text) for name, text in told.items() if text]
+        notes = one.unshown() if call.when == "call" and "ended" in outcomes else []
+        lines = [
+            *(f"note:  {text}" for text in notes),
+            *(f"{f'{name}:':6} {text}" for name, text in told.items() if text),
+        ]
+        report.sections.append(("riot", "\n".join(lines)))
     return report
 
 
 @pytest.fixture(scope="session")
 def riot_router(request: pytest.FixtureRequest) -> Iterator[LiveRouter]:
-    """A router on free ports for all tests of this process; processes that they start are in its first segment."""
+    """A router on free ports for all tests of this process."""
     from riot_bus.config.arguments import parse_types
     from riot_bus.testing.live_router import LiveRouter
     from riot_bus.types.registry import TypeRegistry, load_adapters
@@ -88,13 +115,11 @@ def riot_router(request: pytest.FixtureRequest) -> Iterator[LiveRouter]:
     registry = TypeRegistry(
         load_adapters(), declared=parse_types(config.getini("riot_types")), definitions=config.getini("riot_messages")
     )
-    with ExitStack() as stack:
-        router = stack.enter_context(LiveRouter(config.getini("riot_segments"), registry=registry))
-        stack.enter_context(_environment(next(iter(router.segments.values())).variables))
+    with LiveRouter(config.getini("riot_segments"), registry=registry) as router:
         yield router
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def riot_segment(riot_router: LiveRouter) -> Callable[[str], LiveSegment]:
     """How to get into a segment, by its name: endpoint, configuration file, environment."""
     return riot_router.segment
@@ -105,31 +130,35 @@ def riot(request: pytest.FixtureRequest, riot_router: LiveRouter) -> Iterator[Ro
     """What a test intercepts, injects and sees; at its end, what it asked for must have happened."""
     from riot_bus.log.run import run_facts
     from riot_bus.log.writer import LogWriter
+    from riot_bus.testing.fixture import router_test
 
     item, config = request.node, request.config
+    item.stash[_OUTCOMES] = {}
     wanted = _marked(item)
-    mode, seed = config.getoption("--riot-record"), config.getoption("--riot-seed")
-    out = _folder_of(item)
-    path = None if mode == "never" else out.with_name(f"{out.name}.mcap")
-    with ExitStack() as stack:
-        log = None
-        if path is not None:
+    segment = riot_router.segment(wanted["segment"]) if wanted["segment"] else riot_router.inner
+    seed, out = config.getoption("--riot-seed"), _folder_of(item)
+    log = None
+    if config.getoption("--riot-record") != "never":
+        path = out.with_name(f"{out.name}.mcap")
+        try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            facts = {**run_facts(), "test": item.nodeid, "seed": str(seed)}
-            log = LogWriter(path, registry=riot_router.registry, metadata=facts, threaded=True)
-            item.stash[_LOG] = path
-            stack.callback(_forget_log, item, path, mode)
-        if wanted["segment"] is not None:
-            stack.enter_context(_environment(riot_router.segment(wanted["segment"]).variables))
-        one = stack.enter_context(riot_router.test(folder=request.path.parent, out=out, seed=seed, log=log))
+        except OSError as error:
+            raise pytest.UsageError(f"--riot-record-dir {path.parent}: {error.strerror}") from None
+        facts = {**run_facts(), "test": item.nodeid, "seed": str(seed)}
+        log = LogWriter(path, registry=riot_router.registry, metadata=facts, threaded=True)
+        item.stash[_LOG] = path
+    with (
+        router_test(riot_router, folder=request.path.parent, out=out, seed=seed, log=log) as one,
+        _environment(segment.variables),
+    ):
         item.stash[_USED] = one
         if wanted["intercept"]:
             one.intercept(*wanted["intercept"])
         if wanted["plan"]:
             one.inject(*wanted["plan"])
         yield one
-        if not item.stash.get(_FAILED, False) and (problems := one.problems()):  # else the report has said it
-            item.stash[_FAILED] = True
+        problems = one.problems()
+        if problems and item.stash[_OUTCOMES].get("call") == "passed":  # of another one the report says it
             pytest.fail("riot: " + "\n".join(problems), pytrace=False)
 
 
@@ -177,11 +206,6 @@ def _folder_of(item: pytest.Item) -> Path:
     folder = item.config.getoption("--riot-record-dir") or item.config.rootpath / "riot-logs"
     name = re.sub(r"[^A-Za-z0-9_.\-]+", "_", item.nodeid).strip("_.")[-_LONGEST_NAME:]
     return Path(folder) / f"{name}-{hashlib.sha256(item.nodeid.encode()).hexdigest()[:6]}"
-
-
-def _forget_log(item: pytest.Item, path: Path, mode: str) -> None:
-    if mode == "on-failure" and not item.stash.get(_FAILED, False):
-        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.control.log_paths import claim
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import key_matches
+from riot_bus.zenoh.libraries import library_of
 from riot_bus.zenoh.publisher_tokens import Announcements
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Recordings:
             raise ConfigError(f"this router records already, to {self.path}", where="record/start", hint=hint)
         path = claim(self.folder, text, f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}")
         self._bus().set_recorder(self.begin(path))
-        self._bus().wait_observed(_OBSERVED_S)
+        self._await_observation()
         return path
 
     def split(self, text: str | None = None) -> tuple[Path, Path]:
@@ -187,3 +188,20 @@ class Recordings:
             threaded=True,
             durable=True,
         )
+
+    def _await_observation(self) -> None:
+        """Wait until what is published in any segment would be observed; routes take about 100 ms."""
+        from riot_bus.zenoh.session import wait_until
+
+        sessions = self._bus().sessions
+        if len(sessions) < 2:
+            return
+        # Nobody subscribes to this key but those who subscribe to everything.
+        key = f"riot_bus/{next(iter(sessions.values())).info.zid()}"
+        publishers: list[Any] = [
+            each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
+            for each in sessions.values()
+        ]
+        wait_until(lambda: all(each.matching_status.matching for each in publishers), _OBSERVED_S)
+        for each in publishers:
+            each.undeclare()

@@ -256,36 +256,11 @@ class Bus:
         with self._changing:
             self._recorder = self._crossing.recorder = recorder
             self.gate.pipeline.provenance = recorder is not None
-            if recorder is not None and recorder not in self._recorders:
+            if recorder is not None:
                 self._recorders.append(recorder)
             self._record = Claims(canonical(record))
             self._forget()
             self._observe()
-
-    def wait_observed(self, timeout: float) -> bool:
-        """Wait until what is published in any segment is recorded, or not any more; routes take about 100 ms.
-
-        Args:
-            timeout: Seconds. Somebody else who subscribes to everything lets all of it pass.
-
-        Returns:
-            Whether that happened in time.
-        """
-        wanted = bool(self._taps)
-        if len(self.sessions) < 2:
-            return True
-        # Nobody subscribes to this key but those who subscribe to everything.
-        key = f"riot_bus/{next(iter(self._segments.values())).zid}"
-        for session in self.sessions.values():
-            pin(session, key)
-        publishers: list[Any] = [
-            each.declare_publisher(key, allowed_destination=library_of(each).Locality.REMOTE)
-            for each in self.sessions.values()
-        ]
-        try:
-            return wait_until(lambda: all(each.matching_status.matching is wanted for each in publishers), timeout)
-        finally:
-            release(*publishers)
 
     def set_interceptors(self, interceptors: Sequence[object]) -> None:
         """Go on with other interceptors; those that stay are not started again.
@@ -598,6 +573,10 @@ class Bus:
             return quiet >= _QUIET_POLLS
 
         return wait_until(drained, timeout)
+
+    def give_up_delayed(self) -> None:
+        """Deliver no more what interceptors have delayed until now; it is counted as lost."""
+        self._crossing.give_up()
 
     def idle(self) -> bool:
         """Return whether nothing that was received waits for anything here; more may be on its way."""

@@ -87,9 +87,14 @@ class DeliveryQueue:
         with self._condition:
             self._closing = True
             self._condition.notify()
-            left = self._waiting.pop_due()
+        self.give_up()
         if self._thread.is_alive():
             self._thread.join()
+
+    def give_up(self) -> None:
+        """Count what is still held as lost, and deliver it no more."""
+        with self._condition:
+            left = self._waiting.pop_due()
         for emission in left:
             self.lose(_counted_key(emission), "held at the end")
             self._unhold(emission)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.types.elements import read_elements, read_field
-from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.elements import quantity_of
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, PayloadError
 from riot_bus.vocabulary.predicate import parse_predicate
-from riot_bus.vocabulary.selector import parse_selector
+from riot_bus.vocabulary.selector import Selector, parse_selector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -41,11 +40,13 @@ class Captured:
     Attributes:
         message: As a component has sent it, or as it was delivered.
         changes: What interceptors did to it.
+        number: Its place among all that were captured.
     """
 
     message: Message
     changes: tuple[Change, ...]
     registry: TypeRegistry
+    number: int
 
     @property
     def payload(self) -> bytes:
@@ -75,40 +76,56 @@ class Capture:
     Args:
         registry: Names topics and knows their types.
         log: Writes it to a file as well; closed with this.
-        most_bytes: Memory for messages, about; of more, the oldest are forgotten (the log has them).
+        most_bytes: Memory for messages, about; beyond it, the oldest of the key that has most are forgotten.
     """
 
     def __init__(self, registry: TypeRegistry, log: LogWriter | None = None, *, most_bytes: int = _MOST_BYTES) -> None:
-        self.forgotten = 0
-        """Messages that were given up for lack of room."""
         self._registry = registry
         self._log = log
-        self._kept: deque[tuple[Role, Captured]] = deque()
-        self._most, self._bytes = most_bytes, 0
+        self._kept: defaultdict[str, deque[tuple[Role, Captured]]] = defaultdict(deque)
+        self._bytes: Counter[str] = Counter()
+        self._forgotten: Counter[str] = Counter()
+        self._changed: set[tuple[str, int]] = set()
+        self._most, self._total, self._count = most_bytes, 0, 0
         self._arrived = threading.Condition()
+        self._listeners: list[Callable[[], object]] = []
 
-    def delivered(self, selector: str) -> list[Captured]:
+    def mark(self) -> int:
+        """Return the present place, for `since`: what was captured before is left out."""
+        return self._count
+
+    def delivered(self, selector: str, *, since: int = 0) -> list[Captured]:
         """Return what was delivered, in order.
 
         Args:
-            selector: A topic, key expression or `TOPIC where PREDICATE`.
+            selector: A topic, key expression or `TOPIC where PREDICATE`; what lacks a field does not match.
+            since: See `mark`.
 
         Raises:
-            ConfigError: It is none, or names a field.
+            ConfigError: The selector is none, or names a field.
+            AssertionError: Messages that may match are not in memory any more.
         """
-        return self._chosen(selector, lambda role, one: role == "delivered")
+        return self._chosen(selector, since, lambda role, one: role == "delivered")
 
-    def sent(self, selector: str) -> list[Captured]:
+    def sent(self, selector: str, *, since: int = 0) -> list[Captured]:
         """Return what components have sent, as it was before interceptors had it; see `delivered`."""
-        return self._chosen(selector, lambda role, one: role == "original" or not one.changes)
+        changed = self._changed
+        return self._chosen(
+            selector,
+            since,
+            lambda role, one: (
+                role == "original" or not (one.changes or (one.message.key, one.message.sequence) in changed)
+            ),
+        )
 
-    def wait_for(self, selector: str, count: int = 1, *, timeout: float = 10.0) -> list[Captured]:
+    def wait_for(self, selector: str, count: int = 1, *, timeout: float = 10.0, since: int = 0) -> list[Captured]:
         """Wait until so many messages have been delivered since the test began; return all that have.
 
         Args:
             selector: As for `delivered`.
             count: Number of messages.
             timeout: Seconds.
+            since: See `mark`.
 
         Raises:
             AssertionError: They have not come in time; it says what has come instead.
@@ -116,46 +133,70 @@ class Capture:
         __tracebackhide__ = True
         deadline = time.monotonic() + timeout
         with self._arrived:
-            while len(found := self.delivered(selector)) < count:
+            while len(found := self.delivered(selector, since=since)) < count:
                 left = deadline - time.monotonic()
                 if left <= 0:
-                    raise AssertionError(
-                        f"{len(found)} of {counted(count, 'message')} of {selector} within {timeout:g} s; "
-                        f"delivered: {self._summary() or 'nothing'}"
-                    )
+                    raise AssertionError(self._instead(selector, found, count, timeout, since))
                 self._arrived.wait(left)
         return found
 
-    async def arrived(self, selector: str, count: int = 1, *, timeout: float = 10.0) -> list[Captured]:
-        """Do as `wait_for` while an event loop goes on (asyncio)."""
-        return await asyncio.to_thread(self.wait_for, selector, count, timeout=timeout)
+    async def arrived(self, selector: str, count: int = 1, *, timeout: float = 10.0, since: int = 0) -> list[Captured]:
+        """Do as `wait_for` while an event loop of asyncio goes on."""
+        __tracebackhide__ = True
+        loop, deadline = asyncio.get_running_loop(), time.monotonic() + timeout
+        more = asyncio.Event()
+
+        def told() -> None:
+            loop.call_soon_threadsafe(more.set)
+
+        with self._arrived:
+            self._listeners.append(told)
+        try:
+            while len(found := self.delivered(selector, since=since)) < count:
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    raise AssertionError(self._instead(selector, found, count, timeout, since))
+                try:
+                    await asyncio.wait_for(more.wait(), left)
+                except TimeoutError:
+                    continue
+                more.clear()
+        finally:
+            with self._arrived:
+                self._listeners.remove(told)
+        return found
 
     def forget(self) -> None:
         """Give the memory back."""
         with self._arrived:
             self._kept.clear()
-            self._bytes = 0
+            self._bytes.clear()
+            self._total = 0
 
-    def _chosen(self, selector: str, wanted: Callable[[Role, Captured], bool]) -> list[Captured]:
-        chosen = parse_selector(selector)
-        if chosen.field is not None:
-            hint = f"write {chosen.topic!r} here, and read('{chosen.field}') of what it returns"
-            raise ConfigError("messages are chosen by topic, not by field", where=selector, hint=hint)
-        holds = None if chosen.where is None else parse_predicate(chosen.where)
+    def _chosen(self, text: str, since: int, wanted: Callable[[Role, Captured], bool]) -> list[Captured]:
+        selector = parse_selector(text)
+        if selector.field is not None:
+            hint = f"write {selector.topic!r} here, and read('{selector.field}') of what it returns"
+            raise ConfigError("messages are chosen by topic, not by field", where=text, hint=hint)
         with self._arrived:
-            kept = list(self._kept)
-        return [
-            one
-            for role, one in kept
-            if wanted(role, one)
-            and self._registry.matches(chosen.topic, one.message.key)
-            and (holds is None or holds(one.read))
-        ]
+            keys = [key for key in self._kept if self._registry.matches(selector.topic, key)]
+            gone = {key: number for key in keys if (number := self._forgotten[key])}
+            kept = [(role, one) for key in keys for role, one in self._kept[key] if one.number >= since]
+        assert not gone, f"messages are not in memory any more, but in the log: {dict(gone)}"
+        holds = _condition(selector)
+        found = [one for role, one in kept if wanted(role, one) and holds(one)]
+        return sorted(found, key=lambda one: one.number) if len(keys) > 1 else found
 
-    def _summary(self) -> str:
-        topics = Counter(self._registry.topic(one.message.key) for role, one in self._kept if role == "delivered")
-        named = [f"{topic} {number}" for topic, number in topics.most_common(_NAMED)]
-        return ", ".join(named) + (", ..." if len(topics) > _NAMED else "")
+    def _instead(self, selector: str, found: Sequence[Captured], count: int, timeout: float, since: int) -> str:
+        with self._arrived:
+            topics = Counter[str]()
+            for key, kept in self._kept.items():
+                topics[self._registry.topic(key)] += sum(
+                    role == "delivered" and one.number >= since for role, one in kept
+                )
+        named = [f"{topic} {number}" for topic, number in (+topics).most_common(_NAMED)]
+        told = ", ".join(named) + (", ..." if len(+topics) > _NAMED else "")
+        return f"{len(found)} of {count} messages of {selector} within {timeout:g} s; delivered: {told or 'nothing'}"
 
     # -- what a recorder's writer has to be ---------------------------------------------------------------------------
 
@@ -171,16 +212,26 @@ class Capture:
 
     def write(self, message: Message, *, role: Role = "delivered", changes: Sequence[Change] = ()) -> None:
         """Keep one message."""
+        with self._arrived:
+            self._kept[message.key].append((role, Captured(message, tuple(changes), self._registry, self._count)))
+            self._count += 1
+            if role == "original":
+                self._changed.add((message.key, message.sequence))
+            self._weigh(message, 1)
+            while self._total > self._most:
+                key = max(self._bytes, key=self._bytes.__getitem__)
+                self._weigh(self._kept[key].popleft()[1].message, -1)
+                self._forgotten[key] += 1
+            self._arrived.notify_all()
+            for told in self._listeners:
+                told()
         if self._log is not None:
             self._log.write(message, role=role, changes=changes)
-        with self._arrived:
-            self._kept.append((role, Captured(message, tuple(changes), self._registry)))
-            self._bytes += len(message.payload) + _OVERHEAD
-            while self._bytes > self._most:
-                _, oldest = self._kept.popleft()
-                self._bytes -= len(oldest.payload) + _OVERHEAD
-                self.forgotten += 1
-            self._arrived.notify_all()
+
+    def _weigh(self, message: Message, sign: int) -> None:
+        size = sign * (len(message.payload) + _OVERHEAD)
+        self._bytes[message.key] += size
+        self._total += size
 
     def note(self, name: str, mapping: Mapping[str, str]) -> None:
         """Write something that is no message into the log."""
@@ -206,3 +257,17 @@ class Capture:
         """Finish the file."""
         if self._log is not None:
             self._log.close()
+
+
+def _condition(selector: Selector) -> Callable[[Captured], bool]:
+    if selector.where is None:
+        return lambda one: True
+    predicate = parse_predicate(selector.where)
+
+    def holds(one: Captured) -> bool:
+        try:
+            return predicate(one.read)
+        except PayloadError:
+            return False
+
+    return holds

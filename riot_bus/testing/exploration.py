@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from riot_bus.chain.robustness import test_unit as run_campaign
-from riot_bus.chain.robustness import tested
 from riot_bus.chain.workspace import Workspace
 from riot_bus.findings.records import CampaignRecord
 from riot_bus.findings.steps import find_step
@@ -36,10 +35,10 @@ def explore(
     jobs: int = 0,
     steps: Sequence[str] = EXPLAINED,
     runners: RunnerFactory | None = None,
-) -> None:
+) -> CampaignRecord:
     """Test a unit with exceptional values, and explain what fails.
 
-    What was done for the same code is not done again: trials are kept in the output folder.
+    Trials that were done for the same code are not done again: they are kept in the output folder.
 
     Args:
         system: Path of riot.toml.
@@ -52,18 +51,20 @@ def explore(
         steps: Steps of the chain that explain a finding.
         runners: Give the runners; processes of this machine by default.
 
+    Returns:
+        What was tried, and found not to fail.
+
     Raises:
         AssertionError: The unit fails: with the minimal log, the rule and the line that reproduces it.
         InconclusiveError: No trial failed, and yet nothing can be concluded.
         ConfigError: riot.toml is wrong, or there is no such unit.
         EnvironmentFaultError: The components do not start.
     """
+    __tracebackhide__ = True
     found: list[str] = []
     with Workspace(system, out, jobs=jobs, seed=seed, runners=runners) as workspace:
         name, _ = workspace.unit(unit)
-        folders = tested(workspace, name)
-        if folders is None:
-            folders = run_campaign(workspace, name, trials=trials, seconds=seconds, covered=False)
+        folders = run_campaign(workspace, name, trials=trials, seconds=seconds, covered=False)
         for folder in folders:
             stopped = ""
             for step in map(find_step, steps):
@@ -81,3 +82,4 @@ def explore(
         raise AssertionError("\n\n".join([told, *found]))
     if record.doubts:
         raise InconclusiveError("; ".join(record.doubts), where=name)
+    return record

@@ -1,18 +1,19 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
-from pathlib import Path
 
+import psutil
 import pytest
 
-from riot_bus.testing.live_router import LiveRouter, RouterTest
+from riot_bus.testing.live_router import LiveRouter
 from riot_bus.types.registry import TypeRegistry
-from riot_bus.vocabulary.errors import ConfigError
-from riot_bus.vocabulary.injection import Injection
-from riot_bus.zenoh.session import wait_until
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 
 pytestmark = pytest.mark.integration
+
+LASTS = "import threading; threading.Event().wait()"
 
 
 @pytest.fixture(scope="module")
@@ -21,66 +22,39 @@ def router() -> Iterator[LiveRouter]:
         yield one
 
 
-@pytest.fixture
-def one(router: LiveRouter, tmp_path: Path) -> Iterator[RouterTest]:
-    with router.test(folder=tmp_path, out=tmp_path / "out") as test:
-        yield test
-
-
-def test_who_records_everything_is_no_subscriber(router: LiveRouter, one: RouterTest) -> None:
-    with pytest.raises(AssertionError, match=r"nobody in segment 'b' has subscribed to x in 0.3 s"):
-        one.wait_subscribed("x", segment="b", timeout=0.3)
-    heard = []
-    with router.segment("b").open() as session:
-        subscriber = session.declare_subscriber("x", lambda sample: heard.append(sample.payload.to_bytes()))
-        for number in range(5):
-            one.wait_subscribed("x", segment="b", timeout=30)
-            one.put("x", {"n": number})
-        assert wait_until(lambda: len(heard) == 5, 30)
-        subscriber.undeclare()
-    assert [each.read("n") for each in one.record.wait_for("x", 5, timeout=30)] == list(range(5))
-    assert one.problems() == []
-
-
-@pytest.mark.parametrize("time", range(2))
-def test_each_test_begins_anew(router: LiveRouter, one: RouterTest, time: int) -> None:
-    one.inject(Injection("y", "n", 9, first=1, last=1))
-    for number in range(3):
-        one.put("y", {"n": number})
-    assert [each.read("n") for each in one.record.wait_for("y", 3, timeout=30)] == [0, 9, 2]
-    assert [each.read("n") for each in one.sent("y")] == [0, 1, 2]
-    counts = one.counts()["y"]
-    assert (counts.received, counts.changed, counts.forwarded, counts.recorded) == (3, 1, 3, 3)
-    assert one.problems() == []
-
-
-def test_afterwards_nothing_is_intercepted_or_kept(router: LiveRouter, tmp_path: Path) -> None:
-    with router.test(folder=tmp_path, out=tmp_path) as before:
-        before.interceptor("drop select=z")
-        before.put("z", b"1")
-        assert wait_until(lambda: before.counts().get("z") is not None, 30)
-        assert before.counts()["z"].dropped == 1
-    assert router.bus.intercepted == []
-    assert before.record.sent("z") == []
-    with router.test(folder=tmp_path, out=tmp_path) as after:
-        after.put("z", b"1")
-        after.record.wait_for("z", timeout=30)
-        assert after.counts()["z"].dropped == 0
-
-
-def test_problems_name_what_has_not_happened(one: RouterTest) -> None:
-    one.interceptor(lambda event: None)
-    one.inject(Injection("u", "n", 1))
-    one.intercept("v")
-    one.put("u", {"m": 1})
-    one.record.wait_for("u", timeout=30)
-    assert one.problems() == ["injection 0 (set of u:n) was not carried out", "no message of v was intercepted"]
-
-
 def test_a_router_is_reached_as_its_variables_say(router: LiveRouter) -> None:
     unit = router.segment("b")
     settings = json.loads(unit.config_file.read_text())
     assert settings["connect"]["endpoints"] == [unit.endpoint]
-    assert unit.variables["ZENOH_CONFIG"] == str(unit.config_file)
+    assert unit.environment["ZENOH_CONFIG"] == str(unit.config_file)
+    assert "ZENOH_RUNTIME" not in unit.environment
     with pytest.raises(ConfigError, match="no segment 'c'"):
         router.segment("c")
+
+
+def test_one_segment_is_none() -> None:
+    with pytest.raises(ConfigError, match="one segment: a"):
+        LiveRouter(["a", "a"], registry=TypeRegistry())
+
+
+def test_a_process_is_in_the_last_segment_unless_somebody_says_otherwise(router: LiveRouter, capfd) -> None:
+    code = "import os; print(os.environ['RIOT_ENDPOINT'], os.environ['EXTRA'])"
+    for segment, name in ((None, "b"), ("a", "a")):
+        with router.start([sys.executable, "-c", code], segment=segment, env={"EXTRA": name}) as one:
+            assert one.wait(30) == 0
+        assert capfd.readouterr().out.split() == [router.segment(name).endpoint, name]
+
+
+def test_a_process_ends_with_its_block_and_all_that_it_has_started(router: LiveRouter) -> None:
+    code = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {LASTS!r}])"
+    with router.start([sys.executable, "-c", code]) as one:
+        assert one.status is None
+        parent = psutil.Process(one.pid)
+        while not (children := parent.children()):
+            assert one.wait(0.05) is None
+    assert not any(process.is_running() for process in (parent, *children))
+
+
+def test_a_command_that_is_not_there_is_told(router: LiveRouter) -> None:
+    with pytest.raises(EnvironmentFaultError, match="does not start"), router.start(["/no/such/program"]):
+        pass

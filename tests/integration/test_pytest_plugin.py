@@ -26,19 +26,14 @@ threading.Event().wait()
 """
 
 HEAD = f"""
-import asyncio, os, subprocess, sys
+import asyncio, os, sys, unittest
 import pytest, zenoh
 
 DOUBLER = {DOUBLER!r}
 
 @pytest.fixture
-def node(riot, riot_segment):
-    environment = {{**os.environ, **riot_segment("unit").variables}}
-    process = subprocess.Popen([sys.executable, "-c", DOUBLER], env=environment)
-    riot.wait_subscribed("pos", segment="unit", timeout=60)
-    yield process
-    process.kill()
-    process.wait()
+def node(riot):
+    return riot.start([sys.executable, "-c", DOUBLER], subscribes=["pos"], timeout=60)
 
 def ask(riot, count=1):
     for number in range(count):
@@ -96,14 +91,38 @@ def test_text_names_an_interceptor(riot, node):
 def test_numbers_of_messages_begin_anew_with_each_test(riot, node, number):
     assert ask(riot, 3) == [2.0, 18.0, 2.0]
 
-@pytest.mark.riot(segment="unit", intercept="pos")
-def test_code_in_this_process_is_in_the_segment_of_the_marker(riot, riot_segment):
-    heard = []
+@pytest.mark.riot(intercept="pos")
+def test_code_in_this_process_is_in_the_last_segment(riot, riot_segment):
     with zenoh.open(zenoh.Config.from_env()) as unit, riot_segment("system").open() as system:
-        with unit.declare_subscriber("pos", lambda sample: heard.append(sample)):
-            riot.wait_subscribed("pos", segment="unit")
+        with unit.declare_subscriber("pos", lambda sample: None):
+            riot.wait_subscribed("pos", timeout=60)
             system.put("pos", b'{"x": 3}')
-            assert riot.record.wait_for("pos where x > 2")[0].message.segment == "system"
+            assert riot.record.wait_for("pos where x > 2", timeout=60)[0].message.segment == "system"
+
+@pytest.mark.riot(segment="system")
+def test_or_in_that_of_the_marker(riot, riot_segment):
+    assert os.environ["ZENOH_CONFIG"] == riot_segment("system").variables["ZENOH_CONFIG"]
+
+def test_without_riot_there_is_no_segment():
+    assert "ZENOH_CONFIG" not in os.environ
+
+@pytest.fixture(scope="module")
+def lasting(riot_router):
+    with riot_router.start([sys.executable, "-c", DOUBLER], subscribes=["pos"], timeout=60) as process:
+        yield process
+
+@pytest.mark.parametrize("number", range(3))
+@pytest.mark.riot(plan="nine.toml")
+def test_a_component_may_live_over_many_tests(riot, lasting, number):
+    assert ask(riot, 3) == [2.0, 18.0, 2.0]
+
+class TestOld(unittest.TestCase):
+    @pytest.fixture(autouse=True)
+    def given(self, riot, node):
+        self.riot = riot
+
+    def test_old(self):
+        assert ask(self.riot) == [2.0]
 
 def test_event_loops_go_on(riot, node):
     async def main():
@@ -112,7 +131,7 @@ def test_event_loops_go_on(riot, node):
     assert len(asyncio.run(main())) == 1
 """,
     )
-    result.assert_outcomes(passed=7)
+    result.assert_outcomes(passed=13)
     assert logs(pytester) == []
 
 
@@ -147,18 +166,39 @@ def test_an_interceptor_raises(riot, node):
 def test_an_interceptor_is_never_asked(riot):
     riot.interceptor(lambda event: None)
 
+@pytest.mark.riot(plan="nine.toml")
+def test_the_component_is_where_the_test_is(riot):
+    riot.start([sys.executable, "-c", DOUBLER], segment="system", subscribes=[])
+    riot.wait_subscribed("pos", segment="system", timeout=60)
+    assert ask(riot, 2) == [2.0, 2.0]
+
+def test_the_component_has_crashed(riot):
+    riot.start([sys.executable, "-c", "import os; os.abort()"]).wait(60)
+
 def test_that_is_what_was_wanted(riot):
     riot.intercept("nobody", required=False)
     riot.inject("nine.toml", required=False)
+    riot.interceptor(lambda event: None, required=False)
+
+@pytest.mark.riot(plan="nine.toml")
+def test_a_test_that_is_skipped_shows_nothing():
+    pytest.skip("no hardware")
+
+@pytest.mark.xfail(strict=True)
+@pytest.mark.riot(plan="nine.toml")
+def test_nor_does_one_that_is_to_fail():
+    raise ValueError
 """,
     )
-    result.assert_outcomes(passed=5, errors=4)
+    result.assert_outcomes(passed=7, errors=6, skipped=1, xfailed=1)
     result.stdout.fnmatch_lines_random(
         [
-            "*no message of nobody/says/this was intercepted*",
+            "*messages of nobody/says/this: none was intercepted*",
             "*injection 0 (set of pos:x) was not carried out*",
             "*interceptor bad raised in 1 message*",
-            "*saw nothing: nothing is intercepted*",
+            "*saw nothing: say by `intercept`, or `topics`, what it shall see*",
+            "*messages of pos: they came from segment system, and subscribers are in system*",
+            "*has ended with status -6*",
         ]
     )
 
@@ -170,22 +210,30 @@ def test_good(riot, node):
 
 def test_bad(riot, node):
     assert ask(riot) == [3.0]
+
+@pytest.fixture
+def broken():
+    yield
+    raise OSError("cannot be taken down")
+
+def test_worse(riot, broken):
+    pass
 """
     result = run(pytester, text, "--riot-seed", "7")
-    result.assert_outcomes(passed=1, failed=1)
-    assert logs(pytester) == ["test_it.py_test_bad"]
+    result.assert_outcomes(passed=2, failed=1, errors=1)
+    assert logs(pytester) == ["test_it.py_test_bad", "test_it.py_test_worse"]
     result.stdout.fnmatch_lines(
         ["log:   *test_it.py_test_bad-*.mcap", "again: pytest *test_it.py::test_bad* --riot-seed 7"]
     )
-    (path,) = (pytester.path / "riot-logs").glob("*.mcap")
+    (path,) = (pytester.path / "riot-logs").glob("*bad*.mcap")
     with LogReader(path) as log:
         assert [message.key for message in log.messages()] == ["pos", "cmd"]
         assert log.metadata["test"].endswith("::test_bad")
 
     run(pytester, text, "--riot-record=always", f"--riot-record-dir={pytester.path / 'all'}").assert_outcomes(
-        passed=1, failed=1
+        passed=2, failed=1, errors=1
     )
-    assert len(list((pytester.path / "all").glob("*.mcap"))) == 2
+    assert len(list((pytester.path / "all").glob("*.mcap"))) == 3
     run(pytester, text, "--riot-record=never", f"--riot-record-dir={pytester.path / 'none'}")
     assert not (pytester.path / "none").exists()
 

@@ -27,9 +27,9 @@ def capture(*, most_bytes: int = 1 << 20) -> Capture:
 
 def test_what_was_sent_is_told_from_what_was_delivered() -> None:
     one = capture()
-    one.write(message(0))
-    one.write(message(1), role="original", changes=CHANGED)
-    one.write(message(2), changes=CHANGED)
+    one.write(message(0, sequence=1))
+    one.write(message(1, sequence=2), role="original", changes=CHANGED)
+    one.write(message(2, sequence=2), changes=CHANGED)
     assert [each.read("x") for each in one.sent("a")] == [0, 1]
     assert [each.read("x") for each in one.delivered("a")] == [0, 2]
     assert one.delivered("a")[1].changes == CHANGED
@@ -92,11 +92,56 @@ def test_memory_is_bounded_and_what_was_given_up_is_counted() -> None:
     one = capture(most_bytes=10_000)
     for x in range(100):
         one.write(message(x))
-    kept = one.delivered("a")
-    assert one.forgotten == 100 - len(kept) > 0
-    assert kept[-1].read("x") == 99
+    with pytest.raises(AssertionError, match=r"not in memory any more, but in the log: \{'a': 8\d\}"):
+        one.delivered("a")
+    one.write(message(1, "rare"))
+    for x in range(100):
+        one.write(message(x))
+    assert len(one.delivered("rare")) == 1
     one.forget()
-    assert one.delivered("a") == []
+    assert one.delivered("rare") == []
+
+
+def test_what_came_before_a_mark_is_left_out() -> None:
+    one = capture()
+    one.write(message(1))
+    mark = one.mark()
+    one.write(message(2))
+    assert [each.read("x") for each in one.wait_for("a", since=mark)] == [2]
+    with pytest.raises(AssertionError, match=r"0 of 1 messages of a within 0\.01 s; delivered: nothing"):
+        one.wait_for("a", since=one.mark(), timeout=0.01)
+
+
+def test_a_message_without_the_field_does_not_match() -> None:
+    one = capture()
+    one.write(Message(0, "a", b'{"y": 1}'))
+    one.write(Message(0, "a", b"", kind="delete"))
+    one.write(message(5))
+    assert [each.payload for each in one.delivered("a where x > 3")] == [b'{"x": 5}']
+
+
+def test_a_message_with_different_fates_was_sent_once() -> None:
+    one = capture()
+    one.write(message(1, sequence=3), role="original", changes=CHANGED)
+    one.write(message(2, sequence=3), changes=CHANGED)
+    one.write(message(1, sequence=3))
+    assert [each.read("x") for each in one.sent("a")] == [1]
+    assert len(one.delivered("a")) == 2
+
+
+def test_many_may_wait_in_one_event_loop_and_give_up_in_time() -> None:
+    one = capture()
+
+    async def main() -> list[int]:
+        waiting = [asyncio.create_task(one.arrived("a", timeout=60)) for _ in range(100)]
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(one.arrived("never", timeout=60), 0.01)
+        with pytest.raises(AssertionError, match="0 of 1 messages of never"):
+            await one.arrived("never", timeout=0.01)
+        await asyncio.to_thread(one.write, message())
+        return [len(found) for found in await asyncio.gather(*waiting)]
+
+    assert asyncio.run(main()) == [1] * 100
 
 
 def test_a_log_gets_all_of_it(tmp_path: Path) -> None:

@@ -8,8 +8,12 @@ from riot_bus.testing.exploration import explore
 from tests.unit.chain.machine import Bench, bench, never_hangs
 
 
+def where(one: Bench) -> tuple[Path, Path]:
+    return one.workspace.context.file.path, one.workspace.out
+
+
 def explored(one: Bench, **options: object) -> None:
-    explore(one.workspace.context.file.path, one.workspace.out, trials=30, runners=one.machine, **options)
+    explore(*where(one), trials=30, runners=one.machine, **options)
 
 
 def test_what_it_finds_is_the_failure_with_the_minimal_log_the_rule_and_the_line_that_reproduces_it(
@@ -32,7 +36,18 @@ def test_what_was_explored_costs_nothing_again(tmp_path: Path) -> None:
     with pytest.raises(AssertionError) as second:
         explored(again)
     assert again.machine.executed == []
-    assert str(second.value) == str(first.value)
+    told = [[line for line in str(each.value).splitlines() if "effort" not in line] for each in (first, second)]
+    assert told[0] == told[1]
+
+
+def test_a_larger_budget_goes_on(tmp_path: Path) -> None:
+    few = explore(
+        *where(bench(tmp_path, fails=never_hangs)), trials=5, runners=bench(tmp_path, fails=never_hangs).machine
+    )
+    one = bench(tmp_path, fails=never_hangs)
+    more = explore(*where(one), trials=20, runners=one.machine)
+    assert more.tested > few.tested
+    assert one.machine.executed != []
 
 
 def test_only_the_steps_that_are_asked_for_are_carried_out(tmp_path: Path) -> None:
