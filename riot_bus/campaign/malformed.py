@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.campaign.targets import may_change, samples_by_topic
 from riot_bus.campaign.variations import Variation
-from riot_bus.inject.brittle import STAMPS, why_brittle
+from riot_bus.types.brittle import STAMPS, why_brittle
 from riot_bus.types.capabilities import OmitsFields
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.field_pattern import names_field

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING
 
-from riot_bus.inject.brittle import why_brittle
+from riot_bus.types.brittle import why_brittle
 from riot_bus.types.capabilities import suggested_values
 from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.field_pattern import names_field

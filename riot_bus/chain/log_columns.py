@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from riot_bus.backchain.alignment import Piece
-from riot_bus.inject.brittle import is_brittle
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import topic_types
 from riot_bus.log.tables.table import column_parts
+from riot_bus.types.brittle import is_brittle
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from riot_bus.chain.structure import parts_of, search_structure
 from riot_bus.findings.records import CertificateRecord, FieldRecord, FieldsRecord, MinimalRecord, StructureRecord
 from riot_bus.generalize.oracle import scalar_key
 from riot_bus.generalize.relevance import BUDGET, FieldSpace, RelevantField, relevant_fields
-from riot_bus.inject.brittle import why_brittle
+from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.order import order_of
 from riot_bus.vocabulary.trial import Ask

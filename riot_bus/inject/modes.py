@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.inject.brittle import why_brittle
+from riot_bus.types.brittle import why_brittle
 from riot_bus.vocabulary.errors import PayloadError
 
 if TYPE_CHECKING:

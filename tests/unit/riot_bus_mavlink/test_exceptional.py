@@ -128,7 +128,7 @@ def test_fields_that_are_not_there():
     ],
 )
 def test_brittle_fields(name, path, brittle):
-    from riot_bus.inject.brittle import why_brittle
+    from riot_bus.types.brittle import why_brittle
 
     assert bool(why_brittle(path, kind(name))) == brittle
 

@@ -1,6 +1,6 @@
 import pytest
 
-from riot_bus.inject.brittle import is_brittle, why_brittle
+from riot_bus.types.brittle import is_brittle, why_brittle
 
 
 @pytest.mark.parametrize(
