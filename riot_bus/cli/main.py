@@ -30,6 +30,7 @@ COMMANDS = {
     "guard": ("guard",),
     "logs": ("info", "types", "export", "show"),
     "archives": ("import",),
+    "diff": ("diff",),
     "play": ("play",),
     "edit": ("edit",),
     "record": ("record",),

@@ -21,6 +21,8 @@ __all__ = [
     "Seed",
     "StreamFormat",
     "System",
+    "Tolerance",
+    "ToleranceFile",
     "UnitName",
 ]
 
@@ -61,6 +63,17 @@ EventFormat = Annotated[
 ]
 Salvage = Annotated[
     bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")
+]
+Tolerance = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TOPIC[:PATH]=HOW_FAR",
+        help="Values may be apart by a number, by 1%, or be anything (ignore); TOPIC=5: so many messages; repeatable.",
+    ),
+]
+ToleranceFile = Annotated[
+    list[Path] | None,
+    typer.Option("--tolerances", metavar="FILE.toml", help="The same from a file of --propose; repeatable."),
 ]
 Finding = Annotated[Path, typer.Argument(help="Folder of a finding, or an output folder that holds one.")]
 CatalogueFile = Annotated[

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from riot_bus.vocabulary.errors import ConfigError
 
-__all__ = ["Selector", "key_matches", "parse_selector"]
+__all__ = ["Selector", "key_matches", "parse_selector", "split_field"]
 
 _STEP = r"[A-Za-z_][A-Za-z0-9_]*(\[(\d+|\*)\])*"
 _FIELD = re.compile(rf"((?:len|max|min|isnan|nonfinite)\()?{_STEP}(\.{_STEP})*\)?")
@@ -40,15 +40,26 @@ def parse_selector(text: str) -> Selector:
         ConfigError: The text is not a selector; the message names the offending part.
     """
     body, _, where = text.partition(" where ")
-    topic, colon, path = body.strip().partition(":")
-    while path.startswith(":"):  # `::` belongs to type names in ROS 2 keys
-        head, colon, path = path[1:].partition(":")
-        topic = f"{topic}::{head}"
+    topic, path = split_field(body.strip())
     if not topic:
         raise ConfigError(f"selector {text!r} names no topic", hint="write KEYEXPR[:FIELD], such as '/odom:pose'")
-    if colon and not _FIELD.fullmatch(path):
+    if body.strip() != topic and not _FIELD.fullmatch(path):
         raise ConfigError(f"{path!r} in selector {text!r} is not a field path", hint="write it like 'scan.ranges[3]'")
     return Selector(topic, path or None, where.strip() or None)
+
+
+def split_field(text: str) -> tuple[str, str]:
+    """Return the topic of `KEYEXPR[:FIELD]`, and what stands behind its colon, empty if there is nothing.
+
+    Example:
+        >>> split_field("0/odom/nav_msgs::msg::dds_::Odometry_/*:pose.x")
+        ('0/odom/nav_msgs::msg::dds_::Odometry_/*', 'pose.x')
+    """
+    topic, _, path = text.partition(":")
+    while path.startswith(":"):  # `::` belongs to type names in ROS 2 keys
+        head, _, path = path[1:].partition(":")
+        topic = f"{topic}::{head}"
+    return topic, path
 
 
 @lru_cache(maxsize=4096)

@@ -86,12 +86,12 @@ class Feed:
 
 
 def log_registry(
-    reader: LogReader, *, declared: dict[str, str] | None = None, definitions: Sequence[Path] = ()
+    *readers: LogReader, declared: dict[str, str] | None = None, definitions: Sequence[Path] = ()
 ) -> TypeRegistry:
     """Return what knows the types of a log's messages.
 
     Args:
-        reader: The log.
+        readers: The log, or the files of it.
         declared: Type names by topic, where nothing else tells.
         definitions: Files that define message types.
 
@@ -99,7 +99,7 @@ def log_registry(
         ConfigError: A declared type is unknown, or a file does not define one.
     """
     registry = TypeRegistry(load_adapters(), declared=declared, definitions=definitions)
-    for source in reader.sources().values():
+    for source in (source for reader in readers for source in reader.sources().values()):
         if source.role == "delivered" and (source.schema.name or source.encoding):
             registry.add_schema(source.key, source.schema, source.encoding)
     return registry

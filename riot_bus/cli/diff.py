@@ -1,0 +1,129 @@
+"""`riot diff`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from riot_bus.cli.options import Format, OutputFormat, Salvage, Tolerance, ToleranceFile
+
+if TYPE_CHECKING:
+    from riot_bus.log.comparison.opening import Extract
+    from riot_bus.log.comparison.result import LogDifference
+
+__all__ = ["register", "say_difference"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command()(diff)
+
+
+def diff(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="A B", help="Two logs: MCAP files, or folders of a recording's files.")
+    ],
+    *,
+    tolerance: Tolerance = None,
+    tolerances: ToleranceFile = None,
+    propose: Annotated[
+        bool, typer.Option("--propose", help="Propose tolerances instead, from two nominal runs or more.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="With --propose: write them there. [default: stdout]"),
+    ] = None,
+    topics: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC", help="Compare these: names or key expressions; repeatable.")
+    ] = None,
+    exclude: Annotated[
+        list[str] | None, typer.Option(metavar="TOPIC", help="Leave these out: likewise; repeatable.")
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Begin there: seconds from each log's beginning, or a date and time."),
+    ] = None,
+    end: Annotated[str | None, typer.Option(metavar="TIME", help="End there, likewise; exclusive.")] = None,
+    timing: Annotated[
+        float | None, typer.Option(min=0, metavar="SECONDS", help="Messages that come so much earlier or later differ.")
+    ] = None,
+    order: Annotated[
+        bool, typer.Option("--order", help="The order of messages of different topics has to be the same, too.")
+    ] = False,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page.")] = None,
+    salvage: Salvage = False,
+    type_: Annotated[
+        list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages; repeatable.")
+    ] = None,
+    msg: Annotated[
+        list[Path] | None, typer.Option("--msg", metavar="FILE", help="Definitions of message types; repeatable.")
+    ] = None,
+    form: Format = OutputFormat.TEXT,
+) -> None:
+    """Say whether a system has answered the same in two logs: count, order and values, apart from timing.
+
+    Exit code 1: they differ. 3: they do not, but a log is damaged or incomplete. 5: nothing could be compared.
+    """
+    from riot_bus.log.comparison.compare import Wishes
+    from riot_bus.log.comparison.opening import Extract, compare_logs
+    from riot_bus.log.comparison.tolerances import tolerances_of
+    from riot_bus.vocabulary.errors import ConfigError
+
+    extract = Extract(
+        topics=topics or (),
+        exclude=exclude or (),
+        start=start,
+        end=end,
+        types=type_ or (),
+        definitions=msg or (),
+        salvage=salvage,
+    )
+    given = {"--tolerance": tolerance, "--tolerances": tolerances, "--timing": timing is not None, "--order": order}
+    unfit = [name for name, value in ({**given, "--html": html} if propose else {"--out": out}).items() if value]
+    if unfit:
+        raise ConfigError(f"{', '.join(unfit)} cannot be used {'with' if propose else 'without'} --propose")
+    if propose:
+        _propose(logs, out, extract, form)
+        return
+    if len(logs) != 2:
+        raise ConfigError(f"two logs are compared, not {len(logs)}", hint="riot diff A B")
+    wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()), timing=timing, order=order)
+    say_difference(compare_logs(logs[0], logs[1], wishes, extract=extract), form, html)
+
+
+def say_difference(found: LogDifference, form: OutputFormat, html: Path | None) -> None:
+    """Print what a comparison has found, and end with its exit code."""
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    if html is not None:
+        from riot_bus.report.diff_page import write_diff_page
+
+        write_diff_page(found, html)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        for line in found.lines():
+            typer.echo(escape_control_chars(line))
+    found.check()
+    if not found.same:
+        raise typer.Exit(1)
+
+
+def _propose(logs: list[Path], out: Path | None, extract: Extract, form: OutputFormat) -> None:
+    from riot_bus.log.comparison.opening import propose_tolerances
+    from riot_bus.vocabulary.redaction import escape_control_chars
+
+    found = propose_tolerances(logs, extract=extract)
+    if out is not None:
+        found.write(out)
+    if form is OutputFormat.JSON:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    elif out is None:
+        typer.echo(found.toml(), nl=False)
+    else:
+        for line in found.lines():
+            typer.echo(escape_control_chars(line))
+    found.check()

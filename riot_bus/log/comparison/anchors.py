@@ -1,0 +1,128 @@
+"""Which messages of two sequences are the same ones, by keys alone: what is equal at the ends, and what comes once.
+
+A longest common subsequence of all messages would take time that grows with the square of their number. So only keys
+that come once in both sequences are put in order, as in patience sorting, and what stands between them is left to
+whoever can look into the messages.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+__all__ = ["Block", "Gap", "Keys", "anchored", "longest_rising"]
+
+Keys = Sequence[Hashable] | Mapping[int, Hashable]
+"""One key for each message, by its place; None where a message has none, and then it equals no other one."""
+
+_SHARE = 0.5
+
+
+class Block(NamedTuple):
+    """Messages that belong together: `a + n` and `b + n` for each n below `size`."""
+
+    a: int
+    b: int
+    size: int
+
+
+class Gap(NamedTuple):
+    """Messages of which that is not known."""
+
+    a: range
+    b: range
+
+    def __bool__(self) -> bool:
+        return bool(self.a or self.b)
+
+
+def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Block], list[Gap]]:
+    """Return what belongs together within a gap, and the gaps that are left, in their order.
+
+    Keys that come once in both are used if those in the same order make up half of the shorter sequence: where only a
+    few are equal, they may be so by chance.
+
+    Args:
+        a: Keys of one sequence.
+        b: Keys of the other one.
+        gap: Where to look.
+        ends: Whether equal keys at the ends of a gap belong together, also those that come more than once.
+    """
+    head, middle, tail = _trimmed(a, b, gap) if ends else ([], gap, [])
+    places = _common(a, b, middle)
+    if not places or len(places) < _SHARE * min(len(middle.a), len(middle.b)):
+        return head + tail, [middle] if middle else []
+    blocks, gaps = head, []
+    borders = [(middle.a.start - 1, middle.b.start - 1), *places, (middle.a.stop, middle.b.stop)]
+    for (a0, b0), (a1, b1) in pairwise(borders):
+        between = Gap(range(a0 + 1, a1), range(b0 + 1, b1))
+        first, rest, last = _trimmed(a, b, between) if ends else ([], between, [])
+        blocks += first + last
+        gaps += [rest] if rest else []
+        if a1 < middle.a.stop:
+            blocks.append(Block(a1, b1, 1))
+    return list(_joined(blocks + tail)), gaps
+
+
+def longest_rising(numbers: Sequence[int]) -> list[int]:
+    """Return the places of a longest part of distinct numbers that rises.
+
+    Example:
+        >>> longest_rising([2, 0, 1, 5, 3, 4])
+        [1, 2, 4, 5]
+    """
+    tops: list[int] = []
+    at: list[int] = []
+    before: list[int] = []
+    for place, number in enumerate(numbers):
+        length = bisect_left(tops, number)
+        before.append(at[length - 1] if length else -1)
+        if length == len(tops):
+            tops.append(number)
+            at.append(place)
+        else:
+            tops[length], at[length] = number, place
+    found: list[int] = []
+    place = at[-1] if at else -1
+    while place >= 0:
+        found.append(place)
+        place = before[place]
+    return found[::-1]
+
+
+def _trimmed(a: Keys, b: Keys, gap: Gap) -> tuple[list[Block], Gap, list[Block]]:
+    """Return what is equal at the beginning, the rest, and what is equal at the end."""
+    (a0, a1), (b0, b1) = (gap.a.start, gap.a.stop), (gap.b.start, gap.b.stop)
+    start_a, start_b, stop_a = a0, b0, a1
+    while a0 < a1 and b0 < b1 and a[a0] == b[b0] and a[a0] is not None:
+        a0, b0 = a0 + 1, b0 + 1
+    while a1 > a0 and b1 > b0 and a[a1 - 1] == b[b1 - 1] and a[a1 - 1] is not None:
+        a1, b1 = a1 - 1, b1 - 1
+    head = [Block(start_a, start_b, a0 - start_a)] if a0 > start_a else []
+    tail = [Block(a1, b1, stop_a - a1)] if stop_a > a1 else []
+    return head, Gap(range(a0, a1), range(b0, b1)), tail
+
+
+def _common(a: Keys, b: Keys, gap: Gap) -> list[tuple[int, int]]:
+    """Return places of keys that come once in both, as many as are in the same order."""
+    once = [Counter(keys[place] for place in places) for keys, places in ((a, gap.a), (b, gap.b))]
+    there = {b[place]: place for place in gap.b if once[1][b[place]] == 1 and b[place] is not None}
+    both = [(place, there[a[place]]) for place in gap.a if once[0][a[place]] == 1 and a[place] in there]
+    return [both[number] for number in longest_rising([place for _, place in both])]
+
+
+def _joined(blocks: Sequence[Block]) -> Iterator[Block]:
+    """Yield blocks as few as there can be."""
+    last = Block(0, 0, 0)
+    for block in blocks:
+        if last.size and (block.a, block.b) == (last.a + last.size, last.b + last.size):
+            last = last._replace(size=last.size + block.size)
+            continue
+        if last.size:
+            yield last
+        last = block
+    if last.size:
+        yield last

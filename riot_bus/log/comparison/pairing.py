@@ -1,0 +1,237 @@
+"""Which messages of a topic belong together in two logs.
+
+First those of equal bytes, then those of equal content, then those of the same stamp or number, at last those that are
+most alike (`band`). What cannot be aligned in bounded time is told as such.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict, deque
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from riot_bus.log.comparison.anchors import Block, Gap, anchored
+from riot_bus.log.comparison.band import aligned
+from riot_bus.log.comparison.likeness import Features, Likeness, most_varied
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from riot_bus.log.comparison.fields import Reading
+
+__all__ = ["Half", "Pairing", "paired"]
+
+_NAMED = 0.9
+"""Share of messages that have a stamp or number of their own, where these tell which belong together."""
+_MOST_TRIES = 1 << 14
+"""So many pairs are looked at to find messages in another order that are equal within tolerances alone."""
+_SAMPLE = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Half:
+    """One log's messages of the topic.
+
+    Attributes:
+        hashes: What tells all of them apart, bit by bit.
+        read: Returns one that is looked into, by its place.
+    """
+
+    hashes: Sequence[bytes]
+    read: Callable[[int], Reading]
+
+
+@dataclass(slots=True)
+class Pairing:
+    """Messages by their places in both logs.
+
+    Attributes:
+        blocks: Of equal bytes, one after the other.
+        pairs: Other ones that belong together, rising in both logs.
+        lost: Of the first log alone.
+        added: Of the second one alone.
+        moved: The same in both, in another order.
+        unaligned: Of which nobody can tell which belong together.
+    """
+
+    blocks: list[Block]
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    lost: list[int] = field(default_factory=list)
+    added: list[int] = field(default_factory=list)
+    moved: list[tuple[int, int]] = field(default_factory=list)
+    unaligned: list[Gap] = field(default_factory=list)
+
+    def add(self, other: Pairing) -> None:
+        """Take in what was found out of other messages."""
+        self.pairs += other.pairs
+        self.lost += other.lost
+        self.added += other.added
+        self.unaligned += other.unaligned
+
+
+def paired(blocks: list[Block], gaps: Sequence[Gap], a: Half, b: Half, *, same: Callable[[int, int], bool]) -> Pairing:
+    """Find out which messages belong together.
+
+    Args:
+        blocks: Those of equal bytes.
+        gaps: What is between them.
+        a: One log's messages.
+        b: The other one's.
+        same: Says whether two messages are the same within tolerances.
+    """
+    found = Pairing(blocks)
+    search = _Search(gaps, a, b)
+    for gap in gaps:
+        search.take(gap, found)
+    found.pairs.sort()
+    search.find_moves(found)
+    _find_near_moves(found, same)
+    found.lost.sort()
+    found.added.sort()
+    found.moved.sort()
+    return found
+
+
+class _Search:
+    """What is known of the messages that are looked into."""
+
+    def __init__(self, gaps: Sequence[Gap], a: Half, b: Half) -> None:
+        places = [place for gap in gaps for place in gap.a], [place for gap in gaps for place in gap.b]
+        sample = [half.read(place) for half, some in ((a, places[0]), (b, places[1])) for place in _few(some)]
+        self._rules = most_varied(sample)
+        self._a, self._b = _Keys(a, places[0], [*self._rules]), _Keys(b, places[1], [*self._rules])
+
+    def take(self, gap: Gap, found: Pairing) -> None:
+        """Find out what belongs together in a gap: what has the same stamp or number, unless less differs otherwise."""
+        blocks, gaps = anchored(self._a.contents, self._b.contents, gap)
+        found.pairs += _pairs(blocks)
+        for rest in gaps:
+            alike, named = self._alike(rest), self._named(rest)
+            found.add(alike if named is None or self._cost(alike) < self._cost(named) else named)
+
+    def _named(self, gap: Gap) -> Pairing | None:
+        """Return what has the same stamp or number, and between these what is alike; None if none tells them apart."""
+        if not (gap.a and gap.b and _tell(self._a.names, gap.a) and _tell(self._b.names, gap.b)):
+            return None
+        blocks, gaps = anchored(self._a.names, self._b.names, gap)
+        found = Pairing([], [*_pairs(blocks)])
+        for rest in gaps:
+            found.add(self._alike(rest))
+        return found if blocks else None
+
+    def _alike(self, gap: Gap) -> Pairing:
+        """Return what belongs together because it is alike."""
+        if not (gap.a and gap.b):
+            return Pairing([], lost=[*gap.a], added=[*gap.b])
+        numbers = self._a.features.of(gap.a), self._b.features.of(gap.b)
+        places = aligned(self._likeness(*numbers).costs, len(gap.a), len(gap.b))
+        if places is None:
+            return Pairing([], unaligned=[gap])
+        pairs = [(gap.a[one], gap.b[other]) for one, other in places]
+        lost = sorted(set(gap.a) - {one for one, _ in pairs})
+        return Pairing([], pairs, lost, sorted(set(gap.b) - {other for _, other in pairs}))
+
+    def _likeness(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> Likeness:
+        return Likeness(a, b, texts=self._a.features.texts | self._b.features.texts, rules=self._rules)
+
+    def _cost(self, found: Pairing) -> tuple[float, int]:
+        """Return how many messages differ, are lost or added, and the latter alone; infinitely many if nobody knows."""
+        alone = len(found.lost) + len(found.added)
+        if found.unaligned:
+            return math.inf, alone
+        numbers = (
+            half.features.of([pair[side] for pair in found.pairs]) for side, half in enumerate((self._a, self._b))
+        )
+        rows = np.arange(len(found.pairs))[:, None]
+        costs = self._likeness(*numbers).costs(rows, rows)
+        return float(np.floor(costs).sum()) + alone, alone
+
+    def find_moves(self, found: Pairing) -> None:
+        """Take what is lost and added with the same content for moved."""
+        self._find_swaps(found)
+        there: defaultdict[Hashable, deque[int]] = defaultdict(deque)
+        for place in sorted(found.added):
+            there[self._b.contents[place]].append(place)
+        lost, found.lost = sorted(found.lost), []
+        for place in lost:
+            same = there[self._a.contents[place]]
+            if same:
+                found.moved.append((place, same.popleft()))
+            else:
+                found.lost.append(place)
+        found.added = [place for places in there.values() for place in places]
+
+    def _find_swaps(self, found: Pairing) -> None:
+        """Take two messages that have changed places far from one another for moved.
+
+        They were paired with one another, as if both had changed. Only contents of which each log has one tell that.
+        """
+        a, b = self._a.contents, self._b.contents
+        by_contents = {(a[one], b[other]): (one, other) for one, other in found.pairs if a[one] != b[other]}
+        swapped = {pair for contents, pair in by_contents.items() if contents[::-1] in by_contents}
+        swapped = {pair for pair in swapped if self._a.only(pair[0]) and self._b.only(pair[1])}
+        for one, other in sorted(swapped):
+            partner = by_contents[b[other], a[one]]
+            if partner in swapped:
+                found.moved.append((one, partner[1]))
+                found.pairs.remove((one, other))
+
+
+class _Keys:
+    """What tells the messages of one log apart that are looked into."""
+
+    def __init__(self, half: Half, places: Sequence[int], paths: Sequence[str]) -> None:
+        self.contents: dict[int, Hashable] = {}
+        self.names: dict[int, Hashable] = {}
+        self.features = Features(places, paths)
+        for place in places:
+            reading = half.read(place)
+            self.contents[place], self.names[place] = reading.content(), reading.identity()
+            self.features.put(place, reading)
+        self._hashes = half.hashes
+
+    def only(self, place: int) -> bool:
+        """Return whether there is no other message of the same content."""
+        return self._content_counts[self.contents[place]] == 1 and self._hash_counts[self._hashes[place]] == 1
+
+    @cached_property
+    def _content_counts(self) -> Counter[Hashable]:
+        return Counter(self.contents.values())
+
+    @cached_property
+    def _hash_counts(self) -> Counter[bytes]:
+        return Counter(self._hashes)
+
+
+def _find_near_moves(found: Pairing, same: Callable[[int, int], bool]) -> None:
+    """Take what is lost and added, and the same within tolerances, for moved."""
+    tries = _MOST_TRIES
+    for one in list(found.lost):
+        for other in found.added[: max(0, tries)]:
+            tries -= 1
+            if same(one, other):
+                found.moved.append((one, other))
+                found.lost.remove(one)
+                found.added.remove(other)
+                break
+
+
+def _tell(names: Mapping[int, Hashable], places: range) -> bool:
+    """Return whether the names of messages tell them apart."""
+    known = [names[place] for place in places]
+    return len(set(known)) >= _NAMED * len(known) and None not in known
+
+
+def _pairs(blocks: Iterable[Block]) -> Iterator[tuple[int, int]]:
+    return ((block.a + number, block.b + number) for block in blocks for number in range(block.size))
+
+
+def _few(places: Sequence[int]) -> Sequence[int]:
+    return places[:: max(1, len(places) // _SAMPLE)]

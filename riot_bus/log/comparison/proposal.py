@@ -1,0 +1,232 @@
+"""Tolerances learnt from nominal runs: what differs among them anyway, with a margin; pure.
+
+A field gets the largest difference that any two of the runs have shown, times a margin: twice as much, and more where
+there are few runs. If each run has an offset of its own, drawn from a normal distribution, a further pair of runs stays
+within it in 95 of 100 cases: three runs need 3.2 times their largest difference for that, four 2.1 (by 400,000
+draws). Two runs would need 13 times, which finds little; they get 5, and 87 of 100.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.log.comparison.text import value_text
+from riot_bus.log.comparison.tolerances import TABLE, TopicTolerances
+from riot_bus.vocabulary.counting import counted
+from riot_bus.vocabulary.errors import ConfigError, InconclusiveError
+from riot_bus.vocabulary.toml_text import toml_string, toml_value
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from riot_bus.log.comparison.result import FieldDifference, LogDifference, TopicDifference
+
+__all__ = ["Proposal", "Proposed", "margin_of", "propose"]
+
+_MARGINS = {2: 5.0, 3: 3.2, 4: 2.1}
+_MARGIN = 2.0
+"""What the largest difference that was seen is multiplied by, where there are five runs or more."""
+
+_OFTEN = 0.9
+"""A field that differs in so many messages differs in all of them."""
+_ANEW = 1 / 8
+"""Where values are drawn anew each time, half of the differences are larger than this share of their range."""
+_OFFSET = 0.8
+"""Where a run has an offset of its own, half of the differences are larger than this share of the largest one."""
+_ROUNDS = 3
+"""How often tolerances are widened until their runs are the same: with them, other messages may belong together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposed:
+    """What is proposed for a field, or for the number of messages of a topic.
+
+    Attributes:
+        name: `TOPIC:PATH`, or `TOPIC`.
+        value: A number, or `ignore`.
+        reason: Why.
+    """
+
+    name: str
+    value: float | str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Tolerances with which nominal runs are the same.
+
+    Attributes:
+        logs: The runs.
+        pairs: So many pairs of them were compared.
+        messages: Pairs of messages that were compared.
+        tolerances: By topic and field.
+        unsettled: Topics of which pairs differ all the same.
+    """
+
+    logs: tuple[str, ...]
+    pairs: int
+    messages: int
+    tolerances: tuple[Proposed, ...] = ()
+    unsettled: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Raise InconclusiveError if nothing was compared, or if the runs differ all the same."""
+        if not self.messages:
+            raise InconclusiveError("no two of these logs have a message in common", where=", ".join(self.logs))
+        if self.unsettled:
+            told = ", ".join(self.unsettled)
+            hint = "say what is tolerated there: riot diff A B --tolerance TOPIC:PATH=..."
+            raise InconclusiveError(f"with these tolerances, the runs still differ in {told}", hint=hint)
+
+    def write(self, path: Path) -> None:
+        """Write a file for `riot diff --tolerances`; raises ConfigError if it cannot be written there."""
+        try:
+            path.write_text(self.toml(), encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"cannot write the tolerances: {error.strerror}", where=str(path)) from error
+
+    def given(self) -> TopicTolerances:
+        """Return them as `riot diff` takes them."""
+        return TopicTolerances([(each.name, each.value) for each in self.tolerances])
+
+    def toml(self) -> str:
+        """Return the text of a file for `riot diff --tolerances`."""
+        return "\n".join([*self._head(), f"[{TABLE}]", *self._rows()]) + "\n"
+
+    def lines(self) -> Iterator[str]:
+        """Yield them for people."""
+        yield (
+            f"{counted(len(self.tolerances), 'tolerance')} from {counted(self.messages, 'pair')} of messages "
+            f"of {counted(len(self.logs), 'log')} ({counted(self.pairs, 'pair')})"
+        )
+        for each in self.tolerances:
+            yield f"  {each.name} = {each.value}  ({each.reason})"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return them as JSON values."""
+        rows = [{"name": each.name, "value": each.value, "reason": each.reason} for each in self.tolerances]
+        return {
+            "version": 1,
+            "logs": list(self.logs),
+            "pairs": self.pairs,
+            "messages": self.messages,
+            "tolerances": rows,
+            "unsettled": list(self.unsettled),
+        }
+
+    def _head(self) -> Iterator[str]:
+        yield f"# Proposed by riot diff --propose from {counted(self.pairs, 'pair')} of nominal runs:"
+        yield from (f"#   {_comment(name)}" for name in self.logs)
+        margin, more = margin_of(len(self.logs)), self.pairs + 1
+        yield f"# {counted(self.messages, 'pair')} of messages. Numbers are {margin:g} times the largest difference;"
+        yield f"# that difference itself, a further pair of runs exceeds in about 1 of {more} cases."
+        yield from (f"# NOT SETTLED: {_comment(name)}" for name in self.unsettled)
+        yield ""
+
+    def _rows(self) -> Iterator[str]:
+        for each in self.tolerances:
+            yield f"# {_comment(each.reason)}"
+            yield f"{toml_string(each.name)} = {toml_value(each.value)}"
+
+
+def margin_of(runs: int) -> float:
+    """Return what the largest difference among so many runs is multiplied by."""
+    return _MARGINS.get(runs, _MARGIN)
+
+
+def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence[LogDifference]]) -> Proposal:
+    """Propose tolerances with which nominal runs are the same.
+
+    Args:
+        names: Of the runs.
+        compared: Compares all pairs of them with some tolerances.
+    """
+    found = compared(TopicTolerances())
+    proposal = Proposal(tuple(names), len(found), sum(each.compared for each in found))
+    known: dict[str, Proposed] = {}
+    for _ in range(_ROUNDS):
+        known |= _proposed(found, known, margin_of(len(names)))
+        proposal = replace(proposal, tolerances=tuple(known[name] for name in sorted(known)))
+        found = compared(proposal.given())
+        if all(each.same for each in found):
+            return proposal
+    unsettled = dict.fromkeys(topic.topic for each in found for topic in each.topics if not topic.same)
+    return replace(proposal, unsettled=tuple(unsettled))
+
+
+def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], margin: float) -> dict[str, Proposed]:
+    """Return what has to be tolerated so that all these are the same, beside what is known."""
+    topics: dict[str, list[TopicDifference]] = {}
+    for topic in (topic for each in found for topic in each.topics if not topic.same):
+        topics.setdefault(topic.topic, []).append(topic)
+    rows: dict[str, Proposed] = {}
+    for name, differing in topics.items():
+        every = [topic for each in found for topic in each.topics if topic.topic == name]
+        total = sum(topic.equal + topic.changed for topic in every)
+        fields: dict[str, list[FieldDifference]] = {}
+        for one in (one for topic in differing for one in topic.fields):
+            fields.setdefault(one.name, []).append(one)
+        for path, ones in fields.items():
+            rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margin)
+        shifted = max(topic.shifted for topic in every)
+        if shifted > differing[0].allowed:
+            counts = [count for topic in every for count in (topic.count_a, topic.count_b)]
+            reason = f"{shifted} were lost, added or out of order; there are {min(counts)} to {max(counts)}"
+            rows[name] = Proposed(name, math.ceil(margin * shifted), reason)
+    former = {name: each for name, each in known.items() if name in rows}
+    return {name: each for name, each in rows.items() if _wider(each, former.get(name))}
+
+
+def _wider(each: Proposed, former: Proposed | None) -> bool:
+    if former is None or isinstance(each.value, str):
+        return True
+    return not isinstance(former.value, str) and each.value > former.value
+
+
+def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: float) -> Proposed:
+    """Return what is proposed for a field from what it has shown in all pairs of runs in which it differs."""
+    messages = sum(one.messages for one in ones)
+    where = f"differs in {messages} of {counted(total, 'message')}"
+    unlike, example = sum(one.unlike for one in ones), ones[0].example
+    if unlike:
+        values = f"such as {value_text(example.before)} and {value_text(example.after)}"
+        return Proposed(name, "ignore", f"{where}, and is no number in {unlike} of them, {values}")
+    largest = max(one.largest or 0.0 for one in ones)
+    if not math.isfinite(largest):
+        return Proposed(name, "ignore", f"{where}, and is infinite or NaN in one run alone")
+    typical = sorted(one.typical or 0.0 for one in ones)[len(ones) // 2]
+    low = min(one.low for one in ones if one.low is not None)
+    high = max(one.high for one in ones if one.high is not None)
+    spread, whole = high - low, all(one.whole for one in ones)
+    values = f"its values are {low:.6g} to {high:.6g}"
+    if messages >= _OFTEN * total and typical >= _ANEW * spread:
+        if whole:
+            return Proposed(name, "ignore", f"{where}, as if drawn anew in each run: {values}")
+        if typical >= _OFFSET * largest:
+            return Proposed(name, "ignore", f"{where}, by much the same in each: every run has its own; {values}")
+    value = math.ceil(margin * largest) if whole else _rounded_up(margin * largest)
+    gross = "; as large as that range, so it finds gross changes alone" if value >= spread else ""
+    return Proposed(name, value, f"{where}, by {largest:.6g} at most; {values}{gross}")
+
+
+def _rounded_up(number: float) -> float:
+    """Return a number of two digits that is not smaller.
+
+    Example:
+        >>> _rounded_up(0.12345), _rounded_up(1234.5), _rounded_up(0.3)
+        (0.13, 1300.0, 0.3)
+    """
+    if number <= 0.0:
+        return 0.0
+    digits = 1 - math.floor(math.log10(number))
+    found = round(number, digits)
+    return found if found >= number else round(found + 10.0**-digits, digits)
+
+
+def _comment(text: str) -> str:
+    """Return a text that stays in its line, as a comment of TOML wants it."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)

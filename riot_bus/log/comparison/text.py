@@ -1,0 +1,158 @@
+"""What a comparison has found, in lines for people; pure."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.counting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from riot_bus.log.comparison.result import Example, FieldDifference, LogDifference, TopicDifference
+    from riot_bus.vocabulary.trial import Scalar
+
+__all__ = ["MOST_FIELDS", "difference_lines", "headline", "spans", "value_text", "where_text"]
+
+MOST_FIELDS = 10
+"""So many fields of a topic are shown."""
+
+_MOST_NUMBERS = 8
+_LONGEST = 80
+
+
+def difference_lines(found: LogDifference) -> Iterator[str]:
+    """Yield what was found, what differs first."""
+    yield headline(found)
+    for topic in found.topics:
+        yield from _topic(topic)
+    yield from _rest(found)
+
+
+def headline(found: LogDifference) -> str:
+    """Return the answer in one line."""
+    names = f"{found.a.name} and {found.b.name}"
+    if not found.compared:
+        return f"{names} have no message in common that could be compared"
+    differing = sum(not each.same for each in found.topics)
+    if not differing and not found.same:
+        return f"{names} differ in the order across topics"
+    if differing:
+        return f"{names} differ in {differing} of {counted(len(found.topics), 'topic')}"
+    return f"{names} are the same: {counted(found.compared, 'message')} of {counted(len(found.topics), 'topic')}"
+
+
+def _topic(topic: TopicDifference) -> Iterator[str]:
+    sign = "=" if topic.same else "!"
+    count = f"{topic.count_a}" if topic.count_a == topic.count_b else f"{topic.count_a} -> {topic.count_b}"
+    parts = [f"{topic.equal} of {count} equal"]
+    parts += [f"{number} {what}" for what, number in facts(topic)]
+    yield f"{sign} {topic.topic}  {', '.join(parts)}"
+    for name, (a, b) in topic.labels.items():
+        yield f"    {name}: {a} -> {b}"
+    for one in topic.fields[:MOST_FIELDS]:
+        yield f"    {field_text(one)}"
+    if len(topic.fields) > MOST_FIELDS:
+        yield f"    ... {counted(len(topic.fields) - MOST_FIELDS, 'further field')}"
+    numbers = (("lost", topic.lost, topic.lost_at), ("added", topic.added, topic.added_at))
+    for what, number, places in numbers:
+        if number:
+            yield f"    {what} {spans(places, number)}"
+    if topic.moved:
+        yield f"    out of order {moves(topic)}"
+    if topic.shifted and topic.allowed:
+        yield f"    {topic.allowed:g} may be lost, added or out of order"
+    for why, number in topic.opaque.items():
+        yield f"    {counted(number, 'message')} compared as bytes: {why}"
+    timing = topic.timing
+    if timing is not None and timing.late:
+        yield f"    {counted(timing.late, 'message')} too early or late, #{timing.number} by {timing.largest:.3f} s"
+
+
+def facts(topic: TopicDifference) -> list[tuple[str, str]]:
+    """Return what there is to be counted besides equal messages, with how many."""
+    a, b = topic.unaligned
+    found = [
+        ("within tolerances", str(topic.near)),
+        ("changed", str(topic.changed)),
+        ("lost", str(topic.lost)),
+        ("added", str(topic.added)),
+        ("out of order", str(topic.moved)),
+        ("not aligned", f"{a} -> {b}" if a or b else "0"),
+    ]
+    return [(what, number) for what, number in found if number != "0"]
+
+
+def field_text(one: FieldDifference) -> str:
+    """Return a field that differs: in how many messages, by how much, and the worst example."""
+    by = ""
+    if one.largest is not None and one.typical is not None:
+        by = f", by {one.largest:.6g} at most" + (f" (median {one.typical:.6g})" if one.messages > 1 else "")
+    return f"{one.name}  in {counted(one.messages, 'message')}{by}: {where_text(one.example, one.name)}"
+
+
+def where_text(example: Example, name: str) -> str:
+    """Return where a field differs, and both values."""
+    number = f"#{example.a}" if example.a == example.b else f"#{example.a} and #{example.b}"
+    path = f" {example.path}" if example.path != name else ""
+    return f"{number} ({example.seconds:.3f} s){path} {value_text(example.before)} -> {value_text(example.after)}"
+
+
+def value_text(value: Scalar | None) -> str:
+    """Return a value, no longer than a line."""
+    if value is None:
+        return "(none)"
+    shown = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+    shown = value.hex() if isinstance(value, bytes) else shown
+    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 4]} ..."
+
+
+def spans(places: Sequence[int], number: int) -> str:
+    """Return numbers of messages, those that follow one another together: `#3, #7-9`.
+
+    Args:
+        places: The first ones, rising.
+        number: How many there are.
+    """
+    found: list[list[int]] = []
+    for place in places:
+        if found and place == found[-1][1] + 1:
+            found[-1][1] = place
+        else:
+            found.append([place, place])
+    shown = found[:_MOST_NUMBERS]
+    left = number - sum(last - first + 1 for first, last in shown)
+    text = ", ".join(f"#{first}" if first == last else f"#{first}-{last}" for first, last in shown)
+    return f"{text} and {left} more" if left else text
+
+
+def moves(topic: TopicDifference) -> str:
+    """Return which messages come in another order."""
+    shown = topic.moved_at[:_MOST_NUMBERS]
+    text = ", ".join(f"#{one} as #{other}" for one, other in shown)
+    left = topic.moved - len(shown)
+    return f"{text} and {left} more" if left else text
+
+
+def _rest(found: LogDifference) -> Iterator[str]:
+    left = [f"{topic.topic}:{name} ({number})" for topic in found.topics for name, number in topic.left.items()]
+    if left:
+        more = f" and {len(left) - _MOST_NUMBERS} more" if len(left) > _MOST_NUMBERS else ""
+        yield f"not compared, in so many messages different: {', '.join(left[:_MOST_NUMBERS])}{more}"
+    other = sum(topic.same_fields for topic in found.topics)
+    if other:
+        yield f"{counted(other, 'message')} with other bytes, but the same fields"
+    if found.ignored:
+        yield f"topics not compared: {', '.join(found.ignored)}"
+    timed = [topic for topic in found.topics if topic.timing is not None]
+    if timed:
+        worst = max(timed, key=lambda topic: topic.timing.largest if topic.timing else 0.0)
+        assert worst.timing is not None
+        yield (
+            f"timing: {worst.topic} differs most, by {worst.timing.largest:.3f} s (median {worst.timing.median:.3f} s)"
+        )
+    if found.order.moved:
+        yield f"order across topics: {found.order.moved} of {counted(found.order.total, 'message')} come in another one"
+    yield from (f"missing: {line}" for line in found.missing)
+    yield from (f"note: {line}" for line in found.notes)

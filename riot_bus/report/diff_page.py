@@ -1,0 +1,54 @@
+"""One self-contained page about how two logs differ."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from riot_bus.log.comparison.text import facts, headline, moves, spans, value_text
+from riot_bus.report.formats import write_file
+from riot_bus.report.templating import page_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from riot_bus.log.comparison.result import LogDifference
+
+__all__ = ["write_diff_page"]
+
+_WIDTH, _HEIGHT = 480.0, 24.0
+_MOST_TOPICS, _MOST_FIELDS = 200, 100
+
+
+def write_diff_page(found: LogDifference, path: Path) -> Path:
+    """Write the page: topics that differ, with their fields and where in the log that is, then all others.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+        ConfigError: It cannot be written there.
+    """
+    page = (
+        page_environment()
+        .get_template("diff.html.j2")
+        .render(
+            found=found,
+            headline=headline(found),
+            facts=facts,
+            spans=spans,
+            moves=moves,
+            text=value_text,
+            bars=_bars,
+            width=_WIDTH,
+            height=_HEIGHT,
+            most_topics=_MOST_TOPICS,
+            most_fields=_MOST_FIELDS,
+        )
+    )
+    return write_file(page, path)
+
+
+def _bars(shares: Sequence[float]) -> str:
+    """Return shares along a log as the data of an SVG path; what is more than nothing is seen."""
+    step = _WIDTH / max(1, len(shares))
+    tall = [(number * step, max(2.0, share * _HEIGHT)) for number, share in enumerate(shares) if share > 0.0]
+    return "".join(f"M{x:.1f} {_HEIGHT:g}v-{height:.1f}h{step:.1f}v{height:.1f}z" for x, height in tall)
