@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from riot_bus.log.comparison.opening import Extract
     from riot_bus.log.comparison.result import LogDifference
 
-__all__ = ["register", "say_difference"]
+__all__ = ["end_with", "print_difference", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -91,11 +91,14 @@ def diff(
     if len(logs) != 2:
         raise ConfigError(f"two logs are compared, not {len(logs)}", hint="riot diff A B")
     wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()), timing=timing, order=order)
-    say_difference(compare_logs(logs[0], logs[1], wishes, extract=extract), form, html)
+    found = compare_logs(logs[0], logs[1], wishes, extract=extract)
+    print_difference(found, html, form)
+    found.check_compared()
+    end_with(found)
 
 
-def say_difference(found: LogDifference, form: OutputFormat, html: Path | None) -> None:
-    """Print what a comparison has found, and end with its exit code."""
+def print_difference(found: LogDifference, html: Path | None, form: OutputFormat, *, event: str = "") -> None:
+    """Print what a comparison has found, and write its page; with an event, JSON is a line that names it."""
     from riot_bus.vocabulary.redaction import escape_control_chars
 
     if html is not None:
@@ -103,11 +106,16 @@ def say_difference(found: LogDifference, form: OutputFormat, html: Path | None) 
 
         write_diff_page(found, html)
     if form is OutputFormat.JSON:
-        typer.echo(json.dumps(found.to_json(), indent=1))
+        document = found.to_json()
+        typer.echo(json.dumps({"event": event, **document}) if event else json.dumps(document, indent=1))
     else:
         for line in found.lines():
             typer.echo(escape_control_chars(line))
-    found.check()
+
+
+def end_with(found: LogDifference) -> None:
+    """End with the exit code of a comparison."""
+    found.check_whole()
     if not found.same:
         raise typer.Exit(1)
 

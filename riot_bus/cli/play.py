@@ -9,7 +9,8 @@ import typer
 from typer.core import TyperCommand
 
 from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
-from riot_bus.cli.options import Format, OutputFormat, Salvage
+from riot_bus.cli.diff import end_with, print_difference
+from riot_bus.cli.options import Format, OutputFormat, Salvage, Tolerance, ToleranceFile
 
 __all__ = ["register"]
 
@@ -99,6 +100,20 @@ def play(
         list[str] | None,
         typer.Option(metavar="TOPIC[=DEPTH]", help="Keep the last messages for late joiners, whatever was recorded."),
     ] = None,
+    expect: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="Record what is answered, and compare it with this log.")
+    ] = None,
+    expect_topics: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TOPIC", help="Compare these. [default: all of that log that are not played]"),
+    ] = None,
+    expect_wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="Wait at most so long for answers when all is played.")
+    ] = 10.0,
+    answers: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep what is answered.")] = None,
+    tolerance: Tolerance = None,
+    tolerances: ToleranceFile = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a page about the answers.")] = None,
     salvage: Salvage = False,
     type_: Annotated[
         list[str] | None, typer.Option("--type", metavar="TOPIC=TYPE", help="Type of a topic's messages.")
@@ -111,12 +126,14 @@ def play(
     """Play logs to the components of a Zenoh router, with the recorded timing and quality of service.
 
     ROS 2 bags (MCAP) become topics of rmw_zenoh. On a terminal, keys pause, step, seek and change the speed. Exit code
-    3: messages could not be read or published. 4: no router answers. 130: interrupted.
+    1: the answers are not as expected. 3: messages could not be read or published. 4: no router answers. 130:
+    interrupted.
     """
     from riot_bus.cli.terminal import Terminal
     from riot_bus.control.component import client_cfg
     from riot_bus.play.options import PlayOptions
     from riot_bus.play.running import run_play
+    from riot_bus.vocabulary.errors import ConfigError
 
     options = PlayOptions(
         logs=logs,
@@ -151,12 +168,31 @@ def play(
         latched=latched or (),
         control=control,
     )
-    finished = run_play(
-        options,
-        say=typer.echo,
-        warn=lambda line: typer.echo(line, err=True),
-        console=Terminal() if Terminal.present() else None,
-        as_json=form is OutputFormat.JSON,
-    )
-    if not finished:
+    how: dict[str, Any] = {
+        "say": typer.echo,
+        "warn": lambda line: typer.echo(line, err=True),
+        "console": Terminal() if Terminal.present() else None,
+        "as_json": form is OutputFormat.JSON,
+    }
+    if expect is None:
+        given = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
+        given |= {"--tolerance": tolerance, "--tolerances": tolerances}
+        unfit = [option for option, value in given.items() if value]
+        if unfit:
+            raise ConfigError(
+                f"{', '.join(unfit)} cannot be used without --expect", hint="name the log to compare with"
+            )
+        if not run_play(options, **how):
+            raise typer.Exit(INTERRUPTED)
+        return
+    from riot_bus.chain.expectation import Expectation, play_expecting
+    from riot_bus.log.comparison.compare import Wishes
+    from riot_bus.log.comparison.tolerances import tolerances_of
+
+    wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()))
+    wanted = Expectation(log=expect, topics=expect_topics or (), wishes=wishes, wait=expect_wait, answers=answers)
+    found = play_expecting(options, wanted, **how)
+    if found is None:
         raise typer.Exit(INTERRUPTED)
+    print_difference(found, html, form, event="compared")
+    end_with(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.log.comparison.text import facts, headline, moves, spans, value_text
+from riot_bus.log.comparison.text import facts, moves, spans, value_text
 from riot_bus.report.formats import write_file
 from riot_bus.report.templating import page_environment
 
@@ -32,7 +32,7 @@ def write_diff_page(found: LogDifference, path: Path) -> Path:
         .get_template("diff.html.j2")
         .render(
             found=found,
-            headline=headline(found),
+            headline=found.headline(),
             facts=facts,
             spans=spans,
             moves=moves,

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Block", "Gap", "Keys", "anchored", "longest_rising"]
+__all__ = ["Gap", "Keys", "Twins", "anchored", "longest_rising"]
 
 Keys = Sequence[Hashable] | Mapping[int, Hashable]
 """One key for each message, by its place; None where a message has none, and then it equals no other one."""
@@ -21,7 +21,7 @@ Keys = Sequence[Hashable] | Mapping[int, Hashable]
 _SHARE = 0.5
 
 
-class Block(NamedTuple):
+class Twins(NamedTuple):
     """Messages that belong together: `a + n` and `b + n` for each n below `size`."""
 
     a: int
@@ -39,7 +39,7 @@ class Gap(NamedTuple):
         return bool(self.a or self.b)
 
 
-def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Block], list[Gap]]:
+def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Twins], list[Gap]]:
     """Return what belongs together within a gap, and the gaps that are left, in their order.
 
     Keys that come once in both are used if those in the same order make up half of the shorter sequence: where only a
@@ -63,7 +63,7 @@ def anchored(a: Keys, b: Keys, gap: Gap, *, ends: bool = True) -> tuple[list[Blo
         blocks += first + last
         gaps += [rest] if rest else []
         if a1 < middle.a.stop:
-            blocks.append(Block(a1, b1, 1))
+            blocks.append(Twins(a1, b1, 1))
     return list(_joined(blocks + tail)), gaps
 
 
@@ -93,7 +93,7 @@ def longest_rising(numbers: Sequence[int]) -> list[int]:
     return found[::-1]
 
 
-def _trimmed(a: Keys, b: Keys, gap: Gap) -> tuple[list[Block], Gap, list[Block]]:
+def _trimmed(a: Keys, b: Keys, gap: Gap) -> tuple[list[Twins], Gap, list[Twins]]:
     """Return what is equal at the beginning, the rest, and what is equal at the end."""
     (a0, a1), (b0, b1) = (gap.a.start, gap.a.stop), (gap.b.start, gap.b.stop)
     start_a, start_b, stop_a = a0, b0, a1
@@ -101,8 +101,8 @@ def _trimmed(a: Keys, b: Keys, gap: Gap) -> tuple[list[Block], Gap, list[Block]]
         a0, b0 = a0 + 1, b0 + 1
     while a1 > a0 and b1 > b0 and a[a1 - 1] == b[b1 - 1] and a[a1 - 1] is not None:
         a1, b1 = a1 - 1, b1 - 1
-    head = [Block(start_a, start_b, a0 - start_a)] if a0 > start_a else []
-    tail = [Block(a1, b1, stop_a - a1)] if stop_a > a1 else []
+    head = [Twins(start_a, start_b, a0 - start_a)] if a0 > start_a else []
+    tail = [Twins(a1, b1, stop_a - a1)] if stop_a > a1 else []
     return head, Gap(range(a0, a1), range(b0, b1)), tail
 
 
@@ -114,9 +114,9 @@ def _common(a: Keys, b: Keys, gap: Gap) -> list[tuple[int, int]]:
     return [both[number] for number in longest_rising([place for _, place in both])]
 
 
-def _joined(blocks: Sequence[Block]) -> Iterator[Block]:
+def _joined(blocks: Sequence[Twins]) -> Iterator[Twins]:
     """Yield blocks as few as there can be."""
-    last = Block(0, 0, 0)
+    last = Twins(0, 0, 0)
     for block in blocks:
         if last.size and (block.a, block.b) == (last.a + last.size, last.b + last.size):
             last = last._replace(size=last.size + block.size)

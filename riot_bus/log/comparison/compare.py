@@ -11,7 +11,7 @@ import numpy as np
 
 from riot_bus.log.comparison.anchors import longest_rising
 from riot_bus.log.comparison.recording import Track
-from riot_bus.log.comparison.result import LogDifference, OrderDifference, Side
+from riot_bus.log.comparison.result import ComparedLog, LogDifference, OrderDifference
 from riot_bus.log.comparison.tolerances import TopicTolerances
 from riot_bus.log.comparison.topics import TopicComparison
 
@@ -68,7 +68,7 @@ def compare(a: Recording, b: Recording, wishes: Wishes | None = None) -> LogDiff
     )
     notes = tuple(f"the tolerance {text!r} names no topic of these logs" for text in unused)
     sides = [
-        Side(one.name, sum(len(each.tracks[side]) for each in work), tuple(one.missing))
+        ComparedLog(one.name, sum(len(each.tracks[side]) for each in work), tuple(one.missing))
         for side, one in enumerate((a, b))
     ]
     return LogDifference(

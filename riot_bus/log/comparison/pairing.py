@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from riot_bus.log.comparison.anchors import Block, Gap, anchored
+from riot_bus.log.comparison.anchors import Gap, Twins, anchored
 from riot_bus.log.comparison.band import aligned
 from riot_bus.log.comparison.likeness import Features, Likeness, most_varied
 
@@ -61,7 +61,7 @@ class Pairing:
         unaligned: Of which nobody can tell which belong together.
     """
 
-    blocks: list[Block]
+    blocks: list[Twins]
     pairs: list[tuple[int, int]] = field(default_factory=list)
     lost: list[int] = field(default_factory=list)
     added: list[int] = field(default_factory=list)
@@ -76,7 +76,7 @@ class Pairing:
         self.unaligned += other.unaligned
 
 
-def paired(blocks: list[Block], gaps: Sequence[Gap], a: Half, b: Half, *, same: Callable[[int, int], bool]) -> Pairing:
+def paired(blocks: list[Twins], gaps: Sequence[Gap], a: Half, b: Half, *, same: Callable[[int, int], bool]) -> Pairing:
     """Find out which messages belong together.
 
     Args:
@@ -155,7 +155,7 @@ class _Search:
 
     def find_moves(self, found: Pairing) -> None:
         """Take what is lost and added with the same content for moved."""
-        self._find_swaps(found)
+        self._take_apart(found)
         there: defaultdict[Hashable, deque[int]] = defaultdict(deque)
         for place in sorted(found.added):
             there[self._b.contents[place]].append(place)
@@ -168,20 +168,34 @@ class _Search:
                 found.lost.append(place)
         found.added = [place for places in there.values() for place in places]
 
-    def _find_swaps(self, found: Pairing) -> None:
-        """Take two messages that have changed places far from one another for moved.
+    def _take_apart(self, found: Pairing) -> None:
+        """Take pairs apart of which both messages are elsewhere in the other log.
 
-        They were paired with one another, as if both had changed. Only contents of which each log has one tell that.
+        Messages that have changed places far from one another are paired with each other at first, as if they had
+        changed. Only contents of which each log has one tell that. Where a message is wanted that stays in its pair,
+        whoever wants it stays as well.
         """
-        a, b = self._a.contents, self._b.contents
-        by_contents = {(a[one], b[other]): (one, other) for one, other in found.pairs if a[one] != b[other]}
-        swapped = {pair for contents, pair in by_contents.items() if contents[::-1] in by_contents}
-        swapped = {pair for pair in swapped if self._a.only(pair[0]) and self._b.only(pair[1])}
-        for one, other in sorted(swapped):
-            partner = by_contents[b[other], a[one]]
-            if partner in swapped:
-                found.moved.append((one, partner[1]))
-                found.pairs.remove((one, other))
+        there, here = self._b.only, self._a.only
+        wants: dict[int, int] = {}
+        wanted_by: dict[int, int] = {}
+        apart: dict[int, int] = {}
+        for one, other in found.pairs:
+            contents = self._a.contents[one], self._b.contents[other]
+            if contents[0] != contents[1] and all(each in there and each in here for each in contents):
+                apart[one], wants[one], wanted_by[other] = other, there[contents[0]], here[contents[1]]
+        partner = {other: one for one, other in apart.items()}
+        free = {*found.lost, *apart}, {*found.added, *partner}
+        queue = deque(apart)
+        while queue:
+            one = queue.popleft()
+            if one in apart and not (wants[one] in free[1] and wanted_by[apart[one]] in free[0]):
+                other = apart.pop(one)
+                free[0].discard(one)
+                free[1].discard(other)
+                queue += [wanted_by[other], partner.get(wants[one], one)]
+        found.pairs = [pair for pair in found.pairs if pair[0] not in apart]
+        found.lost += apart
+        found.added += apart.values()
 
 
 class _Keys:
@@ -197,17 +211,15 @@ class _Keys:
             self.features.put(place, reading)
         self._hashes = half.hashes
 
-    def only(self, place: int) -> bool:
-        """Return whether there is no other message of the same content."""
-        return self._content_counts[self.contents[place]] == 1 and self._hash_counts[self._hashes[place]] == 1
-
     @cached_property
-    def _content_counts(self) -> Counter[Hashable]:
-        return Counter(self.contents.values())
-
-    @cached_property
-    def _hash_counts(self) -> Counter[bytes]:
-        return Counter(self._hashes)
+    def only(self) -> dict[Hashable, int]:
+        """Places of messages of which no other one has the content, by content."""
+        contents, hashes = Counter(self.contents.values()), Counter(self._hashes)
+        return {
+            content: place
+            for place, content in self.contents.items()
+            if contents[content] == 1 and hashes[self._hashes[place]] == 1
+        }
 
 
 def _find_near_moves(found: Pairing, same: Callable[[int, int], bool]) -> None:
@@ -229,7 +241,7 @@ def _tell(names: Mapping[int, Hashable], places: range) -> bool:
     return len(set(known)) >= _NAMED * len(known) and None not in known
 
 
-def _pairs(blocks: Iterable[Block]) -> Iterator[tuple[int, int]]:
+def _pairs(blocks: Iterable[Twins]) -> Iterator[tuple[int, int]]:
     return ((block.a + number, block.b + number) for block in blocks for number in range(block.size))
 
 

@@ -22,7 +22,8 @@ from riot_bus.vocabulary.toml_text import toml_string, toml_value
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from riot_bus.log.comparison.result import FieldDifference, LogDifference, TopicDifference
+    from riot_bus.log.comparison.parts import FieldDifference, TopicDifference
+    from riot_bus.log.comparison.result import LogDifference
 
 __all__ = ["Proposal", "Proposed", "margin_of", "propose"]
 

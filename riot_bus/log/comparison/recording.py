@@ -6,6 +6,7 @@ A recording is read once for what all messages are, and once more for those of w
 from __future__ import annotations
 
 import tempfile
+import weakref
 from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -96,6 +97,8 @@ class Recording:
         self._messages = messages
         self._names = names or {}
         self._file = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115 - `close` does it
+        self.close = weakref.finalize(self, self._file.close)
+        """Forget the messages that were kept; happens by itself when the recording is no longer used."""
         self._kept: dict[str, dict[int, tuple[int, int, Message]]] = {}
         for message in messages(None):
             self.start = self.start if self.count else message.time
@@ -128,10 +131,6 @@ class Recording:
         start, size, spare = self._kept[key][place]
         self._file.seek(start)
         return spare.with_payload(self._file.read(size))
-
-    def close(self) -> None:
-        """Forget the messages that were kept."""
-        self._file.close()
 
     def _open(self, key: str) -> Track:
         topic, type_name = self._names.get(key, (self.registry.topic(key), ""))

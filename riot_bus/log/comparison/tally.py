@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import TYPE_CHECKING, TypeGuard
 
-from riot_bus.log.comparison.result import Example, FieldDifference
+from riot_bus.log.comparison.parts import FieldDifference, FieldExample
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ _SAMPLE = 4096
 @dataclass(slots=True)
 class _Field:
     messages: int = 0
-    example: Example | None = None
+    example: FieldExample | None = None
     largest: float = -1.0
     low: float = math.inf
     high: float = -math.inf
@@ -52,7 +52,7 @@ class _Field:
             self.unlike += 1
         if distance > self.largest:
             self.largest = distance
-            self.example = Example(change.path, a, b, seconds, _short(change.before), _short(change.after))
+            self.example = FieldExample(change.path, a, b, seconds, _short(change.before), _short(change.after))
 
     def _note(self, distance: float) -> None:
         """Keep every so manieth distance."""

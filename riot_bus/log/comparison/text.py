@@ -1,4 +1,4 @@
-"""What a comparison has found, in lines for people; pure."""
+"""What differs in a topic, in lines for people; pure."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from riot_bus.vocabulary.counting import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from riot_bus.log.comparison.result import Example, FieldDifference, LogDifference, TopicDifference
+    from riot_bus.log.comparison.parts import FieldDifference, FieldExample, TopicDifference
     from riot_bus.vocabulary.trial import Scalar
 
-__all__ = ["MOST_FIELDS", "difference_lines", "headline", "spans", "value_text", "where_text"]
+__all__ = ["MOST_FIELDS", "facts", "moves", "rest_lines", "spans", "topic_lines", "value_text"]
 
 MOST_FIELDS = 10
 """So many fields of a topic are shown."""
@@ -22,28 +22,8 @@ _MOST_NUMBERS = 8
 _LONGEST = 80
 
 
-def difference_lines(found: LogDifference) -> Iterator[str]:
-    """Yield what was found, what differs first."""
-    yield headline(found)
-    for topic in found.topics:
-        yield from _topic(topic)
-    yield from _rest(found)
-
-
-def headline(found: LogDifference) -> str:
-    """Return the answer in one line."""
-    names = f"{found.a.name} and {found.b.name}"
-    if not found.compared:
-        return f"{names} have no message in common that could be compared"
-    differing = sum(not each.same for each in found.topics)
-    if not differing and not found.same:
-        return f"{names} differ in the order across topics"
-    if differing:
-        return f"{names} differ in {differing} of {counted(len(found.topics), 'topic')}"
-    return f"{names} are the same: {counted(found.compared, 'message')} of {counted(len(found.topics), 'topic')}"
-
-
-def _topic(topic: TopicDifference) -> Iterator[str]:
+def topic_lines(topic: TopicDifference) -> Iterator[str]:
+    """Yield what differs in a topic; a line that begins with `!` if that is more than is tolerated."""
     sign = "=" if topic.same else "!"
     count = f"{topic.count_a}" if topic.count_a == topic.count_b else f"{topic.count_a} -> {topic.count_b}"
     parts = [f"{topic.equal} of {count} equal"]
@@ -52,7 +32,7 @@ def _topic(topic: TopicDifference) -> Iterator[str]:
     for name, (a, b) in topic.labels.items():
         yield f"    {name}: {a} -> {b}"
     for one in topic.fields[:MOST_FIELDS]:
-        yield f"    {field_text(one)}"
+        yield f"    {_field(one)}"
     if len(topic.fields) > MOST_FIELDS:
         yield f"    ... {counted(len(topic.fields) - MOST_FIELDS, 'further field')}"
     numbers = (("lost", topic.lost, topic.lost_at), ("added", topic.added, topic.added_at))
@@ -84,16 +64,14 @@ def facts(topic: TopicDifference) -> list[tuple[str, str]]:
     return [(what, number) for what, number in found if number != "0"]
 
 
-def field_text(one: FieldDifference) -> str:
-    """Return a field that differs: in how many messages, by how much, and the worst example."""
+def _field(one: FieldDifference) -> str:
     by = ""
     if one.largest is not None and one.typical is not None:
         by = f", by {one.largest:.6g} at most" + (f" (median {one.typical:.6g})" if one.messages > 1 else "")
-    return f"{one.name}  in {counted(one.messages, 'message')}{by}: {where_text(one.example, one.name)}"
+    return f"{one.name}  in {counted(one.messages, 'message')}{by}: {_where(one.example, one.name)}"
 
 
-def where_text(example: Example, name: str) -> str:
-    """Return where a field differs, and both values."""
+def _where(example: FieldExample, name: str) -> str:
     number = f"#{example.a}" if example.a == example.b else f"#{example.a} and #{example.b}"
     path = f" {example.path}" if example.path != name else ""
     return f"{number} ({example.seconds:.3f} s){path} {value_text(example.before)} -> {value_text(example.after)}"
@@ -135,24 +113,16 @@ def moves(topic: TopicDifference) -> str:
     return f"{text} and {left} more" if left else text
 
 
-def _rest(found: LogDifference) -> Iterator[str]:
-    left = [f"{topic.topic}:{name} ({number})" for topic in found.topics for name, number in topic.left.items()]
+def rest_lines(topics: Sequence[TopicDifference]) -> Iterator[str]:
+    """Yield what is to be said of all topics together: what was not compared, and when messages came."""
+    left = [f"{topic.topic}:{name} ({number})" for topic in topics for name, number in topic.left.items()]
     if left:
         more = f" and {len(left) - _MOST_NUMBERS} more" if len(left) > _MOST_NUMBERS else ""
         yield f"not compared, in so many messages different: {', '.join(left[:_MOST_NUMBERS])}{more}"
-    other = sum(topic.same_fields for topic in found.topics)
+    other = sum(topic.same_fields for topic in topics)
     if other:
         yield f"{counted(other, 'message')} with other bytes, but the same fields"
-    if found.ignored:
-        yield f"topics not compared: {', '.join(found.ignored)}"
-    timed = [topic for topic in found.topics if topic.timing is not None]
+    timed = [(topic.timing.largest, topic.timing.median, topic.topic) for topic in topics if topic.timing is not None]
     if timed:
-        worst = max(timed, key=lambda topic: topic.timing.largest if topic.timing else 0.0)
-        assert worst.timing is not None
-        yield (
-            f"timing: {worst.topic} differs most, by {worst.timing.largest:.3f} s (median {worst.timing.median:.3f} s)"
-        )
-    if found.order.moved:
-        yield f"order across topics: {found.order.moved} of {counted(found.order.total, 'message')} come in another one"
-    yield from (f"missing: {line}" for line in found.missing)
-    yield from (f"note: {line}" for line in found.notes)
+        largest, median, name = max(timed)
+        yield f"timing: {name} differs most, by {largest:.3f} s (median {median:.3f} s)"

@@ -11,7 +11,7 @@ import numpy as np
 from riot_bus.log.comparison.anchors import Gap, anchored
 from riot_bus.log.comparison.fields import Reading, Shapes, differing
 from riot_bus.log.comparison.pairing import Half, Pairing, paired
-from riot_bus.log.comparison.result import Timing, TopicDifference
+from riot_bus.log.comparison.parts import TopicDifference, TopicTiming
 from riot_bus.log.comparison.tally import Tally
 
 if TYPE_CHECKING:
@@ -151,9 +151,9 @@ def _profile(places: Sequence[int], count: int) -> tuple[float, ...]:
 
 def _timing(
     pairs: NDArray[np.int64], tracks: tuple[Track, Track], starts: tuple[int, int], limit: float | None
-) -> Timing:
+) -> TopicTiming:
     times = [np.frombuffer(track.times, np.int64)[pairs[:, side]] - starts[side] for side, track in enumerate(tracks)]
     apart = np.abs(times[1] - times[0]) / 1e9
     worst = int(apart.argmax())
     late = 0 if limit is None else int(np.count_nonzero(apart > limit))
-    return Timing(float(np.median(apart)), float(apart[worst]), int(pairs[worst, 0]), late)
+    return TopicTiming(float(np.median(apart)), float(apart[worst]), int(pairs[worst, 0]), late)

@@ -1,0 +1,154 @@
+"""Plays logs and compares what the network answers with what it is expected to answer.
+
+The answers are on the topics of the expected log that are not played.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.log.comparison.compare import Wishes, compare
+from riot_bus.log.comparison.opening import Extract, opened
+from riot_bus.play.playback_plan import PlaybackPlan
+from riot_bus.play.running import run_play
+from riot_bus.record.options import CaptureOptions
+from riot_bus.record.service import CaptureService
+from riot_bus.types.serve import part_of
+from riot_bus.vocabulary.errors import ConfigError, DataLossError
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from riot_bus.control.terminal import Console
+    from riot_bus.log.comparison.result import LogDifference
+    from riot_bus.play.options import PlayOptions
+
+__all__ = ["Expectation", "play_expecting"]
+
+_TICK_S = 0.05
+_MORE_S, _QUIET_S = 0.25, 2.0
+"""How long nothing more comes when all answers have come, and when some have not."""
+_MOST_KEYS = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """What a network is to answer.
+
+    Attributes:
+        log: A log that holds it.
+        topics: Names or key expressions of the answers; empty for all topics of the log that are not played.
+        wishes: What counts as a difference.
+        wait: Most seconds that answers are waited for when all is played.
+        answers: Where to keep what comes; None for nowhere.
+    """
+
+    log: Path
+    topics: Sequence[str] = ()
+    wishes: Wishes
+    wait: float = 10.0
+    answers: Path | None = None
+
+
+def play_expecting(
+    options: PlayOptions,
+    expectation: Expectation,
+    *,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+    console: AbstractContextManager[Console] | None = None,
+    as_json: bool = False,
+) -> LogDifference | None:
+    """Play logs, record what comes, and compare that with what is expected.
+
+    Args:
+        options: What to play.
+        expectation: What is to come.
+        say: Prints a line of the result.
+        warn: Prints a line of diagnostics.
+        console: Shows progress and takes keys while it plays; None if there is no terminal.
+        as_json: Say it as lines of JSON.
+
+    Returns:
+        How the answers differ from those that were expected; None if the play was interrupted.
+
+    Raises:
+        ConfigError: An option or a log is not usable, or no answer is expected.
+        DataLossError: Messages could not be played, or answers not be recorded.
+        EnvironmentFaultError: No router answers.
+    """
+    extract = Extract(topics=expectation.topics, types=options.types, definitions=options.definitions)
+    with ExitStack() as stack:
+        (expected,) = stack.enter_context(opened([expectation.log], extract))
+        played = _played(options)
+        tracks = [
+            track
+            for track in expected.tracks.values()
+            if track.key not in played and track.topic not in played and part_of(track.key) is None
+        ]
+        if not tracks:
+            hint = "choose what is played by --topics, or name a log that has answers as well"
+            raise ConfigError("it holds no topic that is not played", where=str(expectation.log), hint=hint)
+        names = sorted({track.topic for track in tracks})
+        warn(f"answers are expected on {', '.join(names)}")
+        counts = Counter[str]()
+        for track in tracks:
+            counts[track.topic] += len(track)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="riot-answers-")))
+        path = expectation.answers or folder / "answers.mcap"
+        capture = CaptureOptions(
+            endpoint=options.endpoint,
+            config=options.config,
+            keys=names if len(names) <= _MOST_KEYS else ["**"],
+            output=path,
+            overwrite=expectation.answers is None,
+            durable=False,
+            latched=False,
+            graph=False,
+            types=options.types,
+            definitions=options.definitions,
+            control=False,
+        )
+        with CaptureService(capture, warn=warn) as service:
+            finished = run_play(options, say=say, warn=warn, console=console, as_json=as_json)
+            if finished:
+                _await(service, counts, expectation.wait)
+        if not finished:
+            return None
+        problems = service.result().problems
+        if problems:
+            raise DataLossError("; ".join(problems), where="the answers")
+        only = Extract(topics=names, types=options.types, definitions=options.definitions)
+        with opened([expectation.log, path], only) as (expected, came):
+            came.name = str(expectation.answers or "the answers")
+            return compare(expected, came, expectation.wishes)
+
+
+def _played(options: PlayOptions) -> set[str]:
+    """Return the names and keys of what is played."""
+    plan = PlaybackPlan(options)
+    try:
+        return {*plan.cast.offers, *plan.cast.names.values()}
+    finally:
+        plan.close()
+
+
+def _await(service: CaptureService, counts: Mapping[str, int], most: float) -> None:
+    """Return when all answers have come and no more come, when it is quiet, or when the time is over."""
+    deadline = time.monotonic() + most
+    last, seen = time.monotonic(), -1
+    while (now := time.monotonic()) < deadline:
+        recorded = service.result().account.recorded
+        total = sum(recorded.values())
+        if total != seen:
+            seen, last = total, now
+        complete = all(recorded.get(topic, 0) >= count for topic, count in counts.items())
+        if now - last >= (_MORE_S if complete else _QUIET_S) or service.wait(_TICK_S):
+            return
