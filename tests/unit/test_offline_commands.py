@@ -41,6 +41,7 @@ def log(tmp_path: Path) -> Path:
         ["info", "{log}", "--fields"],
         ["types", "{log}"],
         ["export", "{log}", "--field", "a:x", "-o", "{out}.csv"],
+        ["diff", "{log}", "{log}", "--html", "{out}.html"],
         ["edit", "{log}", "{out}.mcap", "--set", "a:x = 2", "--interceptor", "drop every=2"],
         ["init", "--mavlink", "{folder}/in.tlog?rate=0", "--seconds", "0.5", "-o", "{out}.toml"],
         ["findings", "{folder}"],

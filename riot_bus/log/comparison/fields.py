@@ -150,7 +150,7 @@ class Shapes:
             values = [_canonical(leaf.value) for leaf in leaves]
         except PayloadError as error:
             kind, why = None, error.message
-        if why:
+        if why or not payload:  # which is another message than one without fields
             paths, values = [PAYLOAD], [payload]
         if message.kind == "delete":
             paths.append(KIND)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.log.comparison.fields import Reading, Value
     from riot_bus.log.comparison.tolerances import Tolerance
 
-__all__ = ["MOST_FIELDS", "Features", "Likeness", "most_varied"]
+__all__ = ["MOST_FIELDS", "Likeness", "as_numbers", "most_varied"]
 
 MOST_FIELDS = 32
 _LEAST = 0.01
@@ -47,33 +47,19 @@ def most_varied(sample: Sequence[Reading]) -> dict[str, Tolerance]:
     return {path: rules[path] for path in chosen[:MOST_FIELDS]}
 
 
-class Features:
-    """Some fields of messages of one log as numbers.
-
-    Args:
-        places: Places of the messages.
-        paths: The fields.
-    """
-
-    def __init__(self, places: Iterable[int], paths: Sequence[str]) -> None:
-        self._rows = {place: row for row, place in enumerate(places)}
-        self._paths = paths
-        self._numbers = np.full((len(self._rows), len(paths)), _MISSING)
-        self.texts = np.zeros(len(paths), np.bool_)
-        """Which fields are no numbers."""
-
-    def put(self, place: int, reading: Reading) -> None:
-        """Take in a message."""
-        there, row = reading.shape.place, self._numbers[self._rows[place]]
-        for column, path in enumerate(self._paths):
+def as_numbers(readings: Iterable[Reading], paths: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return fields of messages as numbers, shape (messages, fields), and which fields are no numbers."""
+    rows: list[NDArray[np.float64]] = []
+    texts = np.zeros(len(paths), np.bool_)
+    for reading in readings:
+        there, row = reading.shape.place, np.full(len(paths), _MISSING)
+        for column, path in enumerate(paths):
             at = there.get(path)
             if at is not None:
                 row[column], text = _as_number(reading.values[at])
-                self.texts[column] |= text
-
-    def of(self, places: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers of messages that were taken in, shape (messages, fields)."""
-        return self._numbers[[self._rows[place] for place in places]]
+                texts[column] |= text
+        rows.append(row)
+    return np.stack(rows) if rows else np.zeros((0, len(paths))), texts
 
 
 class Likeness:

@@ -163,7 +163,10 @@ class _Log:
             merged = each[0] if len(each) == 1 else merge(*each, key=attrgetter("time"))
             return (message for message in merged if message.key in wanted)
 
-        names = {key: (source.topic, source.schema.name) for key, source in self.sources.items()}
+        names = {
+            key: (registry.topic(key) if source.topic == key else source.topic, source.schema.name)
+            for key, source in self.sources.items()
+        }
         found = Recording(str(self._path), registry, messages, names=names)
         found.missing += self._missing()
         return found

@@ -17,12 +17,10 @@ import numpy as np
 
 from riot_bus.log.comparison.anchors import Gap, Twins, anchored
 from riot_bus.log.comparison.band import aligned
-from riot_bus.log.comparison.likeness import Features, Likeness, most_varied
+from riot_bus.log.comparison.likeness import Likeness, as_numbers, most_varied
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
 
     from riot_bus.log.comparison.fields import Reading
 
@@ -100,58 +98,32 @@ def paired(blocks: list[Twins], gaps: Sequence[Gap], a: Half, b: Half, *, same: 
 
 
 class _Search:
-    """What is known of the messages that are looked into."""
+    """Pairs the messages that are looked into."""
 
     def __init__(self, gaps: Sequence[Gap], a: Half, b: Half) -> None:
-        places = [place for gap in gaps for place in gap.a], [place for gap in gaps for place in gap.b]
-        sample = [half.read(place) for half, some in ((a, places[0]), (b, places[1])) for place in _few(some)]
-        self._rules = most_varied(sample)
-        self._a, self._b = _Keys(a, places[0], [*self._rules]), _Keys(b, places[1], [*self._rules])
+        self._halves = a, b
+        self._a = _Keys(a, [place for gap in gaps for place in gap.a])
+        self._b = _Keys(b, [place for gap in gaps for place in gap.b])
 
     def take(self, gap: Gap, found: Pairing) -> None:
         """Find out what belongs together in a gap: what has the same stamp or number, unless less differs otherwise."""
         blocks, gaps = anchored(self._a.contents, self._b.contents, gap)
         found.pairs += _pairs(blocks)
         for rest in gaps:
-            alike, named = self._alike(rest), self._named(rest)
-            found.add(alike if named is None or self._cost(alike) < self._cost(named) else named)
+            closeness = _Closeness(rest, *self._halves)
+            alike, named = closeness.pairing(rest), self._named(rest, closeness)
+            better = named is not None and closeness.cost(named) <= closeness.cost(alike)
+            found.add(named if named is not None and better else alike)
 
-    def _named(self, gap: Gap) -> Pairing | None:
+    def _named(self, gap: Gap, closeness: _Closeness) -> Pairing | None:
         """Return what has the same stamp or number, and between these what is alike; None if none tells them apart."""
         if not (gap.a and gap.b and _tell(self._a.names, gap.a) and _tell(self._b.names, gap.b)):
             return None
         blocks, gaps = anchored(self._a.names, self._b.names, gap)
         found = Pairing([], [*_pairs(blocks)])
         for rest in gaps:
-            found.add(self._alike(rest))
+            found.add(closeness.pairing(rest))
         return found if blocks else None
-
-    def _alike(self, gap: Gap) -> Pairing:
-        """Return what belongs together because it is alike."""
-        if not (gap.a and gap.b):
-            return Pairing([], lost=[*gap.a], added=[*gap.b])
-        numbers = self._a.features.of(gap.a), self._b.features.of(gap.b)
-        places = aligned(self._likeness(*numbers).costs, len(gap.a), len(gap.b))
-        if places is None:
-            return Pairing([], unaligned=[gap])
-        pairs = [(gap.a[one], gap.b[other]) for one, other in places]
-        lost = sorted(set(gap.a) - {one for one, _ in pairs})
-        return Pairing([], pairs, lost, sorted(set(gap.b) - {other for _, other in pairs}))
-
-    def _likeness(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> Likeness:
-        return Likeness(a, b, texts=self._a.features.texts | self._b.features.texts, rules=self._rules)
-
-    def _cost(self, found: Pairing) -> tuple[float, int]:
-        """Return how many messages differ, are lost or added, and the latter alone; infinitely many if nobody knows."""
-        alone = len(found.lost) + len(found.added)
-        if found.unaligned:
-            return math.inf, alone
-        numbers = (
-            half.features.of([pair[side] for pair in found.pairs]) for side, half in enumerate((self._a, self._b))
-        )
-        rows = np.arange(len(found.pairs))[:, None]
-        costs = self._likeness(*numbers).costs(rows, rows)
-        return float(np.floor(costs).sum()) + alone, alone
 
     def find_moves(self, found: Pairing) -> None:
         """Take what is lost and added with the same content for moved."""
@@ -198,17 +170,51 @@ class _Search:
         found.added += apart.values()
 
 
+class _Closeness:
+    """How alike the messages in a gap are."""
+
+    def __init__(self, gap: Gap, a: Half, b: Half) -> None:
+        self._gap = gap
+        here, there = (gap.a, gap.b) if gap.a and gap.b else (range(0), range(0))  # else there is nothing to pair
+        self._rules = most_varied([*map(a.read, _few(here)), *map(b.read, _few(there))])
+        self._a, texts_a = as_numbers(map(a.read, here), [*self._rules])
+        self._b, texts_b = as_numbers(map(b.read, there), [*self._rules])
+        self._texts = texts_a | texts_b
+
+    def pairing(self, gap: Gap) -> Pairing:
+        """Return what belongs together in a part of the gap because it is alike."""
+        if not (gap.a and gap.b):
+            return Pairing([], lost=[*gap.a], added=[*gap.b])
+        places = aligned(self._likeness(gap.a, gap.b).costs, len(gap.a), len(gap.b))
+        if places is None:
+            return Pairing([], unaligned=[gap])
+        pairs = [(gap.a[one], gap.b[other]) for one, other in places]
+        lost = sorted(set(gap.a) - {one for one, _ in pairs})
+        return Pairing([], pairs, lost, sorted(set(gap.b) - {other for _, other in pairs}))
+
+    def cost(self, found: Pairing) -> tuple[float, int]:
+        """Return how many messages differ, are lost or added, and the latter alone; infinitely many if nobody knows."""
+        alone = len(found.lost) + len(found.added)
+        if found.unaligned:
+            return math.inf, alone
+        rows = np.arange(len(found.pairs))[:, None]
+        likeness = self._likeness([one for one, _ in found.pairs], [other for _, other in found.pairs])
+        return float(np.floor(likeness.costs(rows, rows)).sum()) + alone, alone
+
+    def _likeness(self, a: Sequence[int], b: Sequence[int]) -> Likeness:
+        numbers = self._a[np.array(a, np.int64) - self._gap.a.start], self._b[np.array(b, np.int64) - self._gap.b.start]
+        return Likeness(*numbers, texts=self._texts, rules=self._rules)
+
+
 class _Keys:
     """What tells the messages of one log apart that are looked into."""
 
-    def __init__(self, half: Half, places: Sequence[int], paths: Sequence[str]) -> None:
+    def __init__(self, half: Half, places: Sequence[int]) -> None:
         self.contents: dict[int, Hashable] = {}
         self.names: dict[int, Hashable] = {}
-        self.features = Features(places, paths)
         for place in places:
             reading = half.read(place)
             self.contents[place], self.names[place] = reading.content(), reading.identity()
-            self.features.put(place, reading)
         self._hashes = half.hashes
 
     @cached_property

@@ -31,8 +31,8 @@ _MARGINS = {2: 5.0, 3: 3.2, 4: 2.1}
 _MARGIN = 2.0
 """What the largest difference that was seen is multiplied by, where there are five runs or more."""
 
-_OFTEN = 0.9
-"""A field that differs in so many messages differs in all of them."""
+_OFTEN, _FEW = 0.9, 10
+"""A field that differs in such a share of messages differs in all; of fewer messages, nothing of that kind is said."""
 _ANEW = 1 / 8
 """Where values are drawn anew each time, half of the differences are larger than this share of their range."""
 _OFFSET = 0.8
@@ -204,11 +204,11 @@ def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: fl
     high = max(one.high for one in ones if one.high is not None)
     spread, whole = high - low, all(one.whole for one in ones)
     values = f"its values are {low:.6g} to {high:.6g}"
-    if messages >= _OFTEN * total and typical >= _ANEW * spread:
-        if whole:
-            return Proposed(name, "ignore", f"{where}, as if drawn anew in each run: {values}")
-        if typical >= _OFFSET * largest:
+    if messages >= max(_FEW, _OFTEN * total) and typical >= _ANEW * spread:
+        if all((one.typical or 0.0) >= _OFFSET * (one.largest or 0.0) for one in ones):
             return Proposed(name, "ignore", f"{where}, by much the same in each: every run has its own; {values}")
+        if whole:
+            return Proposed(name, "ignore", f"{where}, as if drawn anew in each run; {values}")
     value = math.ceil(margin * largest) if whole else _rounded_up(margin * largest)
     gross = "; as large as that range, so it finds gross changes alone" if value >= spread else ""
     return Proposed(name, value, f"{where}, by {largest:.6g} at most; {values}{gross}")

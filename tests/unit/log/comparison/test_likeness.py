@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from riot_bus.log.comparison.fields import Shapes
-from riot_bus.log.comparison.likeness import MOST_FIELDS, Features, Likeness, most_varied
+from riot_bus.log.comparison.likeness import MOST_FIELDS, Likeness, as_numbers, most_varied
 from riot_bus.log.comparison.tolerances import EXACT, TopicTolerances
 from riot_bus.types.registry import TypeRegistry
 from tests.unit.log.comparison.recordings import said
@@ -22,18 +22,8 @@ def costs(rows_a, rows_b, *texts: str):
     """The costs of all pairs."""
     a, b = readings(rows_a, *texts), readings(rows_b, *texts)
     rules = most_varied(a + b)
-    tables = []
-    for some in (a, b):
-        table = Features(range(len(some)), list(rules))
-        for place, reading in enumerate(some):
-            table.put(place, reading)
-        tables.append(table)
-    likeness = Likeness(
-        tables[0].of(range(len(a))),
-        tables[1].of(range(len(b))),
-        texts=tables[0].texts | tables[1].texts,
-        rules=rules,
-    )
+    numbers = [as_numbers(some, list(rules)) for some in (a, b)]
+    likeness = Likeness(numbers[0][0], numbers[1][0], texts=numbers[0][1] | numbers[1][1], rules=rules)
     return likeness.costs(np.arange(len(a))[:, None], np.arange(len(b))[None, :].repeat(len(a), axis=0))
 
 
