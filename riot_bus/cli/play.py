@@ -175,7 +175,7 @@ def play(
         "as_json": form is OutputFormat.JSON,
     }
     if expect is None:
-        given = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
+        given: dict[str, object] = {"--expect-topics": expect_topics, "--answers": answers, "--html": html}
         given |= {"--tolerance": tolerance, "--tolerances": tolerances}
         unfit = [option for option, value in given.items() if value]
         if unfit:
