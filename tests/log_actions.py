@@ -11,6 +11,7 @@ import faulthandler
 import io
 import json
 import resource
+import shutil
 import signal
 import sys
 import traceback
@@ -149,6 +150,21 @@ def salvage(path: Path) -> None:
     edit(EditOptions(inputs=[path], output=path.with_name(f"salvaged-{path.name}"), force=True, salvage=True))
 
 
+def diff(path: Path) -> None:
+    """Compare it with itself, and with the one before."""
+    from riot_bus.log.comparison.opening import compare_logs
+
+    former = path.with_name(f"former-{path.name}")
+    try:
+        for other in (path, *([former] if former.exists() else [])):
+            found = compare_logs(other, path)
+            json.dumps(found.to_json(), allow_nan=False)
+            assert found.same or other != path or not found.comparable
+            assert [*found.lines()]
+    finally:
+        shutil.copyfile(path, former)
+
+
 def commands(path: Path) -> None:
     """Run the commands as they are typed."""
     command = _command()
@@ -172,7 +188,7 @@ def _command() -> Any:
     return get_command(app)
 
 
-ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, edit, salvage, commands]
+ACTIONS: list[Action] = [read, select, play, info, fields, types, columns, export, edit, salvage, diff, commands]
 """Each takes the path of a log and may raise RiotError alone; what it returns is compared by the test."""
 
 

@@ -132,12 +132,12 @@ def play_expecting(
 
 
 def _played(options: PlayOptions) -> set[str]:
-    """Return the names and keys of what is played."""
+    """Return the names and keys of what is played, also those that it was recorded under."""
     plan = PlaybackPlan(options)
-    try:
-        return {*plan.cast.offers, *plan.cast.names.values()}
-    finally:
-        plan.close()
+    cast = plan.cast
+    plan.close()
+    recorded = {name for topic in cast.topics.values() for name in (topic.key, topic.name)}
+    return {*cast.offers, *cast.names.values(), *recorded, *([] if cast.clock is None else [cast.clock.name])}
 
 
 def _await(service: CaptureService, counts: Mapping[str, int], most: float) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from riot_bus.types.brittle import STAMPS, why_brittle
+from riot_bus.types.brittle import STAMPS, is_brittle, why_brittle
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.field_pattern import names_field
 from riot_bus.vocabulary.selector import split_field
@@ -98,7 +98,8 @@ class TolerancesOfTopic:
         for each in self._entries:
             if each.path and names_field(each.path, path):
                 return each.tolerance
-        return TIME if why_brittle(path, kind) in STAMPS else EXACT
+        all_time = kind is not None and is_brittle(path, kind.name) == "timestamp"  # such as rosgraph_msgs/msg/Clock
+        return TIME if all_time or why_brittle(path, kind) in STAMPS else EXACT
 
 
 class TopicTolerances:

@@ -14,6 +14,7 @@ from riot_bus.log.comparison.tolerances import (
     read_tolerances,
     tolerances_of,
 )
+from riot_bus.types.registry import TypeRegistry, load_adapters
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.selector import key_matches
 
@@ -63,6 +64,12 @@ def test_times_are_left_apart_unless_they_are_asked_for():
     assert of("a").of_field("header.stamp.sec") == of("a").of_field("time_usec") == TIME
     assert of("a").of_field("header.frame_id") == of("a").of_field("seq") == EXACT
     assert of("a", "a:header.stamp.*=0").of_field("header.stamp.sec") == EXACT
+
+
+def test_some_types_are_times_as_a_whole():
+    clock = TypeRegistry(load_adapters()).type_named("rosgraph_msgs/msg/Clock")
+    assert of("a").of_field("clock.sec", clock) == TIME
+    assert of("a").of_field("clock.sec") == EXACT
 
 
 def test_messages_of_a_topic_and_whole_topics():
