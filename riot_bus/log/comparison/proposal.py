@@ -1,9 +1,10 @@
 """Tolerances learnt from nominal runs: what differs among them anyway, with a margin; pure.
 
-A field gets the largest difference that any two of the runs have shown, times a margin: twice as much, and more where
-there are few runs. If each run has an offset of its own, drawn from a normal distribution, a further pair of runs stays
-within it in 95 of 100 cases: three runs need 3.2 times their largest difference for that, four 2.1 (by 400,000
-draws). Two runs would need 13 times, which finds little; they get 5, and 87 of 100.
+A field gets the largest difference that any two of the runs have shown, times a margin. Where all pairs of runs show
+much the same, it is noise within the runs, and twice as much will do. Else each run may have an offset of its own, of
+which few runs show little: if it is drawn from a normal distribution, a further pair of runs stays in 99 of 100 cases
+within 7.3 times the largest difference of three runs, 3.7 times that of four, 2.7 of five, 2.2 of six (by 400,000
+draws). Two runs are one pair, which tells nothing of this; they get 5, which is 87 of 100.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Proposal", "Proposed", "margin_of", "propose"]
 
-_MARGINS = {2: 5.0, 3: 3.2, 4: 2.1}
 _MARGIN = 2.0
-"""What the largest difference that was seen is multiplied by, where there are five runs or more."""
-
+_MARGINS = {2: 5.0, 3: 7.3, 4: 3.7, 5: 2.7, 6: 2.2}
+"""Margins where runs may have offsets, by how many runs there are."""
+_ALIKE = 0.7
+"""Of noise within runs, the largest difference of each pair is at least this share of the largest one of all."""
 _OFTEN, _FEW = 0.9, 10
 """A field that differs in such a share of messages differs in all; of fewer messages, nothing of that kind is said."""
 _ANEW = 1 / 8
@@ -122,9 +124,8 @@ class Proposal:
     def _head(self) -> Iterator[str]:
         yield f"# Proposed by riot diff --propose from {counted(self.pairs, 'pair')} of nominal runs:"
         yield from (f"#   {_comment(name)}" for name in self.logs)
-        margin, more = margin_of(len(self.logs)), self.pairs + 1
-        yield f"# {counted(self.messages, 'pair')} of messages. Numbers are {margin:g} times the largest difference;"
-        yield f"# that difference itself, a further pair of runs exceeds in about 1 of {more} cases."
+        yield f"# {counted(self.messages, 'pair')} of messages. Numbers are the largest difference times a margin; that"
+        yield f"# difference itself, a further pair of runs exceeds in about 1 of {self.pairs + 1} cases."
         yield from (f"# NOT SETTLED: {_comment(name)}" for name in self.unsettled)
         yield ""
 
@@ -134,9 +135,15 @@ class Proposal:
             yield f"{toml_string(each.name)} = {toml_value(each.value)}"
 
 
-def margin_of(runs: int) -> float:
-    """Return what the largest difference among so many runs is multiplied by."""
-    return _MARGINS.get(runs, _MARGIN)
+def margin_of(runs: int, largest: Sequence[float] = ()) -> float:
+    """Return what the largest difference among runs is multiplied by.
+
+    Args:
+        runs: How many there are.
+        largest: The largest difference of each pair of them; empty for what is one figure of each run.
+    """
+    alike = len(largest) > 1 and min(largest) >= _ALIKE * max(largest)
+    return _MARGIN if alike else _MARGINS.get(runs, _MARGIN)
 
 
 def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence[LogDifference]]) -> Proposal:
@@ -150,7 +157,7 @@ def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence
     proposal = Proposal(tuple(names), len(found), sum(each.compared for each in found))
     known: dict[str, Proposed] = {}
     for _ in range(_ROUNDS):
-        known |= _proposed(found, known, margin_of(len(names)))
+        known |= _proposed(found, known, len(names))
         proposal = replace(proposal, tolerances=tuple(known[name] for name in sorted(known)))
         found = compared(proposal.given())
         if all(each.same for each in found):
@@ -159,7 +166,7 @@ def propose(names: Sequence[str], compared: Callable[[TopicTolerances], Sequence
     return replace(proposal, unsettled=tuple(unsettled))
 
 
-def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], margin: float) -> dict[str, Proposed]:
+def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], runs: int) -> dict[str, Proposed]:
     """Return what has to be tolerated so that all these are the same, beside what is known."""
     topics: dict[str, list[TopicDifference]] = {}
     for topic in (topic for each in found for topic in each.topics if not topic.same):
@@ -172,11 +179,14 @@ def _proposed(found: Sequence[LogDifference], known: Mapping[str, Proposed], mar
         for one in (one for topic in differing for one in topic.fields):
             fields.setdefault(one.name, []).append(one)
         for path, ones in fields.items():
-            rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margin)
+            largest = [one.largest or 0.0 for one in ones] + [0.0] * (len(every) - len(ones))
+            rows[f"{name}:{path}"] = _of_field(f"{name}:{path}", ones, total, margin_of(runs, largest))
         shifted = max(topic.shifted for topic in every)
         if shifted > differing[0].allowed:
+            margin = margin_of(runs)
             counts = [count for topic in every for count in (topic.count_a, topic.count_b)]
-            reason = f"{shifted} were lost, added or out of order; there are {min(counts)} to {max(counts)}"
+            told = f"{shifted} were lost, added or out of order at most, times {margin:g}"
+            reason = f"{told}; there are {min(counts)} to {max(counts)}"
             rows[name] = Proposed(name, math.ceil(margin * shifted), reason)
     former = {name: each for name, each in known.items() if name in rows}
     return {name: each for name, each in rows.items() if _wider(each, former.get(name))}
@@ -211,7 +221,7 @@ def _of_field(name: str, ones: Sequence[FieldDifference], total: int, margin: fl
             return Proposed(name, "ignore", f"{where}, as if drawn anew in each run; {values}")
     value = math.ceil(margin * largest) if whole else _rounded_up(margin * largest)
     gross = "; as large as that range, so it finds gross changes alone" if value >= spread else ""
-    return Proposed(name, value, f"{where}, by {largest:.6g} at most; {values}{gross}")
+    return Proposed(name, value, f"{where}, by {largest:.6g} at most, times {margin:g}; {values}{gross}")
 
 
 def _rounded_up(number: float) -> float:

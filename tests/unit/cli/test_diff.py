@@ -60,7 +60,7 @@ def test_tolerances_are_proposed_and_taken(logs: Path) -> None:
     file = logs / "t.toml"
     done = diff("--propose", logs / "a.mcap", logs / "changed.mcap", logs / "same.mcap", "-o", file)
     assert code(done) == 0, done.output
-    assert tomllib.loads(file.read_text(encoding="utf-8")) == {"tolerances": {"a:x": 1.6}}
+    assert tomllib.loads(file.read_text(encoding="utf-8")) == {"tolerances": {"a:x": 3.7}}
     assert done.stdout.splitlines()[0] == "1 tolerance from 210 pairs of messages of 3 logs (3 pairs)"
     assert code(diff(logs / "a.mcap", logs / "changed.mcap", "--tolerances", file)) == 0
     printed = diff("--propose", logs / "a.mcap", logs / "changed.mcap").stdout

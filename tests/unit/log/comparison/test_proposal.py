@@ -39,14 +39,23 @@ def test_numbers_get_the_largest_difference_times_a_margin():
     found = proposed([{"x": 1.0}] * 4, [{"x": 1.0}, {"x": 1.25}, {"x": 1.0}, {"x": 1.0}])
     assert values(found) == {"a:x": pytest.approx(0.25 * margin_of(2), rel=0.05)}
     assert found.tolerances[0].reason.startswith(
-        "differs in 1 of 4 messages, by 0.25 at most; its values are 1 to 1.25"
+        "differs in 1 of 4 messages, by 0.25 at most, times 5; its values are 1 to 1.25"
     )
     found = proposed(*([{"n": 10 * place + (place == run)} for place in range(9)] for run in range(5)))
     assert values(found) == {"a:n": 2}
 
 
 def test_the_margin_is_wider_the_fewer_runs_there_are():
-    assert [margin_of(number) for number in (2, 3, 4, 5, 50)] == [5.0, 3.2, 2.1, 2.0, 2.0]
+    assert [margin_of(number) for number in (2, 3, 4, 5, 6, 50)] == [5.0, 7.3, 3.7, 2.7, 2.2, 2.0]
+
+
+def test_noise_within_runs_needs_less_than_what_each_run_has_its_own_of():
+    assert margin_of(3, [1.0, 1.2, 0.9]) == 2.0
+    assert margin_of(3, [1.0, 2.0, 1.0]) == margin_of(3, [1.0, 1.0, 0.0]) == 7.3
+    assert margin_of(2, [1.0]) == 5.0
+    drift = proposed(*runs_of(3, lambda run, rng, place: {"x": place * (1 + 0.01 * run)}))
+    noise = proposed(*runs_of(3, lambda run, rng, place: {"x": place + rng.uniform(-1, 1)}))
+    assert [found.tolerances[0].reason.partition("times ")[2][:3] for found in (drift, noise)] == ["7.3", "2; "]
 
 
 def test_texts_and_fields_that_are_not_always_there_are_ignored():
@@ -85,8 +94,8 @@ def test_times_need_no_tolerance():
 def test_counts_of_messages():
     rows = [{"n": number} for number in range(40)]
     found = proposed(rows, rows[:20] + rows[21:], rows)
-    assert values(found) == {"a": 4}
-    assert found.tolerances[0].reason == "1 were lost, added or out of order; there are 39 to 40"
+    assert values(found) == {"a": 8}
+    assert found.tolerances[0].reason == "1 were lost, added or out of order at most, times 7.3; there are 39 to 40"
 
 
 def test_what_is_within_the_range_is_told_apart_from_what_is_not():
