@@ -237,6 +237,31 @@ class RouterTest:
         folder = self._out if out is None else self._folder / out
         return explore(self._folder / system, folder, **{"seed": self.seed, **options})
 
+    def expect(self, log: str | Path, **options: Any) -> None:
+        """Fail unless what was delivered is what a log has, as `riot diff` judges it.
+
+        Args:
+            log: The log; paths are relative to the folder of the test's file.
+            options: `topics`, `exclude`, `tolerances`, `timing`, `order`, `timeout`; see
+                `riot_bus.testing.expected_log.difference_from`.
+
+        Raises:
+            AssertionError: It is not; it says where.
+            ConfigError: The log or a tolerance cannot be used, or nothing can be compared.
+        """
+        __tracebackhide__ = True
+        from riot_bus.testing.expected_log import difference_from
+
+        given = options.pop("tolerances", ())
+        tolerances = [
+            each if "=" in str(each) else self._folder / each for each in ([given] if isinstance(given, str) else given)
+        ]
+        self._router.bus.drain(_SETTLED_S)
+        found = difference_from(
+            self._folder / log, self.record, self._router.registry, tolerances=tolerances, **options
+        )
+        assert found.same, "\n".join(found.lines())
+
     def unshown(self) -> list[str]:
         """Return why the test has not shown what it seems to, as far as can be told while messages may still come.
 

@@ -124,6 +124,18 @@ class TestOld(unittest.TestCase):
     def test_old(self):
         assert ask(self.riot) == [2.0]
 
+@pytest.mark.parametrize("change", [0.0, 0.01, 1.0])
+def test_what_is_expected_comes(riot, node, change):
+    from riot_bus import LogWriter, Message
+    with LogWriter(f"expected-{change}.mcap") as log:
+        log.write(Message(0, "cmd", b'{"v": %f}' % (2.0 + change)))
+    ask(riot)
+    if change < 1:
+        riot.expect(f"expected-{change}.mcap", tolerances=["cmd:v=0.02"])
+    else:
+        with pytest.raises(AssertionError, match="cmd"):
+            riot.expect(f"expected-{change}.mcap", tolerances="cmd:v=0.02")
+
 def test_event_loops_go_on(riot, node):
     async def main():
         riot.put("pos", {"x": 1.0})
@@ -131,7 +143,7 @@ def test_event_loops_go_on(riot, node):
     assert len(asyncio.run(main())) == 1
 """,
     )
-    result.assert_outcomes(passed=13)
+    result.assert_outcomes(passed=16)
     assert logs(pytester) == []
 
 
