@@ -14,6 +14,7 @@ __all__ = [
     "AnalysisFinished",
     "CampaignFinished",
     "CampaignStarted",
+    "FindingReplayed",
     "FindingWritten",
     "Listener",
     "Listeners",
@@ -107,6 +108,26 @@ class FindingWritten(RunEvent):
     id: str
     signature: str
     occurrences: int
+
+
+@dataclass(frozen=True, slots=True)
+class FindingReplayed(RunEvent):
+    """The log of a finding that was there before was played to fresh components.
+
+    Attributes:
+        folder: Where the log is kept.
+        title: What the finding is called.
+        answer: `still failing`, `fixed`, `failing otherwise`, or `not decided`.
+        text: What has become of it, in a line for people.
+        failed: Trials that failed as before.
+    """
+
+    folder: str
+    title: str
+    answer: str
+    text: str
+    failed: int
+    trials: int
 
 
 @dataclass(frozen=True, slots=True)

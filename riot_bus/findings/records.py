@@ -231,6 +231,7 @@ class CampaignRecord(Artefact):
         rate: Share of the tested trials of the component that failed.
         mined: Rules mined from nominal trials, from how many, and in how many others (`held_out`) one fired.
         whole_system: Whether trials were runs of the whole system, with injections into what comes from outside.
+        stopped: Why it was ended before its budget was; empty if it was not.
     """
 
     FILE = "campaign.json"
@@ -252,6 +253,7 @@ class CampaignRecord(Artefact):
     rate: ProportionRecord | None = None
     mined: dict[str, Any] = {}
     whole_system: bool = False
+    stopped: str = ""
 
     @property
     def doubts(self) -> list[str]:
@@ -263,6 +265,7 @@ class FindingRecord(Artefact):
     """One distinct failure of a unit.
 
     Attributes:
+        system_file: Path of riot.toml; one that begins with `../` starts at the folder of the finding.
         fingerprint: What was tested: a hash of the system file and of the code.
         severity: Its place on the CRASH scale.
         rate: How often fresh trials of its case failed so.
@@ -271,6 +274,7 @@ class FindingRecord(Artefact):
         delivered: How many of the messages that were played each of `injections` changed; empty if not known.
         external: Whether the system names external topics; else the chain ends with the rule.
         whole_system: Whether it was found in runs of the whole system; then its log has what came from outside.
+        fixed_in: Fingerprint of other code in which fresh trials of it did not fail; empty if that was not seen.
     """
 
     FILE = "finding.json"
@@ -295,6 +299,16 @@ class FindingRecord(Artefact):
     modified: int = 0
     external: bool = True
     whole_system: bool = False
+    fixed_in: str = ""
+
+    @classmethod
+    def load(cls, directory: Path) -> Self:
+        """Read the file; a path that starts at the finding's folder becomes a whole one."""
+        record = super().load(directory)
+        if not record.system_file.startswith("../"):
+            return record
+        whole = os.path.normpath(directory.absolute() / record.system_file)
+        return record.model_copy(update={"system_file": whole})
 
     @property
     def rank(self) -> tuple[int, float, int]:

@@ -5,16 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from riot_bus.findings.known import fingerprint_of
 from riot_bus.findings.records import CampaignRecord, FindingRecord
 from riot_bus.report.finding_view import FindingView, load
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["CampaignView", "is_output_folder", "level_of", "load_campaign", "title_of", "view_of_one"]
+    from riot_bus.findings.known import KnownFinding
+
+__all__ = ["CampaignView", "Standing", "is_output_folder", "level_of", "load_campaign", "view_of_one"]
+
+Standing = Literal["", "new", "known", "came back"]
+"""What a baseline says of a finding: nothing, as there is none; or that it was said to be fixed, and fails again."""
 
 _FINDINGS = "findings"
 _GRAVE = ("catastrophic", "restart", "abort")
@@ -33,6 +39,9 @@ class CampaignView:
         fingerprint: Of the code and riot.toml under test; empty if that is not known.
         problem: Why the work ended early; empty if it did not.
         alone: Whether this is one finding, whatever else its campaign has come to.
+        known: The baseline by fingerprint; None if there is none, so that every finding counts.
+        remarks: What else was learnt, such as which known findings no longer fail.
+        excused: Whether what ended the work early is no failure of the code, nor of those who run it.
     """
 
     folder: Path
@@ -43,6 +52,9 @@ class CampaignView:
     fingerprint: str = ""
     problem: str = ""
     alone: bool = False
+    known: Mapping[str, KnownFinding] | None = None
+    remarks: tuple[str, ...] = ()
+    excused: bool = False
 
     @property
     def finished(self) -> bool:
@@ -62,6 +74,27 @@ class CampaignView:
     def _is_current(self, one: FindingView) -> bool:
         return not self.fingerprint or one.finding.fingerprint in ("", self.fingerprint)
 
+    def entry(self, one: FindingView) -> KnownFinding | None:
+        """Return what the baseline has of a finding."""
+        return None if self.known is None else self.known.get(fingerprint_of(one.finding))
+
+    def standing(self, one: FindingView) -> Standing:
+        """Return what the baseline says of a finding."""
+        if self.known is None:
+            return ""
+        entry = self.entry(one)
+        return "new" if entry is None else "came back" if entry.fixed else "known"
+
+    @property
+    def failures(self) -> tuple[FindingView, ...]:
+        """The findings of the code under test that count: all that the baseline does not know."""
+        return tuple(one for one in self.current if self.standing(one) != "known")
+
+    def told(self, one: FindingView) -> str:
+        """Return what the baseline says of a finding, in a few words; what people wrote stands in it."""
+        entry, standing = self.entry(one), self.standing(one)
+        return standing if entry is None else f"{standing}: {entry.told}"
+
     @property
     def doubts(self) -> list[str]:
         """Why nothing can be concluded where nothing was found."""
@@ -73,20 +106,31 @@ class CampaignView:
         """What the campaign has come to, in a line; texts in it come from others."""
         current, campaign = self.current, self.campaign
         if campaign is None:
-            found = counted(len(current), "finding") + (f" of {self.unit}" if self.unit else "")
+            found = self._counted(current) + (f" of {self.unit}" if self.unit else "")
+            if self.excused:
+                return f"not tested: {self.problem}" + (f"; {found} so far" if current else "")
             why = f" ({self.problem})" if self.problem else ""
             return found if self.alone else f"not finished{why}: {found} so far"
         noun, of = ("run", "the whole system") if campaign.whole_system else ("trial", campaign.unit)
         tested = f"{counted(campaign.tested, noun)} of {of}"
         own = [one for one in current if one.directory.name in campaign.findings]
-        told = f"{counted(len(own), 'finding') if own else 'no finding'} in {tested}"
+        told = f"{self._counted(own) if own else 'no finding'} in {tested}"
         if not own and self.doubts:
             first, *others = self.doubts
             more = f" (and {counted(len(others), 'more doubt')})" if others else ""
             told = f"inconclusive: {told}, but {first}{more}"
         if len(current) > len(own):
-            told += f"; {counted(len(current) - len(own), 'more finding')} of the same code, found otherwise"
+            rest = [one for one in current if one not in own]
+            told += f"; {self._counted(rest, more='more ')} of the same code, found otherwise"
+        told += f"; ended early: {campaign.stopped}" if campaign.stopped else ""
         return told + (f"; then it stopped: {self.problem}" if self.problem else "")
+
+    def _counted(self, some: Sequence[FindingView], *, more: str = "") -> str:
+        """Return how many findings these are, and how many of them count where there is a baseline."""
+        count = sum(self.standing(one) != "known" for one in some)
+        mixed = 0 < count < len(some)
+        kind = "" if self.known is None or mixed or not some else "new " if count else "known "
+        return counted(len(some), f"{more}{kind}finding") + (f" ({count} new)" if mixed else "")
 
 
 def load_campaign(
@@ -131,12 +175,6 @@ def view_of_one(view: FindingView) -> CampaignView:
 def is_output_folder(path: Path) -> bool:
     """Return whether a folder is that of a campaign, not of one finding."""
     return not FindingRecord.exists(path) and (CampaignRecord.exists(path) or (path / _FINDINGS).is_dir())
-
-
-def title_of(finding: FindingRecord) -> str:
-    """Return what a finding is called from one campaign to the next: its signature, and what else tells it apart."""
-    marks = {"whole system": finding.whole_system, "messages missing": finding.id.endswith("-missing")}
-    return finding.signature + "".join(f" ({mark})" for mark, so in marks.items() if so)
 
 
 def level_of(finding: FindingRecord) -> Literal["error", "warning"]:

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from riot_bus.events import AnalysisFinished, CampaignFinished, CampaignStarted, FindingWritten, StepStarted
+from riot_bus.events import (
+    AnalysisFinished,
+    CampaignFinished,
+    CampaignStarted,
+    FindingReplayed,
+    FindingWritten,
+    StepStarted,
+)
 from riot_bus.findings.steps import STEPS
 from riot_bus.plugins import REPORTS
 from riot_bus.report.campaign_view import CampaignView, load_campaign
 from riot_bus.report.format import clean
 from riot_bus.report.formats import CampaignFormat, append_summary, write_file
-from riot_bus.vocabulary.errors import ConfigError, RiotError
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, RiotError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from types import TracebackType
 
     from riot_bus.events import RunEvent
+    from riot_bus.findings.known import KnownFindings
 
-__all__ = ["AskedReport", "ReportFollower", "asked_report"]
+__all__ = ["AskedReport", "ReportFollower", "asked_report", "reports_of"]
 
 _EXPLAINING = {step.name for step in STEPS[1:]}
 """Steps that take the findings of a campaign that has ended."""
@@ -63,6 +71,28 @@ def asked_report(text: str, *, out: Path) -> AskedReport:
     return AskedReport(made, path)
 
 
+def reports_of(texts: Sequence[str], folders: Mapping[str, Path]) -> dict[str, list[str]]:
+    """Return what is asked of each of several units, with the unit's name where a file has `{unit}`.
+
+    Args:
+        texts: As of `asked_report`.
+        folders: Output folders of the units.
+
+    Raises:
+        ConfigError: As of `asked_report`, or several units would write to one file.
+    """
+    found = {}
+    for unit, folder in folders.items():
+        found[unit] = [text.replace("{unit}", folder.name) for text in texts]
+        for each in found[unit]:
+            asked_report(each, out=folder)
+    for text in texts if len(folders) > 1 else ():
+        if "=" in text and "{unit}" not in text:
+            hint = f"write {{unit}} into its name, or leave it out: {text.partition('=')[0]}"
+            raise ConfigError(f"{len(folders)} units would write to {text!r}", where="--report", hint=hint)
+    return found
+
+
 class ReportFollower:
     """Listens to events and writes reports of a campaign anew when there is more to report; a context manager.
 
@@ -72,12 +102,24 @@ class ReportFollower:
         asked: The reports.
         out: The campaign's output folder.
         say: Prints.
+        known: The baseline, if findings that it knows do not count.
+        lenient: Whether surroundings that fail are no error.
     """
 
-    def __init__(self, asked: Iterable[AskedReport], out: Path, say: Callable[[str | bytes], object]) -> None:
+    def __init__(
+        self,
+        asked: Iterable[AskedReport],
+        out: Path,
+        say: Callable[[str | bytes], object],
+        *,
+        known: KnownFindings | None = None,
+        lenient: bool = False,
+    ) -> None:
         self._asked, self._out, self._say = tuple(asked), out, say
+        self._known, self._lenient = known.entries if known else None, lenient
         self._unit = self._fingerprint = ""
-        self._finished = False
+        self._finished = self._excused = False
+        self._remarks: list[str] = []
 
     def __enter__(self) -> Self:
         """Write that nothing is known yet.
@@ -95,6 +137,7 @@ class ReportFollower:
             self._finished = True
             self._end()
         else:
+            self._excused = self._lenient and isinstance(error, EnvironmentFaultError)
             with suppress(ConfigError):  # why the work has ended is told, not this
                 self._end(_told(error))
 
@@ -107,6 +150,8 @@ class ReportFollower:
                 self._finished = True
             case StepStarted() if event.step in _EXPLAINING:
                 self._finished = True
+            case FindingReplayed() if event.text:
+                self._remarks.append(event.text)
             case FindingWritten():
                 pass
             case _:
@@ -131,11 +176,13 @@ class ReportFollower:
 
     def _view(self, problem: str) -> CampaignView:
         """Return what is known; nothing before it is known what is tested: the folder may hold an older campaign."""
-        known = self._finished or self._fingerprint
-        if not self._asked or not known:
-            return CampaignView(self._out, None, (), problem=problem)
-        unit, fingerprint = self._unit, self._fingerprint
-        return load_campaign(self._out, finished=self._finished, unit=unit, fingerprint=fingerprint, problem=problem)
+        told = self._finished or self._fingerprint
+        if not self._asked or not told:
+            view = CampaignView(self._out, None, (), problem=problem)
+        else:
+            of_it = {"unit": self._unit, "fingerprint": self._fingerprint}
+            view = load_campaign(self._out, finished=self._finished, problem=problem, **of_it)
+        return replace(view, known=self._known, remarks=tuple(self._remarks), excused=self._excused)
 
 
 def _told(error: BaseException) -> str:

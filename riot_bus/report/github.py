@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from riot_bus.report.campaign_view import level_of, title_of
+from riot_bus.findings.known import title_of
+from riot_bus.report.campaign_view import level_of
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place
 from riot_bus.report.markdown import MarkdownReport
@@ -37,7 +38,7 @@ class GithubReport:
     summary_variable = "GITHUB_STEP_SUMMARY"
 
     def render_campaign(self, view: CampaignView) -> str:
-        """Return a command in a line for each finding, the worst first, and one for what the campaign has come to."""
+        """Return a command in a line for each finding that counts, the worst first, and one for what it has come to."""
         return "".join(f"{line}\n" for line in _commands(view))
 
     def render_summary(self, view: CampaignView) -> str:
@@ -46,25 +47,27 @@ class GithubReport:
 
 
 def _commands(view: CampaignView) -> Iterator[str]:
-    current = view.current
-    for one in current[:_MOST]:
+    counting = view.failures
+    for one in counting[:_MOST]:
         place = find_place(one)
         about = {
             "file": place.path,
             "line": str(place.line),
             "title": clean(title_of(one.finding), limit=_LONGEST_TITLE),
         }
-        yield _command(level_of(one.finding), about, _message(one))
-    told = view.verdict
-    if len(current) > _MOST:
-        told += f" ({counted(len(current) - _MOST, 'finding')} without an annotation: GitHub shows {_MOST} of a step)"
-    level = "error" if view.problem else "notice" if view.finished and not view.doubts else "warning"
+        yield _command(level_of(one.finding), about, _message(one, told=view.told(one) if view.entry(one) else ""))
+    told = "\n".join([view.verdict, *view.remarks])
+    if len(counting) > _MOST:
+        left = counted(len(counting) - _MOST, "finding")
+        told += f" ({left} without an annotation: GitHub shows {_MOST} of a step)"
+    clean_end = view.finished and not view.doubts and not view.problem
+    level = "error" if view.problem and not view.excused else "notice" if clean_end else "warning"
     yield _command(level, {"title": "riot"}, told)
 
 
-def _message(one: FindingView) -> str:
+def _message(one: FindingView, *, told: str) -> str:
     finding, rate = one.finding, one.finding.rate
-    lines = ["".join(part.text for part in one.verdict()), *finding.details[:1]]
+    lines = ["".join(part.text for part in one.verdict()), *([told] if told else []), *finding.details[:1]]
     if rate:
         often = share_interval(rate.low, rate.high)
         lines.append(f"{rate.count} of {counted(rate.total, 'fresh trial')} failed again, 95 %: {often}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import riot_bus
-from riot_bus.report.campaign_view import title_of
+from riot_bus.findings.known import title_of
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place, unit_place
 from riot_bus.report.text import TextReport
@@ -67,7 +67,8 @@ def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: s
     case = ElementTree.SubElement(suite, "testcase", classname=classname, name="campaign")
     if campaign is None:
         _add(nominal, "skipped", "not known before the campaign has ended", [view.verdict])
-        _add(case, "error", view.verdict, view.doubts, kind="not finished")
+        kind = "environment" if view.excused else "not finished"
+        _add(case, "error", view.verdict, [*view.remarks, *view.doubts], kind=kind)
         return 0.0
     case.set("time", f"{campaign.seconds:.3f}")
     rates = [(one.finding, one.finding.nominal) for one in view.current if one.finding.unit == campaign.unit]
@@ -82,10 +83,12 @@ def _campaign_cases(suite: ElementTree.Element, view: CampaignView, classname: s
         _add(case, "error", view.verdict, [*([view.problem] if view.problem else []), *view.doubts], kind="environment")
     elif view.doubts:
         _add(case, "skipped", view.verdict, view.doubts, kind="inconclusive")
+    elif campaign.stopped:
+        _add(case, "skipped", view.verdict, [campaign.stopped], kind="ended early")
     unconfirmed = [f"not confirmed: {one.signature}" for one in campaign.unconfirmed]
     untold = [f"not told: {each}" for each in campaign.untold]
     told = ElementTree.SubElement(case, "system-out")
-    told.text = _lines([view.verdict, *unconfirmed, *untold, *campaign.effects.lines()])
+    told.text = _lines([view.verdict, *view.remarks, *unconfirmed, *untold, *campaign.effects.lines()])
     return campaign.seconds
 
 
@@ -94,6 +97,10 @@ def _finding_case(suite: ElementTree.Element, view: CampaignView, one: FindingVi
     finding, name = one.finding, clean(title_of(one.finding), limit=_LONGEST_NAME)
     seconds = sum(record.seconds for step, record in one.steps if record and step.name != "test")
     case = ElementTree.SubElement(suite, "testcase", classname=classname, name=name, time=f"{seconds:.3f}")
+    if one not in view.current and finding.fixed_in and finding.fixed_in == view.fingerprint:
+        told = ElementTree.SubElement(case, "system-out")
+        told.text = _lines(["fixed: fresh trials of its log do not fail any more", one.command("reproduce")])
+        return seconds
     if one not in view.current:
         why = "found with other code or another riot.toml, and not seen by this campaign"
         _add(case, "skipped", why, [why, one.command("reproduce")], kind="earlier")
@@ -101,7 +108,11 @@ def _finding_case(suite: ElementTree.Element, view: CampaignView, one: FindingVi
     verdict = "".join(part.text for part in one.verdict())
     place, unit = find_place(one), unit_place(finding)
     lines = [f"at {place}", f"unit {finding.unit} of {unit}", *finding.details[:1], TextReport().render(one)]
-    _add(case, "failure", verdict, lines, kind=finding.monitor)
+    if view.standing(one) == "known":
+        _add(case, "skipped", view.told(one), [verdict, *lines], kind="known")
+    else:
+        back = [view.told(one)] if view.entry(one) else []
+        _add(case, "failure", verdict, [*back, *lines], kind=finding.monitor)
     return seconds
 
 

@@ -9,7 +9,7 @@ import re
 from html import escape
 from typing import TYPE_CHECKING
 
-from riot_bus.report.campaign_view import title_of
+from riot_bus.findings.known import title_of
 from riot_bus.report.format import clean, share_interval
 from riot_bus.report.location import find_place
 from riot_bus.report.statements import not_tried, statements
@@ -71,16 +71,19 @@ def _left_out(count: int, where: str) -> str:
 
 def _campaign(view: CampaignView) -> Iterator[str]:
     yield f"## riot: {_inline(view.verdict)}\n"
+    told_too = ("baseline",) if view.known is not None else ()
     if view.current:
-        yield _heads("failure", "component", "severity", "fresh trials (95 %)", "fails when", "again")
+        yield _heads("failure", "component", "severity", "fresh trials (95 %)", "fails when", "again", *told_too)
     for one in view.current:
         finding, rate = one.finding, one.finding.rate
         often = f"{rate.count} of {rate.total} ({share_interval(rate.low, rate.high)})" if rate else "not repeated"
         rule = cell(one.rule.text) if one.rule else "not known yet"
         failure, again = cell(title_of(finding)), cell(one.command("reproduce"))
-        yield f"| {failure} | {cell(finding.component)} | {cell(finding.severity)} | {often} | {rule} | {again} |\n"
+        facts = [failure, cell(finding.component), cell(finding.severity), often, rule, again]
+        yield f"| {' | '.join([*facts, *([cell(view.told(one))] if told_too else [])])} |\n"
     campaign = view.campaign
     told = [("Doubts", view.doubts), ("Stopped early", [view.problem] if view.problem else [])]
+    told.append(("Played again", list(view.remarks)))
     if campaign:
         told.append(("Not confirmed", [one.signature for one in campaign.unconfirmed]))
         told.append(("Not told", list(campaign.untold)))

@@ -5,13 +5,13 @@ A result is known again by its rule and by its fingerprint, which is the finding
 
 from __future__ import annotations
 
-import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import riot_bus
-from riot_bus.report.campaign_view import level_of, title_of
+from riot_bus.findings.known import fingerprint_of
+from riot_bus.report.campaign_view import level_of
 from riot_bus.report.format import clean
 from riot_bus.report.location import find_place
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from riot_bus.report.campaign_view import CampaignView
     from riot_bus.report.finding_view import FindingView
 
-__all__ = ["SarifReport", "fingerprint_of"]
+__all__ = ["SarifReport"]
 
 _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 _ROOT = "%SRCROOT%"
@@ -58,15 +58,10 @@ class SarifReport:
                 }
             ],
             "originalUriBaseIds": {_ROOT: {"description": {"text": "The root of the repository."}}},
-            "results": [_result(one, rules) for one in findings],
+            "results": [_result(one, rules) | _standing(view, one) for one in findings],
         }
         log = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
         return json.dumps(log, indent=1) + "\n"
-
-
-def fingerprint_of(finding: FindingRecord) -> str:
-    """Return what a finding is known by: a hash of component and signature, which have no line numbers in them."""
-    return hashlib.sha256(f"{finding.component}\n{title_of(finding)}".encode(errors="backslashreplace")).hexdigest()
 
 
 def _rule_id(finding: FindingRecord) -> str:
@@ -120,12 +115,22 @@ def _result(one: FindingView, rules: list[str]) -> dict[str, Any]:
     }
 
 
+def _standing(view: CampaignView, one: FindingView) -> dict[str, Any]:
+    """Return what the baseline says of a finding; nothing if there is none."""
+    standing = view.standing(one)
+    if standing != "known":
+        return {"baselineState": "new"} if standing else {}
+    suppression = {"kind": "external", "status": "accepted", "justification": clean(view.told(one), limit=_LONGEST)}
+    return {"baselineState": "unchanged", "suppressions": [suppression]}
+
+
 def _rate(rate: ProportionRecord | None) -> dict[str, Any] | None:
     return rate.model_dump(mode="json") if rate else None
 
 
 def _notes(view: CampaignView) -> list[tuple[str, str]]:
-    found = [("error", view.problem)] if view.problem else []
+    found = [("warning" if view.excused else "error", view.problem)] if view.problem else []
+    found += [("note", remark) for remark in view.remarks]
     found += [("note" if view.finished and not view.doubts else "warning", view.verdict)]
     left = len(view.current) - _MOST
     found += [("warning", f"{left} more findings are left out")] if left > 0 else []

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
 
+from riot_bus.findings.known import KnownFinding
 from riot_bus.findings.steps import STEPS
 from riot_bus.report.campaign_view import load_campaign
 from riot_bus.report.finding_view import load
@@ -38,6 +39,7 @@ __all__ = [
     "CampaignReportConformance",
     "ReportConformance",
     "campaign_at",
+    "campaign_with_baseline",
     "view_at",
 ]
 
@@ -208,6 +210,21 @@ def campaign_at(name: str, folder: Path) -> CampaignView:
     return load_campaign(folder)
 
 
+def campaign_with_baseline(name: str, folder: Path, *, note: str = "ticket 12") -> CampaignView:
+    """Write and read a campaign as `campaign_at` does, the first finding of which is known and the second was fixed.
+
+    Args:
+        name: One of `CAMPAIGNS`.
+        folder: An empty folder.
+        note: What people say of them, and what was learnt besides.
+    """
+    view = campaign_at(name, folder)
+    entries = [KnownFinding.of(one.finding, since="2026-03-01", note=note) for one in view.findings]
+    known = {one.fingerprint: one for one in entries[:1]}
+    fixed = {one.fingerprint: one.model_copy(update={"fixed": note}) for one in entries[1:2]}
+    return replace(view, known=fixed | known, remarks=(note,))
+
+
 def view_at(stage: str, folder: Path) -> FindingView:
     """Write the files of a stage into a folder and read them.
 
@@ -307,6 +324,19 @@ class CampaignReportConformance(ReportConformance):
     def test_hostile_names_of_campaigns_stay_text(self, tmp_path: Path) -> None:
         """They neither move a terminal's cursor nor reorder a line nor become tags or attributes."""
         self._is_harmless(tmp_path, campaign_at, "finished")
+
+    @pytest.mark.parametrize("campaign", CAMPAIGNS)
+    def test_every_campaign_is_reported_beside_a_baseline(self, campaign: str, tmp_path: Path) -> None:
+        """Nothing is raised, whatever a baseline says of its findings."""
+        self._is_reported(campaign_with_baseline(campaign, tmp_path), tmp_path)
+
+    def test_notes_of_a_baseline_stay_text(self, tmp_path: Path) -> None:
+        """Whoever may write into the baseline cannot write into a terminal, a job or a page."""
+
+        def made(name: str, folder: Path) -> CampaignView:
+            return campaign_with_baseline("several", folder, note=HOSTILE_TEXT if name == "hostile" else "ticket 12")
+
+        self._is_harmless(tmp_path, made, "harmless")
 
 
 def _made(folder: Path) -> Path:

@@ -113,3 +113,17 @@ def test_a_rule_about_yes_and_no_says_how_few_cases_it_has() -> None:
     assert "1.000 on 60 fresh checks of its 2 cases, 0 trials" in yes.summary
     mixed = rule.model_copy(update={"types": {"/a before /b": "bool", "/b:x": "int32"}})
     assert "of its" not in mixed.summary
+
+
+def test_a_path_that_begins_at_the_findings_folder_is_a_whole_one_when_it_is_read(tmp_path: Path) -> None:
+    folder = tmp_path / "kept" / "findings" / "x"
+    folder.mkdir(parents=True)
+    for written, read in (
+        ("../../../riot.toml", tmp_path / "riot.toml"),
+        ("/site/riot.toml", Path("/site/riot.toml")),
+        ("rover/riot.toml", Path("rover/riot.toml")),
+    ):
+        FindingRecord(
+            id="x", system="s", system_file=written, unit="u", component="u", monitor="crash", signature="crash in u"
+        ).save(folder)
+        assert Path(FindingRecord.load(folder).system_file) == read

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.known import KnownFinding
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.report.campaign_view import is_output_folder, level_of, load_campaign, title_of, view_of_one
+from riot_bus.report.campaign_view import CampaignView, is_output_folder, level_of, load_campaign, view_of_one
 from riot_bus.testing.reports import campaign_at, view_at
 
 ONE = "planner-crash-1f3a"
@@ -97,8 +99,48 @@ def test_an_output_folder_is_told_from_a_finding(tmp_path: Path) -> None:
     assert is_output_folder(tmp_path / "only")
 
 
-def test_a_title_is_the_signature_and_what_else_tells_findings_apart(tmp_path: Path) -> None:
-    finding = view_at("until test", tmp_path).finding
-    assert title_of(finding) == finding.signature
-    assert title_of(finding.model_copy(update={"whole_system": True})) == f"{finding.signature} (whole system)"
-    assert title_of(finding.model_copy(update={"id": "x-missing"})) == f"{finding.signature} (messages missing)"
+def several(folder: Path) -> CampaignView:
+    """A campaign with three findings: one is known, one was fixed, one is new."""
+    campaign_at("several", folder)
+    for path in (folder / "findings").iterdir():
+        record = FindingRecord.load(path)
+        record.model_copy(update={"signature": f"{record.signature} {path.name}"}).save(path)
+    first, second, _ = (KnownFinding.of(one.finding, since="2026-03-01") for one in load_campaign(folder).findings)
+    known = {first.fingerprint: first, second.fingerprint: second.model_copy(update={"fixed": "2026-03-02"})}
+    return replace(load_campaign(folder), known=known)
+
+
+def test_findings_that_the_baseline_knows_do_not_count(tmp_path: Path) -> None:
+    view = several(tmp_path)
+    assert [view.standing(one) for one in view.current] == ["known", "came back", "new"]
+    assert view.failures == view.current[1:]
+    assert [view.told(one) for one in view.current] == [
+        "known: since 2026-03-01", "came back: was fixed 2026-03-02", "new"
+    ]  # fmt: skip
+    assert view.verdict == (
+        "1 new finding in 120 trials of planner; 2 more findings (1 new) of the same code, found otherwise"
+    )
+    every = replace(view, known={})
+    assert every.failures == every.current
+    assert every.verdict.startswith("1 new finding in 120 trials")
+
+
+def test_without_a_baseline_every_finding_counts_and_nothing_is_said_of_it(tmp_path: Path) -> None:
+    view = campaign_at("several", tmp_path)
+    assert view.failures == view.current
+    assert {view.standing(one) for one in view.current} == {""}
+    assert "new" not in view.verdict
+
+
+def test_a_campaign_that_was_ended_early_says_why(tmp_path: Path) -> None:
+    campaign_at("nothing found", tmp_path)
+    CampaignRecord.load(tmp_path).model_copy(update={"stopped": "it was enough"}).save(tmp_path)
+    assert load_campaign(tmp_path).verdict == "no finding in 120 trials of planner; ended early: it was enough"
+
+
+def test_surroundings_that_are_excused_are_not_tested(tmp_path: Path) -> None:
+    begun = load_campaign(tmp_path, finished=False, problem="no port", unit="planner", fingerprint="1f3a")
+    assert replace(begun, excused=True).verdict == "not tested: no port"
+    campaign_at("not finished", tmp_path)
+    begun = load_campaign(tmp_path, problem="no port")
+    assert replace(begun, excused=True).verdict == "not tested: no port; 1 finding of planner so far"

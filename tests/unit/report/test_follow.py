@@ -10,9 +10,10 @@ from riot_bus.chain.analyze import analyze_all
 from riot_bus.chain.robustness import test_unit as run_campaign
 from riot_bus.chain.robustness import tested as known_findings
 from riot_bus.chain.workspace import Workspace
-from riot_bus.events import CampaignFinished, CampaignStarted, FindingWritten, RunEvent
+from riot_bus.events import CampaignFinished, CampaignStarted, FindingReplayed, FindingWritten, RunEvent
+from riot_bus.findings.known import KnownFinding, KnownFindings
 from riot_bus.findings.records import FindingRecord
-from riot_bus.report.follow import AskedReport, ReportFollower, asked_report
+from riot_bus.report.follow import AskedReport, ReportFollower, asked_report, reports_of
 from riot_bus.report.junit import JunitReport
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from tests.unit.chain.machine import SYSTEM, Machine, never_hangs
@@ -169,3 +170,51 @@ def test_without_reports_nothing_is_written_or_said(tmp_path: Path) -> None:
     with ReportFollower([], tmp_path, said.append) as follower:
         follower(CampaignStarted("drive", "x"))
     assert said == list(tmp_path.iterdir()) == []
+
+
+def test_known_findings_do_not_count_and_what_was_played_again_is_told(tmp_path: Path) -> None:
+    one = Bench(tmp_path)
+    with one.follower, one.workspace() as workspace:
+        (folder,) = run_campaign(workspace, "drive", trials=30, seconds=None, covered=False)
+    entry = KnownFinding.of(FindingRecord.load(folder), since="2026-03-01")
+    known = KnownFindings(tmp_path / "b.json").updated([entry])
+    asked = [asked_report("markdown", out=one.out), asked_report("github", out=one.out)]
+    said: list[str | bytes] = []
+    with ReportFollower(asked, one.out, said.append, known=known) as follower:
+        follower(FindingReplayed(str(folder), "hang", "fixed", "fixed (known): hang", 0, 3))
+        follower(FindingReplayed(str(folder), "hang", "still failing", "", 3, 3))
+    page, commands = said
+    assert "known: since 2026-03-01" in str(page)
+    assert str(page).count("fixed (known): hang") == 1
+    assert str(commands).startswith("::notice title=riot::1 known finding in ")
+    assert str(commands).endswith("%0Afixed (known): hang\n")
+
+
+@pytest.mark.parametrize(("lenient", "level"), [(True, "warning"), (False, "error")])
+def test_surroundings_that_fail_are_an_error_unless_they_are_excused(
+    tmp_path: Path, *, lenient: bool, level: str
+) -> None:
+    said: list[str | bytes] = []
+    follower = ReportFollower([asked_report("github", out=tmp_path)], tmp_path, said.append, lenient=lenient)
+    with pytest.raises(EnvironmentFaultError), follower:
+        raise EnvironmentFaultError("no port")
+    assert str(said[0]).startswith(f"::{level} title=riot::not ")
+    said.clear()
+    follower = ReportFollower([asked_report("github", out=tmp_path)], tmp_path, said.append, lenient=lenient)
+    with pytest.raises(ConfigError), follower:
+        raise ConfigError("no such unit")
+    assert str(said[0]).startswith("::error title=riot::not finished (no such unit)")
+
+
+def test_each_unit_has_its_reports(tmp_path: Path) -> None:
+    folders = {"planner": tmp_path / "planner", "a/b": tmp_path / "a_b-1f3a"}
+    texts = ["junit", "markdown=x/{unit}.md"]
+    assert reports_of(texts, folders) == {
+        "planner": ["junit", "markdown=x/planner.md"], "a/b": ["junit", "markdown=x/a_b-1f3a.md"]
+    }  # fmt: skip
+    assert reports_of(["junit=x.xml"], {"planner": tmp_path}) == {"planner": ["junit=x.xml"]}
+    with pytest.raises(ConfigError, match=r"2 units would write to 'junit=x\.xml'") as problem:
+        reports_of(["junit=x.xml"], folders)
+    assert "{unit}" in str(problem.value.hint)
+    with pytest.raises(ConfigError, match="unknown report format"):
+        reports_of(["junt"], folders)

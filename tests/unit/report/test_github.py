@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from riot_bus.findings.known import title_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
 from riot_bus.report.finding_view import load
 from riot_bus.report.github import GithubReport
 from riot_bus.report.markdown import MarkdownReport
 from riot_bus.testing.reports import CAMPAIGNS, campaign_at, view_at
+from tests.unit.report.test_campaign_view import several
 
 COMMAND = re.compile(r"::(?P<name>[a-z]+) (?P<properties>[^:]*)::(?P<message>.*)")
 
@@ -93,3 +96,17 @@ def test_only_as_many_as_are_shown(tmp_path: Path) -> None:
 def test_the_summary_is_the_markdown(tmp_path: Path) -> None:
     view = campaign_at("finished", tmp_path)
     assert GithubReport().render_summary(view) == MarkdownReport().render_campaign(view)
+
+
+def test_findings_that_are_known_get_no_annotation(tmp_path: Path) -> None:
+    view = several(tmp_path)
+    first, second, last = commands(replace(view, remarks=("fixed: x",)))
+    assert [first[1]["title"], second[1]["title"]] == [title_of(one.finding) for one in view.failures]
+    assert first[2].splitlines()[1] == "came back: was fixed 2026-03-02"
+    assert last == ("notice", {"title": "riot"}, f"{view.verdict}\nfixed: x")
+
+
+def test_surroundings_that_are_excused_are_a_warning(tmp_path: Path) -> None:
+    view = load_campaign(tmp_path, finished=False, problem="no port", unit="planner", fingerprint="1f3a")
+    assert commands(view)[-1][0] == "error"
+    assert commands(replace(view, excused=True)) == [("warning", {"title": "riot"}, "not tested: no port")]

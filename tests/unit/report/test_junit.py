@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
+from riot_bus.findings.known import title_of
 from riot_bus.findings.records import CampaignRecord, FindingRecord, ProportionRecord
 from riot_bus.report.campaign_view import CampaignView, load_campaign, view_of_one
 from riot_bus.report.junit import JunitReport
 from riot_bus.testing.reports import CAMPAIGNS, campaign_at, view_at
+from tests.unit.report.test_campaign_view import several
 
 XUNIT2 = {
     "testsuites": ({"name", "time", "tests", "failures", "errors"}, {"testsuite"}),
@@ -161,3 +164,38 @@ def load_campaign_of(finding: Path) -> CampaignView:
     from riot_bus.report.finding_view import load
 
     return view_of_one(load(finding))
+
+
+def test_known_findings_are_skipped_and_those_that_come_back_are_not(tmp_path: Path) -> None:
+    view = several(tmp_path)
+    found = cases(view)
+    assert [found[title_of(one.finding)] for one in view.current] == ["skipped", "failure", "failure"]
+    (skipped,) = document(view).iter("skipped")
+    assert (skipped.attrib["type"], skipped.attrib["message"]) == ("known", "known: since 2026-03-01")
+    assert f"riot reproduce {view.current[0].directory}" in (skipped.text or "")
+    (back, _) = document(view).iter("failure")
+    assert (back.text or "").startswith("came back: was fixed 2026-03-02\nat ")
+
+
+def test_what_fresh_trials_have_shown_to_be_fixed_passes(tmp_path: Path) -> None:
+    campaign_at("finished", tmp_path)
+    folder = tmp_path / "findings" / "planner-crash-1f3a"
+    old = FindingRecord.load(folder).model_copy(update={"fingerprint": "old"})
+    for fixed_in, end in (("1f3a", "passed"), ("other", "skipped"), ("", "skipped")):
+        old.model_copy(update={"fixed_in": fixed_in}).save(folder)
+        assert cases(load_campaign(tmp_path))[SIGNATURE] == end
+
+
+def test_a_campaign_that_was_ended_early_has_not_passed(tmp_path: Path) -> None:
+    campaign_at("nothing found", tmp_path)
+    CampaignRecord.load(tmp_path).model_copy(update={"stopped": "it was enough"}).save(tmp_path)
+    assert cases(load_campaign(tmp_path))["campaign"] == "skipped"
+
+
+def test_surroundings_that_are_excused_are_an_error_and_no_failure(tmp_path: Path) -> None:
+    view = load_campaign(tmp_path, finished=False, problem="no port", unit="planner", fingerprint="1f3a")
+    view = replace(view, excused=True, remarks=("fixed: x",))
+    assert cases(view)["campaign"] == "error"
+    (error,) = document(view).iter("error")
+    assert (error.attrib["type"], error.attrib["message"]) == ("environment", "not tested: no port")
+    assert "fixed: x" in (error.text or "")

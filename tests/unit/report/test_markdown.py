@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from riot_bus.report.finding_view import load
 from riot_bus.report.format import clean
 from riot_bus.report.markdown import LONGEST, MarkdownReport, bounded, cell, code
 from riot_bus.testing.reports import campaign_at, view_at
+from tests.unit.report.test_campaign_view import several
 
 MARKDOWN = MarkdownIt("commonmark").enable("table")
 
@@ -140,3 +142,12 @@ def test_bounded_keeps_whole_parts() -> None:
         text = bounded(parts, where="x", longest=longest)
         assert text.startswith(f"{kept}\n\n{told} left out, as GitHub takes")
         assert len(text) <= longest
+
+
+def test_a_table_says_what_the_baseline_knows(tmp_path: Path) -> None:
+    view = several(tmp_path)
+    heads, *rows = cells(MarkdownReport().render_campaign(replace(view, remarks=("fixed: x | y",))))
+    assert heads[-1] == "baseline"
+    assert [row[-1] for row in rows[:3]] == ["known: since 2026-03-01", "came back: was fixed 2026-03-02", "new"]
+    assert "**Played again**" in MarkdownReport().render_campaign(replace(view, remarks=("x",)))
+    assert cells(MarkdownReport().render_campaign(replace(view, known=None)))[0][-1] == "again"

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from riot_bus.findings.known import fingerprint_of
 from riot_bus.findings.records import FindingRecord
 from riot_bus.report.campaign_view import CampaignView, load_campaign
-from riot_bus.report.sarif import SarifReport, fingerprint_of
+from riot_bus.report.sarif import SarifReport
 from riot_bus.testing.reports import CAMPAIGNS, campaign_at
+from tests.unit.report.test_campaign_view import several
 from tests.unit.report.test_location import Bench
 
 
@@ -123,3 +126,21 @@ def test_findings_of_other_code_are_left_out(tmp_path: Path) -> None:
     folder = tmp_path / "findings" / "planner-crash-1f3a"
     FindingRecord.load(folder).model_copy(update={"fingerprint": "other"}).save(folder)
     assert run_of(load_campaign(tmp_path))["results"] == []
+
+
+def test_known_findings_are_suppressed_with_what_people_say(tmp_path: Path) -> None:
+    view = several(tmp_path)
+    results = run_of(view)["results"]
+    assert [one["baselineState"] for one in results] == ["unchanged", "new", "new"]
+    assert [one.get("suppressions") for one in results] == [
+        [{"kind": "external", "status": "accepted", "justification": "known: since 2026-03-01"}], None, None
+    ]  # fmt: skip
+    assert not any("baselineState" in one for one in run_of(replace(view, known=None))["results"])
+
+
+def test_what_was_learnt_besides_is_a_notification(tmp_path: Path) -> None:
+    view = load_campaign(tmp_path, finished=False, problem="no port", unit="planner", fingerprint="1f3a")
+    (invocation,) = run_of(replace(view, excused=True, remarks=("fixed: x",)))["invocations"]
+    told = [(one["level"], one["message"]["text"]) for one in invocation["toolExecutionNotifications"]]
+    assert told[:2] == [("warning", "no port"), ("note", "fixed: x")]
+    assert not invocation["executionSuccessful"]
