@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -62,6 +63,7 @@ class CampaignResult:
         unjudged: Cases that could not be judged, and why.
         alarms: Signatures that are told by comparing with nominal trials, and that nominal trials have shown: no
             failures.
+        stopped: Whether it was told to stop.
     """
 
     trials: int
@@ -78,6 +80,7 @@ class CampaignResult:
     after_others: Mapping[str, AfterOthers] = field(default_factory=dict)
     unjudged: Sequence[tuple[TestCase, str]] = ()
     alarms: Sequence[str] = ()
+    stopped: bool = False
 
 
 @dataclass(slots=True)
@@ -219,13 +222,14 @@ def run_campaign(
     runner: Runner,
     *,
     seed: int,
-    trials: int,
+    trials: int | None,
     covering: Covering | None = None,
     ordered: bool = False,
     seconds: float | None = None,
     covered: bool = False,
     progress: Progress | None = None,
     found: Callable[[Failure], object] = lambda _: None,
+    stop: Callable[[], bool] = lambda: False,
     explorer: Runner | None = None,
 ) -> CampaignResult:
     """Run trials until the budget ends; each failure is repeated with fresh processes before it counts.
@@ -238,13 +242,14 @@ def run_campaign(
         schedule: Draws the injections of the other trials.
         runner: Executes test cases.
         seed: Seed of the campaign.
-        trials: At most so many injected trials; nominal and repeated ones come on top.
+        trials: At most so many injected trials; nominal and repeated ones come on top; None for no limit.
         covering: Chooses most trials; without it all are drawn.
         ordered: Whether trials keep the order of the log across topics.
         seconds: At most so much time; None for no limit.
         covered: Whether to end when all that `covering` has to try was tried.
         progress: Told after each batch.
         found: Called with each failure as soon as it is confirmed.
+        stop: Asked before each batch of injected trials; True ends the campaign.
         explorer: Executes injected trials in its own way, such as many with one process; None for `runner`.
 
     Raises:
@@ -253,12 +258,14 @@ def run_campaign(
     log = tuple(messages)
     work = _Campaign(runner, explorer or runner, found, ordered, schedule.types)
     nominal = work.check_nominal(log, seed)
-    done, started = 0, time.monotonic()
-    hopeless = work.failing == nominal
-    while not hopeless and done < trials and (seconds is None or time.monotonic() - started < seconds):
+    done, started, most = 0, time.monotonic(), sys.maxsize if trials is None else trials
+    hopeless, stopped = work.failing == nominal, False
+    while not hopeless and done < most and (seconds is None or time.monotonic() - started < seconds):
+        if stopped := stop():
+            break
         if covered and covering and covering.finished:
             break
-        batch = range(done, min(trials, done + max(_ROUND, runner.parallelism)))
+        batch = range(done, min(most, done + max(_ROUND, runner.parallelism)))
         together = {trial: _together(covering, trial) for trial in batch}
         cases = {
             trial: work.case(log, seed, tuple(one for placed in chosen for one in placed.injections))
@@ -285,7 +292,7 @@ def run_campaign(
     every = nominal + done - len(work.unjudged)
     blind = {name: each[-1] for name, each in work.unseen.items() if len(each) == every}
     notes = work.notes | {f"{name}: {why}": every for name, why in blind.items()}
-    finished = not hopeless and (done >= trials or (covered and covering is not None and covering.finished))
+    finished = not hopeless and (done >= most or (covered and covering is not None and covering.finished))
     return CampaignResult(
         nominal + done,
         work.failing,
@@ -301,6 +308,7 @@ def run_campaign(
         after_others={key: each for key, each in work.after_others.items() if key not in confirmed},
         unjudged=work.unjudged,
         alarms=sorted(work.alarms),
+        stopped=stopped,
     )
 
 

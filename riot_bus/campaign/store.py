@@ -120,6 +120,14 @@ class TrialStore:
             if outcome is not None and case["log"] == wanted:
                 yield case["injections"], case["seed"], outcome
 
+    def keep_only(self, part: str) -> int:
+        """Forget all trials whose keys do not hold a text; return how many these were, and give their room back."""
+        with self._lock, _told(self.path):
+            count = self._database.execute("DELETE FROM trials WHERE instr(key, ?) = 0", (part,)).rowcount
+            if count:
+                self._database.execute("VACUUM")
+        return count
+
     def close(self) -> None:
         """Close the file, which is then one file again; safe to call twice."""
         self._database.close()

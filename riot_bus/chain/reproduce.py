@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from riot_bus.chain.external import driving_log, parameter_name
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.vocabulary.trial import Outcome, Runner
+    from riot_bus.vocabulary.trial import Outcome, Runner, Violation
 
-__all__ = ["Reproduction", "reproduce"]
+__all__ = ["Reproduction", "play_again", "reproduce"]
 
 
 _LEAST, _MOST, _MOST_RUNS = 3, 60, 20
@@ -37,19 +37,45 @@ class Reproduction:
     """The answer: in how many of how many fresh trials the same failure came again.
 
     Attributes:
+        answer: `failing otherwise`: each trial failed, all of them alike, and none as before.
         missed: Of a fixed one: how likely it is that none of so many trials would have failed if it came as often as
             before.
+        others: Other failures that came, each once.
+        expected: How often trials failed before.
     """
 
-    answer: Literal["still failing", "fixed"]
+    answer: Literal["still failing", "fixed", "failing otherwise", "not decided"]
     failed: int
     trials: int
     log: str
     detail: str = ""
     missed: float = 0.0
+    others: tuple[Violation, ...] = ()
+    expected: float = 1.0
 
 
 def reproduce(
+    workspace: Workspace, folder: Path, *, times: int | None = None, whole_system: bool = False
+) -> Reproduction:
+    """Answer whether a finding's log still fails, or say why that is not decided; see `play_again`.
+
+    Raises:
+        InconclusiveError: The trials do not decide, or show another failure; or runs of the whole system cannot tell.
+        ConfigError: There is no log to play.
+        EnvironmentFaultError: The components do not start.
+    """
+    found = play_again(workspace, folder, times=times, whole_system=whole_system)
+    if found.answer in ("still failing", "fixed"):
+        return found
+    others = ", ".join(each.signature for each in found.others)
+    raise InconclusiveError(
+        f"{found.failed} of {counted(found.trials, 'trial')} of {found.log} fail as before"
+        + (f", others fail differently: {others}" if others else f", where about {found.expected:.0%} did"),
+        hint="repeat with more --times for a clearer picture",
+    )
+
+
+def play_again(
     workspace: Workspace, folder: Path, *, times: int | None = None, whole_system: bool = False
 ) -> Reproduction:
     """Play a finding's log to fresh components until it is decided whether it fails as often as before, or not at all.
@@ -62,7 +88,7 @@ def reproduce(
             to the unit.
 
     Raises:
-        InconclusiveError: The trials do not decide, or show another failure; or runs of the whole system cannot tell.
+        InconclusiveError: Runs of the whole system cannot tell.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -93,22 +119,20 @@ def reproduce(
     cases = [TestCase(messages, parameters, seed=workspace.seed + number, ordered=ordered) for number in range(most)]
     outcomes = _outcomes(workspace, runner, cases, finding.signature, noise, all_of_them=times is not None)
     failed = sum(outcome.failed_as(finding.signature) for outcome in outcomes)
-    others = sorted(
-        {outcome.violations[0].signature for outcome in outcomes if outcome.verdict is Verdict.FAIL}
-        - {finding.signature}
-    )
+    first = (outcome.violations[0] for outcome in outcomes if outcome.verdict is Verdict.FAIL)
+    ways = {each.signature: each for each in first}
+    others = tuple(ways[name] for name in sorted(ways.keys() - {finding.signature}))
     still = noise.triggers(failed, len(outcomes) - failed)
+    found = Reproduction("not decided", failed, len(outcomes), path.name, others=others, expected=noise.rate)
     if still > 1 - _DOUBT:
         detail = next(one.violations[0].detail for one in outcomes if one.failed_as(finding.signature))
-        return Reproduction("still failing", failed, len(outcomes), path.name, detail)
-    if not failed and not others and still < _DOUBT:
-        return Reproduction("fixed", 0, len(outcomes), path.name, missed=noise.missed(len(outcomes)))
-    raise InconclusiveError(
-        f"{failed} of {counted(len(outcomes), 'trial')} of {path.name} fail as before"
-        + (f", others fail differently: {', '.join(others)}" if others else "")
-        + (f", where about {noise.rate:.0%} did" if not others else ""),
-        hint="repeat with more --times for a clearer picture",
-    )
+        return replace(found, answer="still failing", detail=detail)
+    if failed or still >= _DOUBT:
+        return found
+    if not others:
+        return replace(found, answer="fixed", missed=noise.missed(len(outcomes)))
+    every = all(outcome.verdict is Verdict.FAIL for outcome in outcomes)
+    return replace(found, answer="failing otherwise" if every and len(others) == 1 else "not decided")
 
 
 def _parameters(folder: Path, workspace: Workspace) -> tuple[Injection, ...]:

@@ -46,7 +46,7 @@ from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from riot_bus.campaign.store import StoredRunner
     from riot_bus.campaign.variations import Variation
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Outcome, TestCase
 
-__all__ = ["test_unit", "tested"]
+__all__ = ["put_aside", "test_unit", "tested"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_HISTORIES = 5
@@ -100,21 +100,23 @@ def test_unit(
     workspace: Workspace,
     unit: str,
     *,
-    trials: int,
+    trials: int | None,
     seconds: float | None,
     covered: bool,
     whole_system: bool = False,  # noqa: PT028 - it is no test
+    stop: Callable[[Sequence[Path]], str] = lambda _: "",  # noqa: PT028
 ) -> list[Path]:
     """Run a campaign and write one folder per finding, the worst first, then those that come easily.
 
     Args:
         workspace: Where to work.
         unit: The unit to test.
-        trials: At most so many injected trials.
+        trials: At most so many injected trials; None for no limit.
         seconds: At most so much time; None for no limit.
         covered: Whether to end when all that there is to try was tried.
         whole_system: Whether trials are runs of the whole system with injections into what comes from outside, instead
             of a log that is played to the unit; of the other components less can be told than of the unit.
+        stop: Says, by the findings so far, why there should be no further injected trials; empty to go on.
 
     Raises:
         RiotError: The unit does not start, its log holds nothing for it, nothing can be injected, or one of its
@@ -144,6 +146,7 @@ def test_unit(
     with workspace.step("test") as step:
         runner, baseline, untold = _judge_of(step, subject)
         persistent = settings.isolation == "persistent" and not whole_system
+        written: list[Path] = []
         result = run_campaign(
             () if whole_system else log,
             schedule,
@@ -164,7 +167,8 @@ def test_unit(
             seconds=seconds,
             covered=covered,
             progress=step.progress,
-            found=lambda failure: _save(step, subject, failure, baseline),
+            found=lambda failure: written.append(_save(step, subject, failure, baseline)),
+            stop=lambda: bool(stop(written)),
             explorer=step.unit_runner(unit, persistent=True, unjudged=True) if persistent else None,
         )
         if isinstance(runner, _Inside):
@@ -194,6 +198,7 @@ def test_unit(
             whole_system=whole_system,
             rate=_rate(proportion(result.failing, result.trials - len(result.unjudged))),
             mined=baseline.mined.row(),
+            stopped=stop(written) if result.stopped else "",
             seed=workspace.seed,
             trials=step.trials,
             seconds=step.seconds,
@@ -203,7 +208,7 @@ def test_unit(
         after = [_after(each) for each in untraced]
         doubts = [*map(str, record.unjudged), *record.effects.lines(), *(f"not told: {one}" for one in record.untold)]
         lines = [*found, *after, *doubts]
-        step.end("\n".join([_summary(subject, result), *lines]), folder=workspace.out, record=record)
+        step.end("\n".join([_summary(subject, result, record.stopped), *lines]), folder=workspace.out, record=record)
         names = tuple(map(str, folders))
         workspace.tell(
             CampaignFinished(unit, result.trials, result.failing, result.exhausted, names, seconds=step.seconds)
@@ -282,7 +287,7 @@ def _after(each: UnconfirmedRecord) -> str:
     return f"not confirmed: {clean(each.signature, limit=160)}: seen after {cases} in one process, not in a fresh one"
 
 
-def _summary(subject: _Subject, result: CampaignResult) -> str:
+def _summary(subject: _Subject, result: CampaignResult, why: str) -> str:
     messages = counted(len(subject.log), "message")
     what, each = ("run", f"about {messages} from outside") if subject.whole_system else ("trial", f"{messages} each")
     text = (
@@ -297,6 +302,8 @@ def _summary(subject: _Subject, result: CampaignResult) -> str:
         again = f"came again in {hits} of" if hits else "did not come again in"
         text += f"; {len(result.unconfirmed)} more {again} {counted(repeats, 'fresh trial')}"
         text += ", which may be chance" if hits else ""
+    if result.stopped:
+        text += f"; ended early: {why}"
     if result.notes:
         text += f"; monitors that did not judge: {'; '.join(result.notes)[:500]}"
     return text
@@ -369,7 +376,7 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     known = FindingRecord.load(folder) if FindingRecord.exists(folder) else None
     told = known is None
     if known is not None and known.fingerprint not in ("", workspace.fingerprint):
-        _put_aside(folder, known.fingerprint)
+        put_aside(folder, known.fingerprint)
         known, told = None, True
     elif known is not None and not MinimalRecord.exists(folder):
         injections = [injection_of(row, str(folder)) for row in known.injections]
@@ -400,8 +407,8 @@ def _save(step: StepRun, subject: _Subject, failure: Failure, baseline: Baseline
     return folder
 
 
-def _put_aside(folder: Path, fingerprint: str) -> None:
-    """Move what was learnt of a finding in another version of the system into a folder of its own.
+def put_aside(folder: Path, fingerprint: str) -> Path:
+    """Move what was learnt of a finding in another version of the system into a folder of its own, and return that.
 
     `finding.json` goes last: as long as it is there, what was cut off is done again.
     """
@@ -411,6 +418,7 @@ def _put_aside(folder: Path, fingerprint: str) -> None:
     for path in sorted(folder.iterdir(), key=lambda path: path.name == FindingRecord.FILE):
         if path.name != "earlier":
             path.replace(target / path.name)
+    return target
 
 
 def _rate(rate: Proportion | None) -> ProportionRecord | None:

@@ -232,3 +232,21 @@ def test_a_case_that_cannot_be_judged_is_kept_for_who_takes_it_and_an_error_for_
         assert [outcome.verdict for outcome in runner.run([TestCase()])] == [Verdict.UNJUDGED]
         assert (runner.executed, len(store)) == (executed, 1)
     assert [outcome.verdict for outcome in strict.run([TestCase()])] == [Verdict.PASS]
+
+
+def test_trials_of_others_are_forgotten_and_their_room_is_given_back(tmp_path: Path) -> None:
+    path = tmp_path / TrialStore.NAME
+    store = TrialStore(path)
+    for system in ("old", "new"):
+        cases = [TestCase(seed=number) for number in range(200)]
+        answers = Answers(*[Verdict.PASS] * len(cases))
+        StoredRunner(answers, store, scope={"system": system, "unit": "u"}).run(cases)
+    size = path.stat().st_size + path.with_name(f"{path.name}-wal").stat().st_size
+    assert store.keep_only('"system": "new"') == 200
+    assert len(store) == 200
+    assert store.keep_only('"system": "new"') == 0
+    again = StoredRunner(Answers(), store, scope={"system": "new", "unit": "u"})
+    again.run(cases)
+    assert again.executed == 0
+    store.close()
+    assert path.stat().st_size < size

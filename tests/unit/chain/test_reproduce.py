@@ -4,13 +4,24 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.reproduce import reproduce
+from riot_bus.chain.reproduce import play_again, reproduce
 from riot_bus.events import TrialFinished
 from riot_bus.findings.records import ActivationRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
-from tests.unit.chain.machine import HANG, Bench, bench, command, panel, rated, said, write_finding, write_minimal
+from tests.unit.chain.machine import (
+    HANG,
+    OTHER,
+    Bench,
+    bench,
+    command,
+    panel,
+    rated,
+    said,
+    write_finding,
+    write_minimal,
+)
 
 
 def test_a_finding_that_fails_each_time_is_still_failing(tmp_path: Path) -> None:
@@ -136,3 +147,17 @@ def test_what_runs_of_the_system_cannot_tell_is_not_fixed(tmp_path: Path) -> Non
     with pytest.raises(InconclusiveError, match=r"not tested in the whole system: nominal runs .* show the same"):
         reproduce(one.workspace, one.folder, whole_system=True)
     assert one.machine.executed == []
+
+
+def test_a_log_that_always_fails_otherwise_has_an_answer_of_its_own(tmp_path: Path) -> None:
+    one = bench(tmp_path, other=lambda case: True)
+    write_minimal(one)
+    found = play_again(one.workspace, one.folder)
+    assert (found.answer, found.failed, found.trials, found.others) == ("failing otherwise", 0, 3, (OTHER,))
+
+
+def test_one_that_fails_otherwise_now_and_then_is_not_decided(tmp_path: Path) -> None:
+    one = bench(tmp_path, other=lambda case: True, wrong=lambda case: case.seed == 1)
+    write_minimal(one)
+    found = play_again(one.workspace, one.folder)
+    assert (found.answer, found.others) == ("not decided", (OTHER,))

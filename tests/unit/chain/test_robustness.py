@@ -413,3 +413,25 @@ def test_nothing_of_a_system_can_be_changed_that_nothing_drives(tmp_path: Path) 
     write_nominal(tmp_path)
     with pytest.raises(ConfigError, match="no component is external, so nothing drives the system"):
         campaign(bench(tmp_path, LOGGED), whole_system=True)
+
+
+def test_a_campaign_ends_when_what_was_found_is_enough(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    seen: list[int] = []
+
+    def enough(folders: Sequence[Path]) -> str:
+        seen.append(len(folders))
+        return "one is enough" if folders else ""
+
+    (folder,) = campaign(one, trials=None, seconds=60.0, stop=enough)
+    record = CampaignRecord.load(one.workspace.out)
+    assert (record.stopped, record.findings) == ("one is enough", (folder.name,))
+    assert seen[0] == 0
+    assert "; ended early: one is enough" in one.told(StepFinished)[-1].text
+    (ended,) = one.told(CampaignFinished)
+    assert not ended.exhausted
+    assert {event.total for event in one.told(StepProgress)} == {None}
+    before = len(one.machine.executed)
+    assert campaign(one, trials=30, stop=lambda folders: "none at all") == []
+    assert CampaignRecord.load(one.workspace.out).tested == 4
+    assert len(one.machine.executed) == before
