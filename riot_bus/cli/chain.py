@@ -12,15 +12,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from riot_bus.cli.options import EventFormat, Executor, Finding, Jobs, Out, Seed, StreamFormat, System, UnitName
+from riot_bus.cli.options import (
+    EventFormat,
+    Executor,
+    Finding,
+    Jobs,
+    Out,
+    Reports,
+    Seed,
+    StreamFormat,
+    System,
+    UnitName,
+)
 from riot_bus.findings.steps import STEPS, ChainStep, find_step, further_steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from riot_bus.chain.workspace import Workspace
+    from riot_bus.findings.known import KnownFindings
 
-__all__ = ["register"]
+__all__ = ["open_workspace", "register", "show"]
 
 DEFAULT_SYSTEM = Path("riot.toml")
 DEFAULT_OUT = Path("riot-out")
@@ -28,14 +40,6 @@ FAULTS, INCONCLUSIVE = 1, 5
 
 Trials = Annotated[int, typer.Option("--trials", "-n", min=1, help="Budget: injected trials of the unit.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", "-t", min=0.1, help="Budget: time for the unit's trials.")]
-Reports = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--report",
-        metavar="NAME[=FILE]",
-        help="Keep a report up to date: junit, sarif, markdown, github, or of another package; may be repeated.",
-    ),
-]
 Covered = Annotated[bool, typer.Option("--covered", help="End when each value and fault was tried once.")]
 
 
@@ -67,7 +71,7 @@ def register(app: typer.Typer) -> None:
 
 
 @contextmanager
-def _workspace(
+def open_workspace(
     system: Path,
     out: Path,
     jobs: int,
@@ -77,7 +81,13 @@ def _workspace(
     executor: str | None,
     fresh: bool = False,
     reports: Sequence[str] = (),
+    known: KnownFindings | None = None,
+    lenient: bool = False,
 ) -> Iterator[Workspace]:
+    """Open a workspace whose events are told on stderr and in reports, and that signals end.
+
+    Arguments are those of `Workspace` and `ReportFollower`; `form` says what stdout is for.
+    """
     from rich.console import Console
 
     from riot_bus.chain.workspace import Workspace
@@ -90,7 +100,7 @@ def _workspace(
     say = partial(typer.echo, nl=False, err=form is not StreamFormat.TEXT)
     with (
         ended_by_signals(_interrupt),
-        ReportFollower(asked, out, say) as follower,
+        ReportFollower(asked, out, say, known=known, lenient=lenient) as follower,
         ConsoleNarrator(console) as narrator,
     ):
         try:
@@ -128,11 +138,12 @@ def _of_finding(
     folder, record = open_finding(finding)
     out = folder.parent.parent
     used = system or Path(record.system_file)
-    with _workspace(used, out, jobs, record.seed, form, executor=executor, fresh=fresh) as workspace:
+    with open_workspace(used, out, jobs, record.seed, form, executor=executor, fresh=fresh) as workspace:
         yield workspace, folder
 
 
-def _show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
+def show(result: dict[str, Any], form: StreamFormat, lines: list[str]) -> None:
+    """Write a result to stdout."""
     if form is StreamFormat.TEXT:
         typer.echo("\n".join(lines))
     elif form is StreamFormat.JSON:
@@ -148,7 +159,7 @@ def _command(step: ChainStep) -> Callable[..., None]:
         with _of_finding(finding, jobs, form, executor=executor) as (workspace, folder):
             given = {name: () if value is None else value for name, value in options.items()}
             record = workspace.carry_out(step, folder, **given)
-        _show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
+        show(record.model_dump(mode="json"), form, [str(folder / record.FILE)])
 
     named = inspect.Parameter.KEYWORD_ONLY
     parameters = [
@@ -190,11 +201,11 @@ def demo(
     from riot_bus.chain.demo import find_example
     from riot_bus.report.text import summary
 
-    with _workspace(system or find_example("rover"), out, jobs, seed, form, executor=executor) as workspace:
+    with open_workspace(system or find_example("rover"), out, jobs, seed, form, executor=executor) as workspace:
         figures = run_demo(workspace, trials=budget)
     finding = figures.get("finding")
     lines = [summary(Path(finding)), f"report: {figures['report']}"] if finding else ["no finding"]
-    _show(figures, form, lines)
+    show(figures, form, lines)
 
 
 def run_tests(
@@ -218,14 +229,14 @@ def run_tests(
     from riot_bus.chain.robustness import test_unit
     from riot_bus.findings.records import CampaignRecord
 
-    with _workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
+    with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
         found = test_unit(workspace, name, trials=trials, seconds=seconds, covered=covered, whole_system=whole_system)
     folders = [str(folder) for folder in found]
     record = CampaignRecord.load(out)
     lines = folders or [f"inconclusive: {doubt}" for doubt in record.doubts] or ["no finding"]
     unjudged = [each.model_dump(mode="json") for each in record.unjudged]
-    _show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, form, lines)
+    show({"unit": name, "findings": folders, "notes": record.notes, "unjudged": unjudged}, form, lines)
     if folders or record.doubts:
         raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
@@ -257,7 +268,7 @@ def analyze(
     from riot_bus.report.text import summary
 
     others = [find_step(name) for name in further or ()]
-    with _workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
+    with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
         folders = tested(workspace, name)
         if folders is None:
@@ -270,7 +281,7 @@ def analyze(
     ]
     doubts = [] if folders else CampaignRecord.load(out).doubts
     lines = [*(summary(one.folder) for one in done), *(f"inconclusive: {doubt}" for doubt in doubts)] or ["no finding"]
-    _show({"findings": result}, form, lines)
+    show({"findings": result}, form, lines)
     if folders or doubts:
         raise typer.Exit(FAULTS if folders else INCONCLUSIVE)
 
@@ -301,6 +312,6 @@ def reproduce(
     line = f"{result.answer}: {result.failed} of {counted(result.trials, 'trial')} of {result.log} fail"
     sure = f"none would with a probability of {result.missed:.1%} if it came as often as before"
     told = f" ({result.detail or sure})" if result.detail or not result.failed else ""
-    _show(asdict(result), form, [line + told])
+    show(asdict(result), form, [line + told])
     if result.failed:
         raise typer.Exit(FAULTS)

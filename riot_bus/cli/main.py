@@ -24,6 +24,7 @@ _END_S, _STDERR = 30.0, 2
 
 COMMANDS = {
     "chain": ("test", "demo", *(step.name for step in STEPS[1:]), "analyze", "reproduce", "step"),
+    "ci": ("ci",),
     "reports": ("report", "findings", "trials", "compare", "predict"),
     "backchain": ("backchain",),
     "scan": ("scan",),

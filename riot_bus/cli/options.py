@@ -17,6 +17,7 @@ __all__ = [
     "Jobs",
     "Out",
     "OutputFormat",
+    "Reports",
     "Salvage",
     "Seed",
     "StreamFormat",
@@ -60,6 +61,14 @@ Format = Annotated[OutputFormat, typer.Option("--format", envvar="RIOT_FORMAT", 
 EventFormat = Annotated[
     StreamFormat,
     typer.Option("--format", envvar="RIOT_FORMAT", help="Form of the result on stdout; ndjson: events as they happen."),
+]
+Reports = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--report",
+        metavar="NAME[=FILE]",
+        help="Keep a report up to date: junit, sarif, markdown, github, or of another package; may be repeated.",
+    ),
 ]
 Salvage = Annotated[
     bool, typer.Option("--salvage", help="Take messages of damaged chunks as far as an index confirms them.")

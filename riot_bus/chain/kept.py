@@ -1,0 +1,113 @@
+"""Findings from one version of a system to the next: kept beside its code, and taken up where they fail again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from typing import TYPE_CHECKING
+
+from riot_bus.campaign.triage import finding_id, severity
+from riot_bus.chain.logs import FailingLog
+from riot_bus.chain.robustness import put_aside
+from riot_bus.events import FindingWritten
+from riot_bus.findings.records import FindingRecord, MinimalRecord, ProportionRecord
+from riot_bus.report.finding_view import EVIDENCE
+from riot_bus.report.formats import write_file
+from riot_bus.report.regression import write_regression_test
+from riot_bus.report.reproduce import write_reproduce
+from riot_bus.statistics.rates import proportion
+from riot_bus.vocabulary.trial import TestCase
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from riot_bus.chain.reproduce import Reproduction
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.vocabulary.trial import Violation
+
+__all__ = ["LARGEST", "keep_finding", "take_up"]
+
+LARGEST = 8 << 20
+"""Bytes of a log that is kept in somebody's repository."""
+_IGNORED = "/trials/\n"
+
+
+def keep_finding(folder: Path, into: Path) -> Path | None:
+    """Copy what it takes to play a finding again; return its new folder, None if its log is too large to be kept.
+
+    The folder `into` is then like an output folder. Nothing in it leads to where the finding was made.
+
+    Args:
+        folder: The finding.
+        into: Where to, beside the system's code.
+    """
+    record, minimal = FindingRecord.load(folder), MinimalRecord.exists(folder)
+    log = folder / ("minimal.mcap" if minimal else "failure.mcap")
+    if not log.is_file() or log.stat().st_size > LARGEST:
+        return None
+    target = into / "findings" / folder.name
+    target.mkdir(parents=True, exist_ok=True)
+    write_file(_IGNORED, into / ".gitignore")
+    for name in ("minimal.json", log.name) if minimal else (log.name,):
+        shutil.copyfile(folder / name, target / name)
+    write_reproduce(target)
+    write_regression_test(target, record)
+    system = os.path.relpath(os.path.realpath(record.system_file), target.resolve())
+    record.model_copy(update={"system_file": system}).save(target)
+    return target
+
+
+def take_up(
+    workspace: Workspace, source: Path, found: Reproduction, *, other: Violation | None = None, evidence: bool
+) -> Path:
+    """Make a finding of this version of the system of one whose log fails again; return its folder.
+
+    What was learnt of it with other code is put aside.
+
+    Args:
+        workspace: Where to work.
+        source: The finding that was played.
+        found: What came of it.
+        other: How its log fails, if it is not as before.
+        evidence: Whether to repeat it until it leaves evidence.
+    """
+    record = FindingRecord.load(source)
+    name = source.name if other is None else finding_id(other) + ("-system" if record.whole_system else "")
+    target, log = workspace.findings / name, source / found.log
+    if FindingRecord.exists(target):
+        there = FindingRecord.load(target).fingerprint
+        if there == workspace.fingerprint:
+            return target
+        aside = put_aside(target, there or "unknown")
+        log = aside / found.log if target.resolve() == source.resolve() else log
+    target.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(log, target / "failure.mcap")
+    failing = FailingLog.load(target / "failure.mcap", registry=workspace.context.registry)
+    failed = found.trials if other else found.failed
+    changes: dict[str, object] = {
+        "id": name,
+        "system_file": str(workspace.context.file.path),
+        "fingerprint": workspace.fingerprint,
+        "rate": ProportionRecord.of(proportion(failed, found.trials)),
+        "nominal": None,
+        "occurrences": failed,
+        "details": (found.detail,) if found.detail else (),
+        "delivered": (),
+        "messages": len(failing.messages),
+        "modified": len(failing.originals),
+        "seed": workspace.seed,
+        "trials": found.trials,
+        "fixed_in": "",
+    }
+    if other is not None:
+        shown = {"component": other.component, "monitor": other.monitor, "signature": other.signature}
+        changes |= shown | {"severity": severity(other), "details": (other.detail,) if other.detail else ()}
+    record = record.model_copy(update=changes)
+    record.save(target)
+    write_reproduce(target)
+    write_regression_test(target, record)
+    if evidence and not record.whole_system:
+        case = TestCase(failing.messages, seed=workspace.seed, ordered=record.ordered)
+        workspace.runners.keep_evidence(record.unit, case, record.signature, target / EVIDENCE)
+    workspace.tell(FindingWritten("reproduce", str(target), name, record.signature, occurrences=failed))
+    return target
