@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.system import RunPace, Unit
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["StepRun", "Workspace", "open_finding"]
+__all__ = ["StepRun", "Workspace", "open_finding", "system_of"]
 
 _LOG = logging.getLogger(__name__)
 _ATTEMPTS = 3
@@ -297,6 +297,18 @@ class Workspace:
     def findings(self) -> Path:
         """Folder of all findings."""
         return self.out / "findings"
+
+
+def system_of(finding: FindingRecord, *, named: Path | None = None) -> Path:
+    """Return the system file of a finding: the named one, else the one that it was found with.
+
+    What another machine has found, such as a build, has a path of that machine; then it is that of the working folder.
+    """
+    own, here = Path(finding.system_file), Path("riot.toml")
+    if named is not None or own.is_file() or not here.is_file():
+        return named or own
+    _LOG.warning("riot: %s is not on this machine; taking %s of the working folder", own, here)
+    return here
 
 
 def open_finding(path: Path) -> tuple[Path, FindingRecord]:

@@ -133,11 +133,11 @@ def _of_finding(
     executor: str | None,
     fresh: bool = False,
 ) -> Iterator[tuple[Workspace, Path]]:
-    from riot_bus.chain.workspace import open_finding
+    from riot_bus.chain.workspace import open_finding, system_of
 
     folder, record = open_finding(finding)
     out = folder.parent.parent
-    used = system or Path(record.system_file)
+    used = system_of(record, named=system)
     with open_workspace(used, out, jobs, record.seed, form, executor=executor, fresh=fresh) as workspace:
         yield workspace, folder
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,50 +19,17 @@ from riot_bus.vocabulary.message import Message
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
-NODE = """
-import json, sys, threading
-import zenoh
-{head}
-LEVELS = [0.0, 0.5, 1.0]
+PAGE = (Path(__file__).parents[2] / "docs" / "ci.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```\w+\n# (drive\.py|riot\.toml)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+FILES = dict(BLOCKS)
+"""A drive with a fault, and its system, as on the page."""
 
-def level(x):
-    {level}
-
-def share(y):
-    {share}
-
-def on_command(sample):
-    try:
-        command = json.loads(sample.payload.to_bytes())
-        x, y = (float(command[name]) for name in "xy")
-    except (KeyError, TypeError, ValueError):
-        return
-    out.put(json.dumps({{"level": level(x), "share": share(y)}}))
-
-config = zenoh.Config()
-config.insert_json5("mode", '"client"')
-config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
-session = zenoh.open(config)
-out = session.declare_publisher("state", congestion_control=zenoh.CongestionControl.BLOCK)
-subscriber = session.declare_subscriber("command", on_command)
-threading.Event().wait()
-"""
-SYSTEM = """
-[system]
-name = "press"
-nominal = "nominal.mcap"
-
-[components.press]
-command = ["{python}", "node.py", "{endpoint}"]
-inputs = ["command"]
-outputs = ["state"]
-
-[unit.press]
-settle = { timeout = 3.0 }
-"""
-FAULTY, ROBUST = "return LEVELS[int(abs(x))]", "return LEVELS[int(abs(x)) if abs(x) < 3 else 2]"
-UNSAFE, SAFE = "return 1 / y", "return 1 / y if y else 0.0"
-OLD, NEW = f"crash in press: level: {FAULTY}", f"crash in press: share: {UNSAFE}"
+FAULTY = "return TORQUES[int(abs(speed))]"
+ROBUST = "return TORQUES[int(abs(speed)) if abs(speed) < 4 else 3]"
+ANSWER = '{"torque": torque(speed)}'
+UNSAFE = '{"root": math.sqrt(speed + 100), "torque": torque(speed)}'
+OLD = f"crash in drive: torque: {FAULTY}"
+NEW = f"crash in drive: on_command: state.put(json.dumps({UNSAFE}))"
 
 
 class Repository:
@@ -70,20 +38,21 @@ class Repository:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.git("init", "-q")
-        (folder / "riot.toml").write_text(SYSTEM)
+        (folder / "riot.toml").write_text(FILES["riot.toml"])
         with LogWriter(folder / "nominal.mcap") as log:
             for number in range(20):
-                payload = json.dumps({"x": number % 20 / 10, "y": 1.0 + number % 3}).encode()
+                payload = json.dumps({"speed": number / 10}).encode()
                 log.write(Message(10**18 + number * 10**8, "command", payload, encoding="application/json"))
 
     def git(self, *words: str) -> str:
         line = ["git", "-c", "user.name=x", "-c", "user.email=x@x", *words]
         return subprocess.run(line, cwd=self.folder, check=True, capture_output=True, text=True).stdout.strip()
 
-    def commit(self, message: str, *, level: str, share: str = SAFE, head: str = "") -> str:
-        """Write the node and commit it; return the begin of the commit's name."""
-        (self.folder / "node.py").write_text(NODE.format(head=head, level=level, share=share))
-        self.git("add", "node.py", "riot.toml", "nominal.mcap")
+    def commit(self, message: str, *, torque: str, answer: str = ANSWER, head: str = "") -> str:
+        """Write the drive and commit it; return the begin of the commit's name."""
+        source = f"import math\n{head}{FILES['drive.py']}".replace(FAULTY, torque).replace(ANSWER, answer)
+        (self.folder / "drive.py").write_text(source)
+        self.git("add", "drive.py", "riot.toml", "nominal.mcap")
         self.git("commit", "-q", "-m", message)
         return self.git("rev-parse", "HEAD")[:12]
 
@@ -106,21 +75,23 @@ def test_each_regression_and_each_fix_is_told(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     repository = Repository(tmp_path)
 
-    begin = repository.commit("a fault from the beginning", level=FAULTY)
+    assert FAULTY in FILES["drive.py"]
+    assert ANSWER in FILES["drive.py"]
+    begin = repository.commit("a fault from the beginning", torque=FAULTY)
     assert repository.change() == (1, {OLD: "new"}, [])
     code, said = repository.riot("accept", "riot-out", "--note", "ticket 12", "--keep", "riot-findings")
     assert code == 0, said
     (entry,) = KnownFindings.load(tmp_path / "riot-baseline.json").entries.values()
     assert entry.since.endswith(f" {begin}")
 
-    repository.commit("lines that shift", level=FAULTY, head="# one\n# two\n\n")
+    repository.commit("lines that shift", torque=FAULTY, head="# one\n# two\n\n")
     assert repository.change() == (0, {OLD: "known"}, [])
 
-    repository.commit("another fault", level=FAULTY, share=UNSAFE)
+    repository.commit("another fault", torque=FAULTY, answer=UNSAFE)
     assert repository.change() == (1, {OLD: "known", NEW: "new"}, [])
 
     shutil.rmtree(tmp_path / "riot-out")  # a build on another machine has the repository alone
-    end = repository.commit("both mended", level=ROBUST)
+    end = repository.commit("both mended", torque=ROBUST)
     assert repository.change() == (0, {}, ["fixed (known)"])
     code, said = repository.riot("prune", "--update", "--jobs", 2)
     assert code == 0, said
@@ -128,12 +99,12 @@ def test_each_regression_and_each_fix_is_told(tmp_path: Path, monkeypatch: pytes
     assert entry.fixed.endswith(f" {end}")
     assert entry.note == "ticket 12"
 
-    repository.commit("nothing that matters", level=ROBUST, head="import math\n")
+    repository.commit("nothing that matters", torque=ROBUST, head="\n")
     assert repository.change() == (0, {}, [])
 
     shutil.rmtree(tmp_path / "riot-out")
-    repository.commit("the first one again", level=FAULTY)
+    repository.commit("the first one again", torque=FAULTY)
     assert repository.change() == (1, {OLD: "came back"}, [])
     code, said = repository.riot("prune", "--jobs", 2)
     assert code == 1, said
-    assert f"failing again: press: {OLD} (3 of 3 fresh trials failed so)" in said
+    assert f"failing again: drive: {OLD} (3 of 3 fresh trials failed so)" in said
