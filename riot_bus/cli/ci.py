@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from riot_bus.cli.options import EventFormat, Executor, Jobs, Out, Reports, Seed, StreamFormat, System
 
@@ -46,12 +47,25 @@ Keep = Annotated[
 ]
 
 
+class _Group(TyperGroup):
+    """The commands; one is made when it is named, since all of them would take longer than `riot --help` has."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [command.__name__ for command in _COMMANDS]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        for command in _COMMANDS:
+            if command.__name__ == cmd_name:
+                app.command()(command)
+                return typer.main.get_command(app)
+        return None
+
+
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
-    group = typer.Typer(no_args_is_help=True)
+    group = typer.Typer(cls=_Group, no_args_is_help=True)
     group.callback()(lambda: None)
-    for command in (change, batch, prune, accept, init):
-        group.command()(command)
     app.add_typer(group, name="ci", help="Tests of a repository: of each change, each night, and of what is fixed.")
 
 
@@ -177,6 +191,9 @@ def init(
     from riot_bus.chain.ci_init import init_ci
 
     typer.echo("\n".join(init_ci(folder, github=github, gitlab=gitlab, force=force)))
+
+
+_COMMANDS: tuple[Callable[..., None], ...] = (change, batch, prune, accept, init)
 
 
 def _opened(
