@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
+from riot_bus.chain.ci_result import CiResult, UnitResult
 from riot_bus.chain.kept import take_up
 from riot_bus.chain.reproduce import Reproduction, play_again
 from riot_bus.chain.robustness import test_unit
@@ -29,9 +30,8 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, Incon
 
 if TYPE_CHECKING:
     from riot_bus.chain.workspace import Workspace
-    from riot_bus.report.finding_view import FindingView
 
-__all__ = ["CiPlan", "CiResult", "UnitResult", "answer_of", "log_of", "run_ci", "unit_folder", "units_of"]
+__all__ = ["CiPlan", "answer_of", "log_of", "run_ci", "unit_folder", "units_of"]
 
 Opened = Callable[[str, Path], AbstractContextManager["Workspace"]]
 """Opens a unit's workspace in its folder."""
@@ -62,88 +62,6 @@ class CiPlan:
     stop_early: bool
     explain: bool
     trials: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class UnitResult:
-    """What has become of a unit.
-
-    Attributes:
-        view: Its campaign and findings, held against the baseline.
-        undecided: Findings of which their replay does not decide whether they are back.
-        untested: Why it was not tested, or not to the end; empty if it was.
-    """
-
-    unit: str
-    view: CampaignView
-    undecided: tuple[str, ...] = ()
-    untested: str = ""
-
-    @property
-    def doubts(self) -> list[str]:
-        """Why nothing can be concluded from it if nothing was found."""
-        return [*self.undecided, *self.view.doubts]
-
-    def lines(self) -> list[str]:
-        """Return it for people."""
-        found = [f"{self.unit}: {self.view.verdict}"]
-        for one in sorted(self.view.current, key=lambda one: self.view.standing(one) == "known"):
-            standing, entry, rate = self.view.standing(one), self.view.entry(one), one.finding.rate
-            often = f" ({rate.count} of {counted(rate.total, 'fresh trial')})" if rate else ""
-            found.append(f"  {standing}: {title_of(one.finding)}{often}{f', {entry.told}' if entry else ''}")
-            found += [f"    {one.command('reproduce')}"] if standing != "known" else []
-        found += [f"  {remark}" for remark in self.view.remarks]
-        return [clean(line, limit=1000) for line in found]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as JSON values."""
-        findings = [
-            {
-                "folder": str(one.directory),
-                "title": title_of(one.finding),
-                "fingerprint": fingerprint_of(one.finding),
-                "standing": self.view.standing(one),
-            }
-            for one in self.view.current
-        ]
-        told = {"verdict": self.view.verdict, "remarks": list(self.view.remarks), "doubts": self.doubts}
-        return {"unit": self.unit, "untested": self.untested, **told, "findings": findings}
-
-
-@dataclass(frozen=True, slots=True)
-class CiResult:
-    """What has become of all units."""
-
-    units: tuple[UnitResult, ...]
-
-    @property
-    def failures(self) -> list[FindingView]:
-        """The findings that count: those that the baseline does not know, or says to be fixed."""
-        return [one for unit in self.units for one in unit.view.failures]
-
-    def exit_code(self, *, strict: bool) -> int:
-        """Return 1 if there are such; where it is strict, that of what was not tested, or not decided."""
-        if self.failures:
-            return 1
-        untested = any(unit.untested for unit in self.units)
-        doubtful = any(unit.doubts for unit in self.units)
-        if not strict or not (untested or doubtful):
-            return 0
-        return EnvironmentFaultError.exit_code if untested else InconclusiveError.exit_code
-
-    def warnings(self) -> list[str]:
-        """Return what was not tested, or not decided, for people."""
-        found = [f"not tested: {unit.unit}: {unit.untested}" for unit in self.units if unit.untested]
-        doubts = [(unit, each) for unit in self.units if not unit.untested for each in unit.doubts]
-        return found + [f"inconclusive: {unit.unit}: {each}" for unit, each in doubts]
-
-    def lines(self) -> list[str]:
-        """Return all of it for people."""
-        count = len(self.failures)
-        last = f"{counted(count, 'finding')} that the baseline does not know" if count else "no new finding"
-        untested = sum(bool(unit.untested) for unit in self.units)
-        last += f"; {untested} of {counted(len(self.units), 'unit')} not tested" if untested else ""
-        return [*(line for unit in self.units for line in unit.lines()), last]
 
 
 def run_ci(
@@ -224,6 +142,9 @@ Answer = Literal["still failing", "fixed", "failing otherwise", "not decided"]
 
 def answer_of(workspace: Workspace, folder: Path) -> tuple[Answer, Reproduction | None, str]:
     """Play the log of a finding again; return the answer, what it rests on, and that in a few words."""
+    unit = FindingRecord.load(folder).unit
+    if unit not in workspace.context.file.unit:
+        return "not decided", None, f"riot.toml has no unit {clean(unit)!r}"
     try:
         found = play_again(workspace, folder)
     except InconclusiveError as error:
@@ -275,8 +196,8 @@ class _UnitRun:
         self._play_known(workspace)
         begin, until = self.time
         end = begin + (until - begin) * _CAMPAIGN if self.plan.explain else until
-        late = self.now() >= end
-        reason = "the time was over before" if late else ""
+        reason = "the time was over before" if self.now() >= end else ""
+        self.undecided += ["no injected trial: the time was over before"] if reason else []
         seconds = max(end - self.now(), 0.1)
         test_unit(
             workspace,
@@ -312,10 +233,21 @@ class _UnitRun:
             if record.fingerprint != self.fingerprint and fingerprint_of(record) not in self.known.entries
         ]
         begin, until = self.time
-        for group, end in (([*fixed, *others], until), (open_, begin + (until - begin) * _REPLAYS)):
-            for folder, entry in group:
-                if folder is not None and self.now() < end:
-                    self._play(workspace, folder, entry)
+        left = self._play_all(workspace, [*fixed, *others], until)
+        if left:
+            self.undecided.append(f"there was no time to play {counted(left, 'earlier finding')} again")
+        self._play_all(workspace, open_, begin + (until - begin) * _REPLAYS)
+
+    def _play_all(
+        self, workspace: Workspace, some: Sequence[tuple[Path | None, KnownFinding | None]], end: float
+    ) -> int:
+        """Play those that there is a log of as long as there is time; return how many were left out."""
+        logs = [(folder, entry) for folder, entry in some if folder is not None]
+        for number, (folder, entry) in enumerate(logs):
+            if self.now() >= end:
+                return len(logs) - number
+            self._play(workspace, folder, entry)
+        return 0
 
     def _play(self, workspace: Workspace, folder: Path, entry: KnownFinding | None) -> None:
         record = FindingRecord.load(folder)
@@ -375,7 +307,7 @@ class _UnitRun:
                 if one.finding.whole_system or folder in ended or step.kind.exists(folder):
                     continue
                 if self.now() >= self.time[1]:
-                    self.remarks.append("not all findings are explained: the time was over; `riot analyze` goes on")
+                    self.remarks.append("not all findings are explained: the time was over; each step goes on by hand")
                     return
                 try:
                     workspace.carry_out(step, folder)

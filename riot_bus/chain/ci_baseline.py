@@ -136,10 +136,15 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class PruneResult:
-    """What has become of all findings of the baseline, and the baseline that says so."""
+    """What has become of all findings of the baseline, and the baseline that says so.
+
+    Attributes:
+        left_out: Units with known findings that were not asked for.
+    """
 
     asked: tuple[Asked, ...]
     known: KnownFindings
+    left_out: tuple[str, ...] = ()
 
     def exit_code(self, *, strict: bool) -> int:
         """Return 1 if what was fixed fails again; where it is strict, that of what cannot be run, or is not decided."""
@@ -158,7 +163,8 @@ class PruneResult:
         answers = Counter("failing again" if one.back else one.answer for one in self.asked)
         told = ", ".join(f"{count} {answer}" for answer, count in sorted(answers.items()))
         last = counted(len(self.asked), "known finding") + (f": {told}" if told else "")
-        return [*(clean(line, limit=1000) for line in found), last]
+        last += f"; those of {', '.join(self.left_out)} were not asked" if self.left_out else ""
+        return [clean(line, limit=1000) for line in (*found, last)]
 
     def to_json(self) -> list[dict[str, Any]]:
         """Return it as JSON values."""
@@ -189,7 +195,8 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
             for entry, one in pairs
             if one.answer == "fixed" and not entry.fixed
         ]
-    return PruneResult(tuple(asked), known.updated(fixed))
+    others = {entry.unit for entry in known.entries.values()} - set(units)
+    return PruneResult(tuple(asked), known.updated(fixed), tuple(sorted(others)))
 
 
 def _ask(unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, known: KnownFindings) -> list[Asked]:

@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.store import TrialStore, stored_trials
-from riot_bus.chain.ci import CiPlan, CiResult, UnitResult, run_ci, unit_folder, units_of
+from riot_bus.chain.ci import CiPlan, run_ci, unit_folder, units_of
 from riot_bus.chain.workspace import Workspace
 from riot_bus.events import FindingReplayed, StepStopped
 from riot_bus.findings.known import KnownFindings
 from riot_bus.findings.records import CampaignRecord, FindingRecord
-from riot_bus.report.campaign_view import CampaignView
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import HANG, OTHER, SYSTEM, Machine, always, hangs, never_hangs
 from tests.unit.chain.repository import CHANGE, Repository
@@ -210,6 +209,9 @@ def test_time_that_is_over_is_told(tmp_path: Path) -> None:
     assert CampaignRecord.load(repository.drive).stopped == "the time was over before"
     assert [event for event in repository.events if isinstance(event, FindingReplayed)] == []
     assert unit.view.verdict == "no finding in 4 trials of drive; ended early: the time was over before"
+    assert unit.undecided == (
+        "there was no time to play 1 earlier finding again", "no injected trial: the time was over before"
+    )  # fmt: skip
 
 
 def test_a_step_that_says_nothing_ends_the_chain_of_that_finding(tmp_path: Path) -> None:
@@ -266,11 +268,14 @@ def test_the_output_folder_does_not_grow_with_each_change(tmp_path: Path) -> Non
     assert len(list(aside.iterdir())) <= 4
 
 
-def test_exit_codes() -> None:
-    def unit(**more: object) -> UnitResult:
-        return UnitResult("u", CampaignView(Path("o"), None, (), known={}), **more)  # type: ignore[arg-type]
-
-    assert CiResult((unit(),)).exit_code(strict=True) == 0
-    assert CiResult((unit(), unit(untested="no port"))).exit_code(strict=True) == 4
-    assert CiResult((unit(), unit(undecided=("x",)))).exit_code(strict=True) == 5
-    assert CiResult((unit(), unit(untested="x", undecided=("x",)))).exit_code(strict=False) == 0
+def test_a_kept_finding_of_a_unit_that_is_gone_is_not_decided(tmp_path: Path) -> None:
+    repository = Repository(tmp_path)
+    (folder,) = (one.directory for one in repository.change().failures)
+    repository.accept(folder, keep=tmp_path / "kept")
+    (kept,) = (tmp_path / "kept" / "findings").iterdir()
+    FindingRecord.load(kept).model_copy(update={"unit": "gone"}).save(kept)
+    repository.mark_fixed()
+    repository.commit(never_hangs)
+    result = repository.change()
+    assert result.units[0].undecided == ("hang of drive (was fixed 2026-03-02): riot.toml has no unit 'gone'",)
+    assert result.exit_code(strict=False) == 0

@@ -167,3 +167,10 @@ def test_a_moment_is_the_day_and_the_commit(tmp_path: Path) -> None:
     subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "x"], check=True)
     head = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True).stdout
     assert moment(tmp_path, environment={}).endswith(f" {head[:12]}")
+
+
+def test_units_that_were_not_asked_for_are_named(tmp_path: Path) -> None:
+    repository = Repository(tmp_path)
+    repository.accept(found(repository))
+    result = prune([], repository.opened, out=repository.out, known=repository.known, when=WHEN)
+    assert result.lines() == ["0 known findings; those of drive were not asked"]
