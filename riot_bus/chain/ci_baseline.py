@@ -26,7 +26,7 @@ from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, Incon
 if TYPE_CHECKING:
     from riot_bus.chain.ci import Opened
 
-__all__ = ["Asked", "PruneResult", "accept", "check_keep", "found_in", "moment", "prune"]
+__all__ = ["PruneResult", "PrunedFinding", "accept", "check_keep", "found_in", "moment", "prune"]
 
 _TITLE = 300
 _GIT_S = 10
@@ -119,7 +119,7 @@ def accept(
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PrunedFinding:
     """A finding of the baseline, and what its log says of it.
 
     Attributes:
@@ -142,7 +142,7 @@ class PruneResult:
         left_out: Units with known findings that were not asked for.
     """
 
-    asked: tuple[Asked, ...]
+    asked: tuple[PrunedFinding, ...]
     known: KnownFindings
     left_out: tuple[str, ...] = ()
 
@@ -183,7 +183,7 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
         known: The baseline.
         when: What entries say of when they were fixed.
     """
-    asked, fixed = list[Asked](), list[KnownFinding]()
+    asked, fixed = list[PrunedFinding](), list[KnownFinding]()
     for unit in units:
         entries = known.of(unit)
         folder = unit_folder(out, unit)
@@ -199,8 +199,8 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
     return PruneResult(tuple(asked), known.updated(fixed), tuple(sorted(others)))
 
 
-def _ask(unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, known: KnownFindings) -> list[Asked]:
-    found = list[Asked]()
+def _ask(unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, known: KnownFindings) -> list[PrunedFinding]:
+    found = list[PrunedFinding]()
     try:
         with opened(unit, out) as workspace:
             workspace.unit_log(unit)  # what it shows of the unit tells some failures
@@ -208,17 +208,17 @@ def _ask(unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, 
                 title = clean(entry.title, limit=_TITLE)
                 folder = log_of(entry, known, workspace.findings)
                 if folder is None:
-                    found.append(Asked(unit, title, "cannot be run", "no log of it is kept"))
+                    found.append(PrunedFinding(unit, title, "cannot be run", "no log of it is kept"))
                     continue
                 with workspace.step("reproduce") as step:
                     answer, made, text = answer_of(workspace, folder)
                     step.end(f"{answer}: {title} ({text})")
                 back = bool(entry.fixed) and answer == "still failing"
-                found.append(Asked(unit, title, answer, text, back))
+                found.append(PrunedFinding(unit, title, answer, text, back))
                 failed, trials = (made.failed, made.trials) if made else (0, 0)
                 workspace.tell(FindingReplayed(str(folder), title, answer, text, failed, trials))
     except EnvironmentFaultError as error:
         rest = entries[len(found) :]
         why = error.message.partition("\n")[0]
-        found += [Asked(unit, clean(one.title, limit=_TITLE), "cannot be run", why) for one in rest]
+        found += [PrunedFinding(unit, clean(one.title, limit=_TITLE), "cannot be run", why) for one in rest]
     return found
