@@ -199,7 +199,9 @@ def prune(units: Sequence[str], opened: Opened, *, out: Path, known: KnownFindin
     return PruneResult(tuple(asked), known.updated(fixed), tuple(sorted(others)))
 
 
-def _ask(unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, known: KnownFindings) -> list[PrunedFinding]:
+def _ask(
+    unit: str, out: Path, entries: Sequence[KnownFinding], opened: Opened, known: KnownFindings
+) -> list[PrunedFinding]:
     found = list[PrunedFinding]()
     try:
         with opened(unit, out) as workspace:
