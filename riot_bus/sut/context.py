@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.liveness import LIVENESS
@@ -45,6 +45,11 @@ class Context:
     def watched(self) -> list[str]:
         """Topics that the invariants of riot.toml look at."""
         return sorted({topic for monitor in self.file.invariants for topic in monitor.topics})
+
+    def alone(self, unit: str) -> Context:
+        """Return the system as it is when a unit is tested alone, which may have a command of its own for that."""
+        file = self.file.alone(unit)
+        return self if file is self.file else replace(self, file=file)
 
     def monitors_of(self, name: str) -> tuple[Monitor, ...]:
         """Return the monitors that can judge a component alone: all but those of what others publish."""

@@ -56,6 +56,7 @@ def write_evidence(
     found = {
         "violations": [asdict(violation) for violation in violations],
         "status": {component.name: component.status for component in view.components},
+        "commands": {each.name: list(context.file.components[each.name].command) for each in view.components},
         "surroundings": dict(FIXED) if context.file.system.surroundings == "fixed" else "as they are",
     }
     (folder / "trial.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -99,7 +99,8 @@ class LiveUnit:
         self.before: list[TestCase] = []
         self._had: list[TestCase] = []
         self._kind, self._trial = trial, UnitTrial(trial.unit, trial.baseline)
-        self._place, self._file = place, place.context.file
+        self._place, self._context = place, place.context.alone(trial.unit)
+        self._file = self._context.file
         self._name = component_of(self._file, trial.unit)
         component = self._file.components[self._name]
         self._seeded = any("{seed}" in text for text in (*component.command, *component.env.values()))
@@ -116,7 +117,7 @@ class LiveUnit:
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             self._stage = stack.enter_context(
                 TrialSetup(
-                    self._place.context,
+                    self._context,
                     self._place.launcher,
                     folder,
                     segments=[self._file.segment_of(self._file.components[self._name])],

@@ -29,9 +29,9 @@ def source_files(file: SystemFile) -> list[Path]:
     if file.system.sources:
         found = [path for pattern in file.system.sources for path in sorted(file.root.glob(pattern))]
     else:
-        folders = {(file.root / component.cwd).resolve() for component in file.components.values()}
+        folders = {(file.root / component.cwd).resolve() for component in file.programs}
         found = [path for folder in _outermost({file.root.resolve(), *folders}) for path in _below(folder)]
-        found += [path for component in file.components.values() for path in _named(component, file.root)]
+        found += [path for component in file.programs for path in _named(component, file.root)]
     monitors = [file.root / name for name in file.monitor_files]
     return [path for path in dict.fromkeys([*found, *monitors]) if path.is_file()]
 

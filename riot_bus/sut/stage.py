@@ -74,7 +74,7 @@ class TrialPlace:
         launcher: Owner of the processes.
         directory: Folder in which files may be left.
         parameters: Values of {param:NAME} in commands, where these are not the nominal ones.
-        imports: Modules that Python components import, by name; trials fill it.
+        imports: Modules that Python components import, by program (see `TrialSetup`); trials fill it.
         kept: What goes on over trials.
     """
 
@@ -104,8 +104,8 @@ class TrialSetup:
         intercept: Key expressions that are cut and passed through `pipeline`.
         pipeline: Interceptors.
         stall: Seconds after which a component that takes no messages loses its link.
-        imports: Modules that Python components import, by name of the component; those that are not in it are executed
-            and added, others are forked.
+        imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
+            may have another one; those that are not in it are executed and added, others are forked.
 
     Attributes:
         idle: What components do that are ready and never rest; nothing if they rest.
@@ -175,8 +175,8 @@ class TrialSetup:
             for threads in self._families.values():
                 threads.close()
             for name, process in self.processes.items():
-                if name not in self.imports:
-                    self.imports[name] = self.python.imports(process.pid)
+                if (program := self._program(name)) not in self.imports:
+                    self.imports[program] = self.python.imports(process.pid)
         finally:
             self._reserved.close()
             self.bus.close()
@@ -220,14 +220,15 @@ class TrialSetup:
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
         given = {**environment_of_others(), **filled}
-        hook = self.python.environment(given, imports=name not in self.imports)
+        program = self._program(name)
+        hook = self.python.environment(given, imports=program not in self.imports)
         env = {**given, **hook, **(fixed_environment(component.env) if fixed else {})}
         argv = [*before, *(_fill(part, words) for part in component.command)]
         cwd = self._folders[name] = (self.context.file.root / _fill(component.cwd, words)).resolve()
         fork = None
         if fixed and not before and self.context.file.isolation_of(name) != "fresh":
             varying = {key for key, value in filled.items() if component.env[key] != value}
-            fork = fork_of(argv, env=env, varying=varying, cwd=cwd, modules=self.imports.get(name, ()))
+            fork = fork_of(argv, env=env, varying=varying, cwd=cwd, modules=self.imports.get(program, ()))
         if component.ready.topic is not None:
             told = parse_selector(component.ready.topic)
             for expression in self.context.topics(told.topic):
@@ -239,6 +240,11 @@ class TrialSetup:
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
+
+    def _program(self, name: str) -> str:
+        """Return what tells apart the programs whose imports are known."""
+        component = self.context.file.components[name]
+        return " ".join((name, component.cwd, *component.command))
 
     def end(self, names: Iterable[str]) -> None:
         """End components, as `stop` in riot.toml asks for.

@@ -224,9 +224,15 @@ class Unit(_Table):
     Each trial has a process of its own. With `isolation` "fresh" its command is executed. With "auto" a Python program
     is forked from a process that has imported what it needs, where that makes no difference. With "persistent" the
     trials of a campaign that pass share a process (`persistent`), which gets the message `reset` before each.
+
+    `command`, `env` and `cwd` are for these trials alone, such as a build with assertions; each replaces that of the
+    component. In runs of the whole system the component's own hold.
     """
 
     component: str | None = None
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    env: dict[str, str] | None = None
+    cwd: str | None = None
     isolation: Literal["auto", "fresh", "persistent"] = "auto"
     reset: Reset | None = None
     log: str | None = None
@@ -257,10 +263,7 @@ class SystemFile(_Table):
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
-            for text in (*component.command, *component.env.values(), component.cwd):
-                for parameter in PARAMETER.findall(text):
-                    if parameter not in self.external.parameters:
-                        raise _unknown(f"components.{name}.command", f"{{param:{parameter}}}", self.external.parameters)
+            self._check_parameters(component, f"components.{name}")
             for resource, count in component.resources.items():
                 if resource not in self.resources:
                     raise _unknown(f"components.{name}.resources", resource, self.resources)
@@ -281,7 +284,14 @@ class SystemFile(_Table):
                 raise _unknown(place, unit.component or name, self.components)
             if unit.reset is not None and unit.isolation != "persistent":
                 raise ValueError(f'unit.{name}.reset|only a process that goes on is reset|add isolation = "persistent"')
+            self._check_parameters(self.component_alone(name), f"unit.{name}")
         return self
+
+    def _check_parameters(self, component: Component, place: str) -> None:
+        for key, texts in (("command", component.command), ("env", component.env.values()), ("cwd", (component.cwd,))):
+            for parameter in (each for text in texts for each in PARAMETER.findall(text)):
+                if parameter not in self.external.parameters:
+                    raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
 
     @property
     def invariants(self) -> tuple[Invariant, ...]:
@@ -302,6 +312,26 @@ class SystemFile(_Table):
     def segment_of(self, component: Component) -> str:
         """Return the segment that a component connects to."""
         return component.segment or self.system.segments[0]
+
+    def component_alone(self, unit: str) -> Component:
+        """Return the component of a unit as it is when the unit is tested alone: with the unit's own command."""
+        described = self.unit[unit]
+        component = self.components[described.component or unit]
+        own = {key: getattr(described, key) for key in ("command", "env", "cwd")}
+        given = {key: value for key, value in own.items() if value is not None}
+        return component.model_copy(update=given) if given else component
+
+    def alone(self, unit: str) -> SystemFile:
+        """Return the file as it holds for trials of a unit alone."""
+        name, component = self.unit[unit].component or unit, self.component_alone(unit)
+        if component is self.components[name]:
+            return self
+        return self.model_copy(update={"components": {**self.components, name: component}})
+
+    @property
+    def programs(self) -> list[Component]:
+        """All components as they are started: in runs of the whole system, and as units alone."""
+        return [*self.components.values(), *map(self.component_alone, self.unit)]
 
     def check_outside_apart(self) -> None:
         """Check that what external components publish passes riot on its way to the system.

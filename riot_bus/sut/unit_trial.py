@@ -45,15 +45,14 @@ class IdleTrial:
 
     def run(self, case: TestCase, place: TrialPlace) -> Outcome:
         """Start the unit and watch it."""
-        file = place.context.file
+        context = place.context.alone(self.unit)
+        file = context.file
         name = component_of(file, self.unit)
         try:
             segments = [file.segment_of(file.components[name])]
             with (
                 held(file, [name]),
-                TrialSetup(
-                    place.context, place.launcher, place.directory, segments=segments, imports=place.imports
-                ) as stage,
+                TrialSetup(context, place.launcher, place.directory, segments=segments, imports=place.imports) as stage,
             ):
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
@@ -88,7 +87,7 @@ class UnitTrial:
 
         An environment that fails is an outcome of its own (`Verdict.ERROR`), never a failure of the unit.
         """
-        context = place.context
+        context = place.context.alone(self.unit)
         file = context.file
         name = component_of(file, self.unit)
         try:

@@ -120,7 +120,7 @@ class TrialBatch:
             case: The case.
             directory: Folder in which it may leave files; a relative one is below the worker's working folder.
             whole: Whether what is shared goes with it.
-            imports: Modules that Python components import, by name, as far as the worker does not know them.
+            imports: Modules that Python components import, by program, as far as the worker does not know them.
         """
         numbers = self._numbers
         messages = [numbers[each] if each in numbers else _plain(each) for each in case.messages]
@@ -190,7 +190,7 @@ class TrialAnswer:
 
     Attributes:
         outcome: How the trial ended.
-        imports: Modules that Python components import, by name, as far as they were not asked with.
+        imports: Modules that Python components import, by program, as far as they were not asked with.
     """
 
     outcome: Outcome

@@ -53,6 +53,7 @@ def test_what_a_trial_leaves_is_in_files(tmp_path: Path) -> None:
     assert told["violations"][0]["signature"] == violation.signature
     assert told["status"] == {"part": 3}
     assert told["surroundings"]["TZ"] == "UTC"
+    assert told["commands"] == {"part": ["part"]}
     write_evidence(tmp_path / "f", view(), [], context=context("as they are"))
     assert json.loads((tmp_path / "f/trial.json").read_text())["surroundings"] == "as they are"
 

@@ -30,6 +30,17 @@ def test_what_components_may_load_is_their_code(tmp_path: Path) -> None:
     }
 
 
+def test_the_command_of_a_unit_alone_counts_too(tmp_path: Path) -> None:
+    make(tmp_path, "work/run.sh", "debug/run.sh", "debug/lib.so", "work/other.csv")
+    table = {
+        "components": {"part": {"command": ["./run.sh"], "cwd": "work"}},
+        "unit": {"part": {"command": ["./run.sh"], "cwd": "debug"}, "same": {"component": "part"}},
+        "path": tmp_path / "riot.toml",
+    }
+    found = {str(path.relative_to(tmp_path)) for path in source_files(SystemFile.model_validate(table))}
+    assert found == {"work/run.sh", "debug/run.sh", "debug/lib.so"}
+
+
 def test_sources_that_are_named_are_all(tmp_path: Path) -> None:
     make(tmp_path, "a.py", "b.py")
     assert files(tmp_path, "b.py", sources=["a.*"]) == {"a.py"}

@@ -60,6 +60,10 @@ def test_fingerprint_follows_the_sources(tmp_path: Path) -> None:
         ('segment = "a"', 'ready = { topic = "x:state" }', 5, ("names a field", "x where ...")),
         ("[unit.one]", "[unit.one]\nrate = -1", 10, ("greater than or equal to 0", "-1")),
         ("[unit.one]", '[unit.one]\nreset = { topic = "x" }', 10, ("goes on is reset", 'isolation = "persistent"')),
+        ("[unit.one]", "[unit.one]\ncommand = []", 10, ("at least 1",)),
+        ("[unit.one]", '[unit.one]\ncomand = ["x"]', 10, ("unknown key 'comand'", "'command'")),
+        ("[unit.one]", '[unit.one]\ncwd = "{param:gain}"', 10, ("'{param:gain}' is not described",)),
+        ("[unit.one]", '[unit.one]\nenv = { A = "{param:gain}" }', 10, ("'{param:gain}' is not described",)),
         ("[unit.one]", '[[monitors]]\nkind = "rang"\nfield = "x:y"', 10, ("rang", "did you mean 'range'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nfeild = "x:y"', 11, ("feild", "did you mean 'field'")),
         ("[unit.one]", '[[monitors]]\nkind = "range"\nmin = 1', 9, ("'field' is missing",)),
@@ -126,6 +130,22 @@ def test_a_unit_alone_is_judged_by_monitors_of_what_it_publishes_and_of_what_nob
     assert judged("a") == ["one", "tow", "*"]
     assert judged("b") == ["two", "tow", "*"]
     assert len(context.monitors_of("a")) == len(context.monitors) - 1
+
+
+def test_a_unit_alone_may_have_a_command_of_its_own(tmp_path: Path) -> None:
+    text = (
+        '[components.a]\ncommand = ["a", "{endpoint}"]\nenv = { X = "1" }\ncwd = "w"\n[components.b]\ncommand = ["b"]\n'
+    )
+    text += '[unit.a]\n[unit.debug]\ncomponent = "a"\ncommand = ["a-debug"]\nenv = {}\n[unit.b]\ncwd = "v"\n'
+    context = open_system(write(tmp_path, text))
+    assert context.alone("a") is context
+    debug = context.alone("debug").file.components
+    assert (debug["a"].command, debug["a"].env, debug["a"].cwd) == (("a-debug",), {}, "w")
+    assert debug["b"] == context.file.components["b"]
+    other = context.alone("b").file
+    assert (other.components["b"].command, other.components["b"].cwd) == (("b",), "v")
+    assert other.root == context.file.root
+    assert context.file.components["a"].command == ("a", "{endpoint}")
 
 
 def test_limits_are_amounts_with_units_or_off(tmp_path: Path) -> None:
