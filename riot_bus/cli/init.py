@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint
+from riot_bus.cli.ctl import DEFAULT_ENDPOINT, Cfg, Endpoint, RouterName
 from riot_bus.cli.options import Format, OutputFormat
 
 __all__ = ["register"]
@@ -35,36 +35,53 @@ def init(
         list[str] | None,
         typer.Option(metavar="ADAPTER=URL", help="Likewise, with any adapter that hears systems on links; repeatable."),
     ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE.mcap", help="From a recording alone, such as one of riot router.")
+    ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
+    router: RouterName = None,
     seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=600, help="How long to look.")] = 3.0,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.mcap", help="Keep what is seen meanwhile as the nominal log. Plain Zenoh only."),
+    ] = None,
+    start: Annotated[
+        bool,
+        typer.Option(
+            "--start",
+            help="Then start each component once more, apart from those that run, to see what each reads and writes. "
+            "Plain Zenoh only.",
+        ),
+    ] = False,
     unit: Annotated[
         str | None,
         typer.Option(
             "--unit",
             "-u",
-            metavar="NODE",
-            help="The node to test; else all that have inputs. MAVLink: the id of the system.",
+            metavar="NAME",
+            help="The component or node to test; else all that have inputs. MAVLink: the id of the system.",
         ),
     ] = None,
     external: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NODE", help="A node that plays the outside world; repeatable. Else those that only publish."
-        ),
+        typer.Option(metavar="NAME", help="What plays the outside world; repeatable. Else what only publishes."),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The file to write.")] = DEFAULT_FILE,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     cfg: Cfg = None,
     form: Format = OutputFormat.TEXT,
 ) -> None:
-    """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in."""
-    from riot_bus.chain.init import init_ros2
+    """Write a first riot.toml: components, inputs, outputs and types as they show, and what is left to fill in.
+
+    Without --ros2, --mavlink or --link it is that of a plain Zenoh system, from what is connected to a router.
+    """
     from riot_bus.vocabulary.errors import ConfigError
 
     heard = [*(f"mavlink={url}" for url in mavlink or ()), *(link or ())]
-    if ros2 == bool(heard):
-        hint = "add --ros2, or --mavlink URL, or --link ADAPTER=URL"
-        raise ConfigError("what shall the system file be made from?", where="riot init", hint=hint)
+    chosen = [name for name, given in (("--ros2", ros2), ("--mavlink or --link", heard), ("--log", log)) if given]
+    plain = [name for name, given in (("--record", record), ("--start", start)) if given]
+    if len(chosen) > 1 or (chosen and plain):
+        raise ConfigError(f"{' and '.join([*chosen, *plain])} do not go together", where="riot init", hint="choose one")
     if heard:
         adapters = {each.partition("=")[0] for each in heard}
         links = [each.partition("=")[2] for each in heard]
@@ -73,8 +90,21 @@ def init(
             raise ConfigError(f"cannot listen to {', '.join(heard)}", where="riot init --link", hint=hint)
         _init_links(adapters.pop(), links, out, seconds=seconds, unit=unit, force=force, form=form)
         return
-    found = init_ros2(out, endpoint, seconds=seconds, unit=unit, external=external or (), cfg=cfg or (), force=force)
-    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(_lines(found)))
+    what: dict[str, Any] = {"unit": unit, "external": external or (), "force": force}
+    live: dict[str, Any] = {"seconds": seconds, "cfg": cfg or (), **what}
+    if ros2:
+        from riot_bus.chain.init import init_ros2
+
+        found, lines = init_ros2(out, endpoint, **live), _lines
+    else:
+        from riot_bus.chain.plain_init import init_plain, init_plain_log
+
+        lines = _plain_lines
+        if log is not None:
+            found = init_plain_log(out, log, **what)
+        else:
+            found = init_plain(out, endpoint, record=record, start=start, router=router, **live)
+    typer.echo(json.dumps(found, indent=1) if form is OutputFormat.JSON else "\n".join(lines(found)))
 
 
 def _init_links(
@@ -92,6 +122,12 @@ def _init_links(
 
 def _written(file: str) -> str:
     return f"written: {file}; next, fill in what it marks with FILL IN, above all the commands"
+
+
+def _plain_lines(found: dict[str, Any]) -> list[str]:
+    from riot_bus.sut.plain_scaffold import draft_lines
+
+    return [*draft_lines(found), f"written: {found['file']}"]
 
 
 def _lines(found: dict[str, Any]) -> list[str]:

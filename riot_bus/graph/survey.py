@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import socket
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Started", "Survey", "survey"]
+__all__ = ["Started", "Survey", "started_at", "survey"]
 
 _MOST_TOKENS = 50_000
 _ANSWER_S = 1.0
@@ -51,12 +53,14 @@ class Survey:
         offered: What the publishers of a key offer, as a log's channel has it (`offered_qos_profiles`).
         started: The processes behind sessions, by the sessions' ids; those of other hosts and users are left out.
         skipped: Number of tokens that were too many.
+        modes: `client`, `peer` or `router` of each session that routers say they are linked to, by its id.
     """
 
     announcements: tuple[Announcement, ...]
     offered: Mapping[str, Mapping[str, str]]
     started: Mapping[str, Started] = field(default_factory=dict)
     skipped: int = 0
+    modes: Mapping[str, str] = field(default_factory=dict)
 
 
 def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Mapping[str, Any] | None = None) -> Survey:
@@ -94,7 +98,8 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
         threading.Event().wait(seconds)
         with lock:
             seen = sorted(tokens)
-        links = _links(client.session)
+        links, modes = _links(client.session)
+        modes.pop(client.zid, None)
         release(*listeners)
     found = {each for token in seen if (each := parse_token(token, registry)) is not None}
     offered = {}
@@ -103,14 +108,31 @@ def survey(endpoint: str, registry: TypeRegistry, *, seconds: float, config: Map
         if stamping is not None:
             offered[key] = stamping.details(key, seen)
     ordered = sorted(found, key=lambda each: (each.node, each.zid, each.role or "", each.topic, each.source))
-    return Survey(tuple(ordered), offered, _processes(links), len(skipped))
+    return Survey(tuple(ordered), offered, _processes(links), len(skipped), modes)
 
 
-def _links(session: zenoh.Session) -> dict[Link, str]:
-    """Return who is at the far end of the links of all routers; `graph.sources` says why this question is safe."""
+def started_at(endpoint: str) -> list[Started]:
+    """Return the other processes of this host that have a TCP connection to an endpoint, by their numbers."""
+    place = endpoint_of(endpoint)
+    if place is None:
+        return []
+    hosts = {place[0]}
+    with suppress(OSError):
+        hosts |= {str(each[4][0]) for each in socket.getaddrinfo(*place, type=socket.SOCK_STREAM)}
+    pids = {each.pid for each in connections() if each.far[1] == place[1] and each.far[0] in hosts}
+    found = (_started(pid) for pid in sorted(pids - {0, os.getpid()}))
+    return [each for each in found if each is not None]
+
+
+def _links(session: zenoh.Session) -> tuple[dict[Link, str], dict[str, str]]:
+    """Return who is at the far end of the links of all routers, and the modes of these sessions by id.
+
+    `graph.sources` says why this question is safe.
+    """
     from riot_bus.zenoh import api as zenoh
 
     found: dict[Link, str] = {}
+    modes: dict[str, str] = {}
     replies = session.get(
         "@/*/*", timeout=_ANSWER_S, target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE
     )
@@ -119,23 +141,29 @@ def _links(session: zenoh.Session) -> dict[Link, str]:
             continue
         with suppress(ValueError, TypeError, KeyError, AttributeError):  # whatever runs in the network may answer
             for each in json.loads(reply.ok.payload.to_bytes())["sessions"]:
+                modes[str(each["peer"])] = str(each["whatami"])
                 for link in each["links"]:
                     near, far = endpoint_of(link["dst"]), endpoint_of(link["src"])
                     if near is not None and far is not None:
                         found[near, far] = str(each["peer"])
-    return found
+    return found, modes
 
 
 def _processes(links: Mapping[Link, str]) -> dict[str, Started]:
-    import psutil
-
     found = {}
     for each in connections() if links else ():
         zid = links.get((each.near, each.far))
-        if zid is not None and each.pid:
-            with suppress(psutil.Error, OSError):
-                process = psutil.Process(each.pid)
-                command = tuple(process.cmdline())
-                if command:
-                    found[zid] = Started(each.pid, command, process.cwd())
+        started = _started(each.pid) if zid is not None and each.pid else None
+        if zid is not None and started is not None:
+            found[zid] = started
     return found
+
+
+def _started(pid: int) -> Started | None:
+    import psutil
+
+    with suppress(psutil.Error, OSError):
+        process = psutil.Process(pid)
+        command = tuple(process.cmdline())
+        return Started(pid, command, process.cwd()) if command else None
+    return None

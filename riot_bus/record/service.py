@@ -271,6 +271,14 @@ class CaptureService:
             problems.append("there are too many publishers to look for gaps in the numbers of all")
         return CaptureResult(tape.files(), tape.account(), self._seconds(), problems, self._selection.silent())
 
+    def senders(self) -> dict[str, set[str]]:
+        """Return the ids in the stamps of messages, by key; components stamp theirs if their configuration says so."""
+        found: dict[str, set[str]] = {}
+        for each in self._intakes:
+            for key, zids in each.senders().items():
+                found.setdefault(key, set()).update(zids)
+        return found
+
     def _seconds(self) -> float:
         return (self._ended or time.monotonic()) - self._began if self._began else 0.0
 

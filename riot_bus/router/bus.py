@@ -356,6 +356,8 @@ class Bus:
         self._taps = [
             Tap(session, expression, take=self._observation(expression), convert=converter)
             for expression in self._record.expressions
+            # What is intercepted is recorded on its way; a tap of it would pass for a receiver in each segment.
+            if not any(includes(each, expression) for each in self._claims.expressions)
         ]
 
     def _observation(self, expression: str) -> Callable[[Message], None]:

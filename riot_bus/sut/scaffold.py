@@ -6,17 +6,17 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.control.environment import environment
-from riot_bus.vocabulary.redaction import escape_control_chars as _comment
-from riot_bus.vocabulary.toml_text import toml_string
+from riot_bus.sut.system_draft import INSIDE, OUTSIDE
+from riot_bus.vocabulary.redaction import escape_control_chars as comment
+from riot_bus.vocabulary.toml_text import toml_string, toml_value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from riot_bus.sut.system_draft import DraftComponent, SystemDraft, Used
 
-__all__ = ["sketch_json", "sketch_toml"]
+__all__ = ["comment", "external_topics", "is_tested", "sketch_json", "sketch_toml", "topic_list"]
 
-OUTSIDE, INSIDE = "outside", "inside"
 PROGRAM = ("ros2", "run", "PACKAGE", "EXECUTABLE")
 """Stands for the command of a component, which no network tells."""
 
@@ -48,17 +48,18 @@ def sketch_toml(found: SystemDraft, *, origin: str) -> str:
     """
     blocks = [_head(found, origin), *(_component(part, bridged=found.bridged) for part in found.parts)]
     blocks.append(_external(found))
-    blocks += [_unit(part) for part in found.parts if _testable(part, found.unit)]
+    blocks += [_unit(part) for part in found.parts if is_tested(part, found.unit)]
     return "\n\n".join(blocks) + "\n"
 
 
-def _testable(part: DraftComponent, unit: str | None) -> bool:
+def is_tested(part: DraftComponent, unit: str | None) -> bool:
+    """Return whether a component gets a table as a unit: the chosen one, else all that read something inside."""
     return part.name == unit if unit is not None else bool(part.inputs) and not part.external
 
 
 def _head(found: SystemDraft, origin: str) -> str:
     lines = [
-        f"# Written by `riot init`: {_comment(origin)}.",
+        f"# Written by `riot init`: {comment(origin)}.",
         "# What a network cannot tell is marked with FILL IN. All keys: docs/riot-toml.md.",
         "",
         "[system]",
@@ -69,7 +70,7 @@ def _head(found: SystemDraft, origin: str) -> str:
     ]
     if found.unknown:
         lines.append("# FILL IN: no definition of these types was found, so their fields are unknown:")
-        lines += [f"#   {_comment(name)}" for name in found.unknown]
+        lines += [f"#   {comment(name)}" for name in found.unknown]
         lines.append('# messages = ["my_msgs/msg/Name.msg"]')
     types = {used.topic: used.type_name for part in found.parts for used in (*part.inputs, *part.outputs)}
     if found.bridged and types:
@@ -85,32 +86,32 @@ def _head(found: SystemDraft, origin: str) -> str:
 def _component(part: DraftComponent, *, bridged: bool) -> str:
     lines = [f"[components.{part.name}]"]
     if len(part.nodes) > 1:
-        lines.append(f"# One process with several nodes: {_comment(', '.join(part.nodes))}.")
+        lines.append(f"# One process with several nodes: {comment(', '.join(part.nodes))}.")
     if not part.nodes:
         lines.append("# A bridge to DDS: FILL IN a command that starts it, and the ROS nodes behind it.")
     if part.started is not None:
         lines.append(
             f"# As process {part.started.pid} was started. FILL IN what has to be different when riot starts it."
         )
-        lines.append(f"command = {_list(part.started.command)}")
+        lines.append(f"command = {toml_value(part.started.command)}")
         lines.append(f"cwd = {toml_string(part.started.cwd)}")
     elif not part.nodes:
-        lines.append(f"command = {_list(PROGRAM)}")
+        lines.append(f"command = {toml_value(PROGRAM)}")
     else:
         lines.append("# FILL IN: how to start it (one process, not `ros2 launch` of the whole system).")
-        lines.append(f"command = {_list((*PROGRAM, *_remaps(part)))}")
+        lines.append(f"command = {toml_value((*PROGRAM, *_remaps(part)))}")
     if part.nodes:
         settings = environment(["{endpoint}"], "rmw_zenoh")
         inside = ", ".join(f"{name} = {toml_string(value)}" for name, value in settings.items())
         lines.append(f"env = {{ {inside} }}")
     lines.append(f'segment = "{_segment(part)}"')
     if part.external:
-        lines.append(f"external = true   # {_comment(part.external)}; put it {INSIDE} if that is wrong")
-    lines += _topics("inputs", part.inputs)
-    lines += _topics("outputs", part.outputs)
+        lines.append(f"external = true   # {comment(part.external)}; put it {INSIDE} if that is wrong")
+    lines += topic_list("inputs", part.inputs)
+    lines += topic_list("outputs", part.outputs)
     for what, names in (("Services", part.services), ("Actions", part.actions)):
         if names:
-            lines.append(f"# {what}, which are not tested: {_comment(', '.join(names))}.")
+            lines.append(f"# {what}, which are not tested: {comment(', '.join(names))}.")
     return "\n".join(lines)
 
 
@@ -122,14 +123,15 @@ def _remaps(part: DraftComponent) -> list[str]:
     return [*words, "-r", f"__ns:={namespace}"] if namespace else words
 
 
-def _topics(key: str, used: Iterable[Used]) -> list[str]:
+def topic_list(key: str, used: Iterable[Used]) -> list[str]:
+    """Return the lines of a list of topics, with their types as comments; none if there are no topics."""
     rows = [(f"    {toml_string(each.topic)},", ", ".join(filter(None, (each.type_name, each.qos)))) for each in used]
     if not rows:
         return []
     width = max(len(row[0]) for row in rows)
     return [
         f"{key} = [",
-        *(f"{row[0]:{width}}   # {_comment(row[1])}" if row[1] else row[0] for row in rows),
+        *(f"{row[0]:{width}}   # {comment(row[1])}" if row[1] else row[0] for row in rows),
         "]",
     ]
 
@@ -144,7 +146,7 @@ def _external(found: SystemDraft) -> str:
         lines.append("topics = []")
     else:
         lines.append("# What the outside world controls. FILL IN: take out what it does not.")
-        lines += _reasons(found.external)
+        lines += external_topics(found.external)
     lines += [
         "",
         "# [external.ranges]",
@@ -153,10 +155,11 @@ def _external(found: SystemDraft) -> str:
     return "\n".join(lines)
 
 
-def _reasons(external: Any) -> list[str]:
+def external_topics(external: Mapping[str, str]) -> list[str]:
+    """Return the lines of the list of external topics, with why each is thought to be one as a comment."""
     rows = [(f"    {toml_string(topic)},", why) for topic, why in external.items()]
     width = max(len(row[0]) for row in rows)
-    return ["topics = [", *(f"{row[0]:{width}}   # {_comment(row[1])}" for row in rows), "]"]
+    return ["topics = [", *(f"{row[0]:{width}}   # {comment(row[1])}" for row in rows), "]"]
 
 
 def _unit(part: DraftComponent) -> str:
@@ -170,7 +173,3 @@ def _unit(part: DraftComponent) -> str:
 
 def _segment(part: DraftComponent) -> str:
     return OUTSIDE if part.external else INSIDE
-
-
-def _list(words: Iterable[str]) -> str:
-    return f"[{', '.join(map(toml_string, words))}]"

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from riot_bus.graph.survey import Started
     from riot_bus.types.capabilities import Announcement
 
-__all__ = ["DraftComponent", "SystemDraft", "Used", "sketch"]
+__all__ = ["INSIDE", "OUTSIDE", "DraftComponent", "SystemDraft", "Used", "described", "free_name", "sketch"]
+
+OUTSIDE, INSIDE = "outside", "inside"
+"""Segments of a file that nobody has named otherwise."""
 
 _PLUMBING = frozenset({"/rosout", "/parameter_events"})
 _SETTING = re.compile(r"^[-\s]+(history|depth|reliability|durability):\s*(\w+)\s*$", re.MULTILINE)
@@ -125,22 +128,27 @@ def sketch(
             hint="do they run with RMW_IMPLEMENTATION=rmw_zenoh_cpp (or behind zenoh-bridge-ros2dds) and connect to "
             "this router? Give it more time with --seconds, or name the router's endpoint with -e",
         )
+    parts = [replace(each, started=(started or {}).get(each.zid)) for each in parts]
+    types = sorted({used.type_name for part in parts for used in (*part.inputs, *part.outputs)} - {""})
+    return replace(
+        described(parts, unit=unit, external=external),
+        bridged=any(each.source == "bridge token" for each in seen),
+        unknown=tuple(name for name in types if not known(name)),
+    )
+
+
+def described(
+    parts: Sequence[DraftComponent], *, unit: str | None = None, external: Collection[str] = ()
+) -> SystemDraft:
+    """Return the system of components, with what is external in it as `sketch` tells; arguments and errors as there."""
     named = {_find(name, parts) for name in external}
     chosen = None if unit is None else _find(unit, parts)
     parts = [replace(each, external="you said so") if each.name in named else each for each in parts]
-    parts = [replace(each, started=(started or {}).get(each.zid)) for each in parts]
     if chosen in named:
         raise ConfigError(f"{unit!r} cannot be under test and external", where="--external")
     if not named:
         parts = _guess(parts, chosen)
-    types = sorted({used.type_name for part in parts for used in (*part.inputs, *part.outputs)} - {""})
-    return SystemDraft(
-        tuple(parts),
-        _external(parts, chosen),
-        chosen,
-        bridged=any(each.source == "bridge token" for each in seen),
-        unknown=tuple(name for name in types if not known(name)),
-    )
+    return SystemDraft(tuple(parts), _external(parts, chosen), chosen)
 
 
 def _hidden(name: str) -> bool:
@@ -161,7 +169,7 @@ def _parts(seen: Sequence[Announcement], offered: Mapping[str, Mapping[str, str]
         data = [each for each in told if not each.action and each.topic not in _PLUMBING and not _hidden(each.topic)]
         parts.append(
             DraftComponent(
-                _free_name(names[0], taken),
+                free_name(names[0], taken),
                 nodes,
                 zid,
                 inputs=_used(data, "subscribes", {}),
@@ -196,7 +204,13 @@ def _qos(details: Mapping[str, str]) -> str:
     return ", ".join(words)
 
 
-def _free_name(node: str, taken: set[str]) -> str:
+def free_name(node: str, taken: set[str]) -> str:
+    """Return the name of a component in the system file, which is taken from then on.
+
+    Args:
+        node: What it is called elsewhere.
+        taken: Names of others.
+    """
     base = re.sub(r"[^A-Za-z0-9_-]+", "_", node.strip("/")) or "node"
     name, number = base, 1
     while name in taken:

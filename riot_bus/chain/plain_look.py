@@ -1,0 +1,179 @@
+"""What a plain Zenoh system shows: on a router, with a short recording, or in a recording alone."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from riot_bus.chain.logs import learn_types
+from riot_bus.config.endpoints import parse_endpoint
+from riot_bus.graph.history import graph_from, replay
+from riot_bus.graph.model import ConnectedComponent, Graph
+from riot_bus.graph.supplement import supplemented, without_listener
+from riot_bus.log.foreign import bus_messages
+from riot_bus.log.layout import GRAPH
+from riot_bus.log.reader import LogReader
+from riot_bus.sut.command_draft import command_draft
+from riot_bus.sut.plain_draft import PlainFacts
+from riot_bus.sut.process_facts import facts_of
+from riot_bus.sut.topic_look import look_at
+from riot_bus.types.registry import TypeRegistry, load_adapters
+from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.redaction import redacted
+from riot_bus.zenoh.session import environment_of_others
+from riot_bus.zenoh.session_config import control_id, is_control
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from riot_bus.config.endpoints import Endpoint
+    from riot_bus.graph.survey import Started, Survey
+    from riot_bus.sut.command_draft import CommandDraft
+    from riot_bus.sut.topic_look import TopicDraft
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["look_at_log", "look_at_network"]
+
+_SURVEY_S = 0.5
+_REST_S, _WITHIN_S = 0.5, 5.0
+"""A router's graph is taken when it has not changed for so long, or after so long: our recorder has just left."""
+
+
+def look_at_log(path: Path) -> PlainFacts:
+    """Return what a recording shows.
+
+    Raises:
+        ConfigError: The file is missing or not MCAP.
+    """
+    registry = TypeRegistry(load_adapters())
+    counts, topics, skipped, graph = _read(path, registry)
+    graph, listener = without_listener(graph if graph.components else _segments_alone(counts))
+    graph = supplemented(graph, counts, complete=False)
+    why = "a recording does not tell how components are started"
+    return PlainFacts(graph, topics, {}, skipped, str(path), no_command=why, listener=listener)
+
+
+def look_at_network(
+    endpoint: str, *, seconds: float, record: Path | None, config: Mapping[str, Any], router: str | None, force: bool
+) -> PlainFacts:
+    """Return what shows on a router within some seconds; what goes over it is recorded meanwhile.
+
+    Args:
+        endpoint: Where it listens.
+        seconds: How long to look.
+        record: Where the recording is kept; None for nowhere.
+        config: Further Zenoh configuration.
+        router: Name of the router, if it is one of riot's and there are several.
+        force: Whether a recording that is there is replaced.
+
+    Raises:
+        ConfigError: The recording cannot be written, or there are several routers.
+        EnvironmentFaultError: Nobody answers at the endpoint.
+    """
+    from riot_bus.graph.survey import survey
+
+    registry = TypeRegistry(load_adapters())
+    with tempfile.TemporaryDirectory(prefix="riot-init-") as folder:
+        path = record or Path(folder, "look.mcap")
+        senders = _record(path, endpoint, config, seconds, force=force)
+        counts, topics, skipped, _ = _read(path, registry)
+    seen = survey(endpoint, registry, seconds=_SURVEY_S, config={**config, "id": control_id()})
+    found, endpoints = _of_router(endpoint, router, config)
+    graph, started = (found, seen.started) if found is not None else _of_others(endpoint, seen)
+    graph, listener = without_listener(graph)
+    graph = supplemented(graph, counts, senders=senders, tokens=seen.announcements, complete=found is not None)
+    commands = _commands(started, [parse_endpoint(each) for each in (endpoint, *endpoints)])
+    return PlainFacts(graph, topics, commands, skipped, redacted(endpoint), listener=listener)
+
+
+def _record(
+    path: Path, endpoint: str, config: Mapping[str, Any], seconds: float, *, force: bool
+) -> dict[str, set[str]]:
+    """Record a network for some time; return who has stamped messages, by key."""
+    from riot_bus.record.options import CaptureOptions
+    from riot_bus.record.service import CaptureService
+
+    hidden = {**config, "id": control_id()}  # else it would be one of the components
+    options = CaptureOptions(
+        endpoint=endpoint, config=hidden, output=path, overwrite=force, duration=seconds, graph=False, control=False
+    )
+    with CaptureService(options) as service:
+        service.wait()
+        return service.senders()
+
+
+def _read(path: Path, registry: TypeRegistry) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
+    """Return how many messages a log has by key and segment, what they tell, and the last graph with components."""
+    counts = Counter[tuple[str, str]]()
+
+    def counted(messages: Iterable[Message]) -> Iterator[Message]:
+        for message in messages:
+            counts[message.key, message.segment] += 1
+            yield message
+
+    with LogReader(path) as reader:
+        learn_types(reader, registry)
+        topics, skipped = look_at(counted(bus_messages(reader, registry)), registry)
+        try:
+            graphs = [graph for _, graph in replay(reader.notes(GRAPH))]
+        except ValueError as error:
+            raise ConfigError(f"the recorded graph is damaged ({error})", where=str(path)) from error
+    # The first and the last graphs of a recording may be those of an empty network.
+    most = max(graphs, key=lambda one: (len(one.components), len(without_listener(one)[0].edges)), default=Graph())
+    return counts, topics, skipped, most
+
+
+def _segments_alone(counts: Iterable[tuple[str, str]]) -> Graph:
+    """Return a graph with one component in each segment that a recording names: that is all there is to tell."""
+    segments = sorted({segment for _, segment in counts if segment})
+    return Graph.of([ConnectedComponent(each, f"segment {each}", name=each) for each in segments], (), (), ())
+
+
+def _of_router(endpoint: str, name: str | None, config: Mapping[str, Any]) -> tuple[Graph | None, list[str]]:
+    """Return the graph of the router of riot's at an endpoint, None if there is none, and where its segments listen."""
+    from riot_bus.control.remote import Remote
+
+    with Remote(endpoint, name, config=config) as remote:
+        if name is None and not remote.find():
+            return None, []
+        begin, graph = time.monotonic(), graph_from(remote.ask("graph"))
+        while time.monotonic() - begin < _WITHIN_S:
+            time.sleep(_REST_S)
+            former, graph = graph, graph_from(remote.ask("graph"))
+            if graph == former:
+                break
+        rows = remote.ask("status")["segments"].values()
+    return graph, [str(each) for row in rows for each in row["endpoints"]]
+
+
+def _of_others(endpoint: str, seen: Survey) -> tuple[Graph, Mapping[str, Started]]:
+    """Return who is connected to a router of others: as it says itself, else as the sockets of this machine do."""
+    from riot_bus.graph.processes import command
+    from riot_bus.graph.survey import started_at
+
+    modes, started = {zid: mode for zid, mode in seen.modes.items() if not is_control(zid)}, dict(seen.started)
+    if not modes:
+        started = {f"process {each.pid}": each for each in started_at(endpoint)}
+        modes = dict.fromkeys(started, "")
+    components = [
+        ConnectedComponent("", zid, mode, pid=started[zid].pid, command=command(started[zid].pid))
+        if zid in started
+        else ConnectedComponent("", zid, mode)
+        for zid, mode in modes.items()
+    ]
+    return Graph.of(components, (), (), ()), started
+
+
+def _commands(started: Mapping[str, Started], endpoints: Sequence[Endpoint]) -> dict[str, CommandDraft]:
+    """Return how processes are started, by the ids of their sessions."""
+    ports = {each.port for each in endpoints if each.port}
+    files = [f"{each.protocol}/{each.address}" for each in endpoints if not each.port]
+    ours = environment_of_others()
+    return {
+        zid: command_draft(facts_of(each, ports), ports=ports, endpoints=files, ours=ours, python=sys.executable)
+        for zid, each in started.items()
+    }

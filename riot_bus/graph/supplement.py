@@ -1,0 +1,91 @@
+"""A graph with what a recording adds to it: who publishes, as far as samples tell; pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from riot_bus.graph.build import build
+from riot_bus.graph.model import ConnectedComponent, Edge, Graph, Topic
+from riot_bus.graph.observations import Observations
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping
+
+    from riot_bus.types.capabilities import Announcement
+
+__all__ = ["supplemented", "without_listener"]
+
+
+_SEVERAL = 2
+_BY_MATCHING = frozenset({"matching", "only component"})
+
+
+def supplemented(
+    graph: Graph,
+    counts: Mapping[tuple[str, str], int],
+    *,
+    senders: Mapping[str, Collection[str]] | None = None,
+    tokens: Iterable[Announcement] = (),
+    complete: bool = True,
+) -> Graph:
+    """Return a graph with the keys of a recording, and who published them where that can be told.
+
+    A message that says no segment was published in the only one there is, or where its sender is that has stamped it.
+
+    Args:
+        graph: Who is connected, and what is known of them.
+        counts: Messages by key and source segment; the segment is empty where the recording does not tell it.
+        senders: Ids in the stamps of messages, by key.
+        tokens: What components announce.
+        complete: Whether the graph has all components; else the only one of a segment is not concluded from.
+    """
+    homes = {each.zid: each.segment for each in graph.components}
+    segments = sorted({each.segment for each in graph.components})
+    flows: dict[tuple[str, str], int] = {}
+    stamps: dict[tuple[str, str], set[str]] = {}
+    for (key, told), count in counts.items():
+        known = {zid for zid in (senders or {}).get(key, ()) if zid in homes}
+        places = [told] if told and told in segments else sorted({homes[zid] for zid in known})
+        if not places and complete and len(segments) == 1:
+            places = segments
+        for place in places:
+            flows[key, place] = count if len(places) == 1 else 0
+            stamps[key, place] = {zid for zid in known if homes[zid] == place}
+    sessions = {(each.segment, each.zid): each.mode for each in graph.components}
+    more = build(Observations(tuple(segments), sessions, tokens=set(tokens), flows=flows, senders=stamps))
+    return _joined(graph, more, {key for key, _ in counts})
+
+
+def without_listener(graph: Graph) -> tuple[Graph, bool]:
+    """Return a graph without what matching says, if somebody reads everything; and whether that is so.
+
+    Then each segment has a receiver of each key, as with a recorder of `**`, which tells nothing of the components.
+    """
+    segments = {each.segment for each in graph.components}
+    read: defaultdict[str, set[str]] = defaultdict(set)
+    for edge in graph.edges:
+        if "matching" in edge.evidence:
+            read[edge.topic].add(edge.segment)
+    if len(segments) < _SEVERAL or not read or any(places < segments for places in read.values()):
+        return graph, False
+    kept = [each for each in graph.edges if not _BY_MATCHING.issuperset(each.evidence)]
+    return replace(graph, edges=tuple(kept)), True
+
+
+def _joined(graph: Graph, more: Graph, keys: Collection[str]) -> Graph:
+    """Return both graphs' edges and all topics; components and what is unknown of them are those of the first."""
+    edges: dict[tuple[str, str, str, str, str], Edge] = {each.identity: each for each in graph.edges}
+    for edge in more.edges:
+        known = edges.get(edge.identity)
+        evidence = {*edge.evidence, *(known.evidence if known is not None else ())}
+        edges[edge.identity] = replace(edge, evidence=tuple(sorted(evidence)))
+    told = {(each.topic, each.role, each.segment) for each in edges.values() if each.zid}
+    kept = [each for each in edges.values() if each.zid or (each.topic, each.role, each.segment) not in told]
+    topics = {each.key: each for each in (*more.topics, *graph.topics)}
+    topics |= {key: Topic(key, key) for key in keys if key not in topics}
+    components: Iterable[ConnectedComponent] = {
+        (each.segment, each.zid): each for each in (*more.components, *graph.components)
+    }.values()
+    return Graph.of(components, topics.values(), kept, graph.unknown)

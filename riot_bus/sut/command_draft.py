@@ -1,0 +1,171 @@
+"""How riot starts a component, from how its process was started: placeholders where they stand, no secrets; pure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from riot_bus.vocabulary.redaction import redacted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+__all__ = ["MISSING", "CommandDraft", "ProcessFacts", "command_draft", "locators", "unknown_command"]
+
+MISSING = "FILL_IN"
+"""As the first word, which no machine has a program for: nothing may start while it would connect elsewhere."""
+
+_LOCATOR = re.compile(
+    r"(?:tcp|tls|wss?|quic|udp)/(?:\[[^\]\s]+\]|[^\s/:;,'\"\[\]#?]+):([0-9]{1,5})(?:[?#][^\s'\",\]]*)?"
+)
+_SECRET = re.compile(
+    r"(?i)(?:^|[_-])pass(?:wd|phrase)?(?:$|[_-])|password|secret|token|credential|(?:api|access|private|auth)[_-]?key"
+)
+_FILE = ("file", "path", "dir")
+_OPTION = re.compile(r"--?([A-Za-z][\w-]*)(=.*)?", re.DOTALL)
+_OF_A_DESK = re.compile(
+    "COLORFGBG|COLORTERM|COLUMNS|DISPLAY|EDITOR|HISTFILE|HISTSIZE|HOSTNAME|INVOCATION_ID|JOURNAL_STREAM|LINES|LOGNAME|"
+    "LS_COLORS|MAIL|MANPAGER|NOTIFY_SOCKET|OLDPWD|PAGER|PPID|PROMPT_COMMAND|PS1|PWD|SHELL|SHLVL|STY|TERM|USER|USERNAME|"
+    "VISUAL|WINDOWID|_|(BASH|DBUS|GNOME|KDE|LESS|PYTEST|RIOT|SSH|SUDO|TERM|TMUX|XDG)_.*"
+)
+"""Variables that say how somebody works at a machine."""
+_MOST_VARIABLES, _LONGEST = 40, 2000
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessFacts:
+    """What is known of a process.
+
+    Attributes:
+        command: Program and arguments.
+        cwd: Its working folder.
+        program: Path of what is executed; empty if unknown.
+        environment: Its whole environment.
+        mentions: Where files that it was given say where to connect, such as `conf.json5:3`, and what they say.
+    """
+
+    pid: int
+    command: tuple[str, ...]
+    cwd: str
+    program: str = ""
+    environment: Mapping[str, str] = field(default_factory=dict)
+    mentions: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandDraft:
+    """What riot.toml says of how a component is started.
+
+    Attributes:
+        missing: What has to be filled in, in a line each.
+        pid: The process that it is taken from; 0 if there is none.
+    """
+
+    command: tuple[str, ...]
+    cwd: str = "."
+    env: Mapping[str, str] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    pid: int = 0
+
+    @property
+    def can_start(self) -> bool:
+        """Whether nothing is missing without which it would not start, or connect elsewhere."""
+        return not any(MISSING in word for word in (*self.command, *self.env.values()))
+
+
+def unknown_command(why: str) -> CommandDraft:
+    """Return what stands for a command that nothing tells, and why."""
+    return CommandDraft((MISSING,), missing=(f"its command, with {{endpoint}} where it is told to connect: {why}",))
+
+
+def command_draft(
+    process: ProcessFacts, *, ports: Collection[int], endpoints: Collection[str], ours: Mapping[str, str], python: str
+) -> CommandDraft:
+    """Return how a process is started again so that it connects where riot says.
+
+    Args:
+        process: It.
+        ports: Where the network that it belongs to listens.
+        endpoints: Likewise, as texts that stand for themselves, such as socket files.
+        ours: The environment that components get anyhow.
+        python: Path of the Python that runs riot.
+    """
+    missing: list[str] = []
+
+    def put(text: str) -> str:
+        for endpoint in endpoints:
+            text = text.replace(endpoint, "{endpoint}")
+        return _LOCATOR.sub(lambda found: "{endpoint}" if int(found[1]) in ports else found[0], text)
+
+    words = [put(word) for word in _without_secrets(process.command, missing)]
+    if process.program == python:
+        words[0] = "{python}"
+    env, hidden = _environment(process.environment, ours, put)
+    if not any("{endpoint}" in text for text in (*words, *env.values())):
+        missing.append(_where_to(process, words, ports))
+        words.insert(0, MISSING)
+    if others := sorted({found[0] for word in words for found in _LOCATOR.finditer(word)}):
+        missing.append(f"it also names {', '.join(others)}: {{free_port}} is another port in each trial")
+    if hidden:
+        missing.append(f"its environment has {', '.join(hidden)}, too, which may be secret and is not written here")
+    return CommandDraft(tuple(words), process.cwd, env, tuple(missing), process.pid)
+
+
+def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
+    """Return the lines of a text, from 1, that name one of these ports, and how."""
+    found = ((number, each) for number, line in enumerate(text.splitlines(), 1) for each in _LOCATOR.finditer(line))
+    return [(number, each[0]) for number, each in found if int(each[1]) in ports]
+
+
+def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int]) -> str:
+    """Return why it is not known how the process is told where to connect."""
+    bare = next((word for word in words if any(word.endswith(f":{port}") for port in ports)), None)
+    if process.mentions:
+        place, said = next(iter(process.mentions.items()))
+        why = f"{place} says {redacted(said)}"
+    elif bare is not None:
+        why = f"{bare} has no protocol, and {{endpoint}} is such as tcp/127.0.0.1:7447"
+    else:
+        why = "neither its command nor its environment says so"
+    return f"{{endpoint}} where it is told to connect, and take {MISSING} out: {why}"
+
+
+def _without_secrets(command: Sequence[str], missing: list[str]) -> list[str]:
+    """Return a command with `FILL_IN` in place of what may be a secret; `missing` is told."""
+    found, secret = [], ""
+    for word in command:
+        option = _OPTION.fullmatch(word)
+        shown = redacted(word)
+        if secret and option is None:
+            word, told = MISSING, secret
+        elif option and _SECRET.search(option[1]) and not option[1].endswith(_FILE) and option[2]:
+            word, told = f"{word.partition('=')[0]}={MISSING}", option[1]
+        elif shown != word and not _LOCATOR.fullmatch(word):
+            word, told = shown.replace("...", MISSING), shown
+        else:
+            told = ""
+        if told:
+            missing.append(f"what stands for {MISSING}, since it may be secret: {told}")
+        names = option is not None and _SECRET.search(option[1]) and not option[1].endswith(_FILE)
+        secret = option[1] if option is not None and names and not option[2] else ""
+        found.append(word)
+    return found
+
+
+def _environment(
+    process: Mapping[str, str], ours: Mapping[str, str], put: Callable[[str], str]
+) -> tuple[dict[str, str], list[str]]:
+    """Return the variables that a process has and others do not, and the names of those that may be secret."""
+    env: dict[str, str] = {}
+    hidden: list[str] = []
+    for name, value in sorted(process.items()):
+        text = put(value)
+        usual = ours.get(name) == value or _OF_A_DESK.fullmatch(name)
+        if usual and text == value:
+            continue
+        if _SECRET.search(name) or redacted(text) != text or len(text) > _LONGEST or len(env) >= _MOST_VARIABLES:
+            hidden.append(name)
+        else:
+            env[name] = text
+    return env, hidden[:_MOST_VARIABLES]

@@ -1,0 +1,167 @@
+"""Starts components once, each on a segment of its own, to see which of them work, and what each reads and writes."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.graph.model import Edge, Graph, Topic
+from riot_bus.pipeline.runner import Pipeline
+from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.stage import TrialSetup
+from riot_bus.sut.system import RunPace
+from riot_bus.sut.topic_look import TopicDraft, look_at
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from riot_bus.pipeline.event import Event
+    from riot_bus.sut.context import Context
+    from riot_bus.sut.plain_draft import PlainFacts
+    from riot_bus.types.capabilities import Role
+    from riot_bus.vocabulary.message import Message
+
+__all__ = ["FirstRun", "first_run", "with_run"]
+
+_POLL_S = 0.02
+_ASK_S = 0.2
+_MOST_KEYS = 1000
+_MOST_WORDS = 300
+_MOST_MESSAGES, _MOST_BYTES = 20_000, 1 << 26
+
+
+@dataclass(frozen=True, slots=True)
+class FirstRun:
+    """What components did when they were started.
+
+    Attributes:
+        reads: Keys that each has subscribed to, of those that were asked for and those that were published.
+        writes: Keys that each has published on.
+        failed: Why a component does not work, by its name.
+        topics: What their messages tell of topics, by key.
+    """
+
+    reads: Mapping[str, Collection[str]] = field(default_factory=dict)
+    writes: Mapping[str, Collection[str]] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+    topics: Mapping[str, TopicDraft] = field(default_factory=dict)
+
+
+class _Tap:
+    """An interceptor that keeps the first messages."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self._bytes = 0
+
+    def message(self, event: Event) -> None:
+        size = len(event.message.payload)
+        if len(self.messages) < _MOST_MESSAGES and self._bytes + size <= _MOST_BYTES:
+            self.messages.append(event.message)
+            self._bytes += size
+
+
+def first_run(context: Context, names: Sequence[str], *, keys: Collection[str], seconds: float) -> FirstRun:
+    """Start components and watch them; what they publish gets to each other, and nowhere else.
+
+    Args:
+        context: The system.
+        names: The components.
+        keys: What else they may have subscribed to.
+        seconds: How long to watch, from the time on when all have connected.
+    """
+    failed: dict[str, str] = {}
+    tap = _Tap()
+    pipeline = Pipeline([tap], registry=context.registry)
+    with (
+        tempfile.TemporaryDirectory(prefix="riot-init-") as folder,
+        Launcher() as launcher,
+        TrialSetup(context, launcher, Path(folder), segments=(), intercept=["**"], pipeline=pipeline) as stage,
+    ):
+        for name in names:
+            try:
+                stage.start(name, seed=0, pace=RunPace(duration=seconds))
+            except EnvironmentFaultError as error:
+                failed[name] = error.message
+        failed |= _not_connected(stage)
+        _watch(stage, seconds)
+        failed |= {name: _how_ended(stage, name) for name in stage.processes if stage.processes[name].status}
+        flows = [each for each, count in stage.bus.flows().items() if count]
+        asked = sorted({*keys, *(key for key, _ in flows)})[:_MOST_KEYS]
+        reads = {
+            name: set(asked) - set(stage.bus.wait_subscribed(name, asked, timeout=_ASK_S))
+            for name, process in stage.processes.items()
+            if asked and process.status is None
+        }
+    writes = {name: {key for key, segment in flows if segment == name} for name in stage.processes}
+    return FirstRun(reads, writes, failed, look_at(tap.messages, context.registry)[0])
+
+
+def with_run(facts: PlainFacts, run: FirstRun, sessions: Mapping[str, str]) -> PlainFacts:
+    """Return what is known of a system with what its components did when they were started; pure.
+
+    Args:
+        facts: What was known.
+        run: What they did.
+        sessions: Name of the component of each session.
+    """
+    first = {name: zid for zid, name in reversed(list(sessions.items()))}
+    homes = {each.zid: each.segment for each in facts.graph.components}
+
+    def edges(role: Role, used: Mapping[str, Iterable[str]]) -> list[Edge]:
+        return [
+            Edge(key, role, homes.get(first[name], ""), first[name], evidence=("started",))
+            for name, keys in used.items()
+            for key in keys
+        ]
+
+    new = [*edges("subscribes", run.reads), *edges("publishes", run.writes)]
+    told = {(each.topic, each.role) for each in new}
+    known = {each.identity for each in new}
+    kept = [e for e in facts.graph.edges if (e.zid or (e.topic, e.role) not in told) and e.identity not in known]
+    topics = {key: Topic(key, each.topic) for key, each in run.topics.items()}
+    topics |= {each.key: each for each in facts.graph.topics}
+    commands = {
+        zid: replace(each, missing=(*each.missing, f"what makes it work when riot starts it: {why}"))
+        if (why := run.failed.get(sessions.get(zid, "")))
+        else each
+        for zid, each in facts.commands.items()
+    }
+    graph = Graph.of(facts.graph.components, topics.values(), [*kept, *new], facts.graph.unknown)
+    return replace(facts, graph=graph, topics={**run.topics, **facts.topics}, commands=commands)
+
+
+def _not_connected(stage: TrialSetup) -> dict[str, str]:
+    """Wait until all have connected or ended; return the others, and how long they were waited for."""
+    waiting = set(stage.processes)
+    begin, components = time.monotonic(), stage.context.file.components
+    failed = {}
+    while waiting:
+        for name in sorted(waiting):
+            timeout = components[name].ready.timeout
+            if stage.bus.segment(name).peers() - stage.bus.ids:
+                waiting.remove(name)
+            elif not stage.launcher.alive(stage.processes[name]):
+                waiting.remove(name)
+                failed[name] = _how_ended(stage, name)
+            elif time.monotonic() - begin > timeout:
+                waiting.remove(name)
+                failed[name] = f"it has not connected to {{endpoint}} within {timeout:g} s"
+        time.sleep(_POLL_S)
+    return failed
+
+
+def _watch(stage: TrialSetup, seconds: float) -> None:
+    """Let the components run for some time, or until all have ended."""
+    stage.launcher.wait(list(stage.processes.values()), timeout=seconds)
+
+
+def _how_ended(stage: TrialSetup, name: str) -> str:
+    process = stage.processes[name]
+    words = process.errors().strip().splitlines()
+    last = f": {words[-1][-_MOST_WORDS:]}" if words else ""
+    return f"it ended with status {process.status}{last}"

@@ -1,0 +1,114 @@
+"""What a system file calls the keys of a plain Zenoh system, and what is worth knowing of each; pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.key_groups import grouped
+from riot_bus.vocabulary.selector import key_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+
+    from riot_bus.graph.model import Graph
+    from riot_bus.sut.topic_look import TopicDraft
+
+__all__ = ["Uses", "remark", "topic_groups", "topics_by_name", "uses_of"]
+
+Uses = defaultdict[tuple[str, str], set[str]]
+"""Keys by the name of a component and what it does with them (a `Role`)."""
+
+_OF_TOPICS = ("publishes", "subscribes")
+
+
+def uses_of(graph: Graph, names: Mapping[str, str]) -> Uses:
+    """Return the keys that each component uses; a key expression only where no key is known that it includes.
+
+    Args:
+        graph: Says who uses what.
+        names: Name of the component of each session.
+    """
+    found: Uses = defaultdict(set)
+    for edge in graph.edges:
+        if edge.zid in names:
+            found[names[edge.zid], edge.role].add(edge.topic)
+    for keys in found.values():
+        plain = {key for key in keys if "*" not in key}
+        keys -= {each for each in keys - plain if any(key_matches(each, key) for key in plain)}
+    return found
+
+
+def topic_groups(graph: Graph, uses: Uses, topics: Mapping[str, TopicDraft]) -> dict[str, list[str]]:
+    """Return all keys of topics by what the file calls them: as adapters do, else the key, or a key expression.
+
+    A key expression stands for keys that differ by a number or id, are used alike, and have messages of one kind.
+
+    Args:
+        graph: Says what adapters call keys.
+        uses: Who uses which keys.
+        topics: What is known of keys that had messages.
+    """
+    users: defaultdict[str, set[tuple[str, str]]] = defaultdict(set)
+    for (name, role), keys in uses.items():
+        for key in keys if role in _OF_TOPICS else ():
+            users[key].add((name, role))
+    for edge in graph.edges:
+        if not edge.zid:
+            users[edge.topic].add(("", edge.role))
+    called = {each.key: each.name for each in graph.topics} | {key: each.topic for key, each in topics.items()}
+    every = {*topics, *(key for key, roles in users.items() if any(role in _OF_TOPICS for _, role in roles))}
+
+    def kind(key: str) -> Hashable:
+        known = topics.get(key)
+        what = (known.type_name, known.declare, known.fits, known.encodings) if known is not None else None
+        return what, frozenset(users[key])
+
+    found: dict[str, list[str]] = grouped(
+        {key: kind(key) for key in sorted(every) if called.get(key, key) == key}, every
+    )
+    for key in sorted(every):
+        if (name := called.get(key, key)) != key:
+            found.setdefault(name, []).append(key)
+    return found
+
+
+def topics_by_name(groups: Mapping[str, list[str]], topics: Mapping[str, TopicDraft]) -> dict[str, TopicDraft]:
+    """Return what is known of topics by what the file calls them, of those that had messages."""
+    found = {}
+    for name, keys in groups.items():
+        known = [topics[key] for key in keys if key in topics]
+        if known:
+            found[name] = replace(
+                known[0],
+                count=sum(each.count for each in known),
+                rate=sum(each.rate for each in known),
+                sizes=(min(each.sizes[0] for each in known), max(each.sizes[1] for each in known)),
+                read=sum(each.read for each in known),
+            )
+    return found
+
+
+def remark(topic: TopicDraft | None, keys: int = 1) -> str:
+    """Return what is worth knowing of a topic, for a comment.
+
+    Args:
+        topic: What is known of it; None if no message was seen.
+        keys: How many keys it stands for.
+    """
+    if topic is None:
+        return "no message was seen"
+    least, most = topic.sizes
+    return ", ".join(
+        filter(
+            None,
+            (
+                topic.type_name or "type unknown",
+                next((each for each in topic.encodings if each), ""),
+                f"{least} bytes" if least == most else f"{least} to {most} bytes",
+                f"{topic.rate:.3g}/s" if topic.rate else f"{topic.count} seen",
+                f"{keys} keys" if keys > 1 else "",
+            ),
+        )
+    )

@@ -1,0 +1,65 @@
+"""Looks at a running process: what it executes, its environment, and which of its files say where it connects."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.command_draft import ProcessFacts, locators
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from riot_bus.graph.survey import Started
+
+__all__ = ["facts_of"]
+
+_MOST_BYTES = 1 << 18
+_MOST_WORDS = 100
+
+
+def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
+    """Return what a process of this machine is; what we may not see of it is left out.
+
+    Args:
+        started: The process.
+        ports: Where it may connect.
+    """
+    import psutil
+
+    environment: dict[str, str] = {}
+    with suppress(psutil.Error, OSError):
+        environment = psutil.Process(started.pid).environ()
+    program = _program(started, environment)
+    mentions = {
+        f"{path}:{number}": said
+        for path in _files(started, environment)
+        for number, said in locators(path.read_text(encoding="utf-8", errors="replace"), ports)
+    }
+    return ProcessFacts(started.pid, started.command, started.cwd, program, environment, mentions)
+
+
+def _program(started: Started, environment: Mapping[str, str]) -> str:
+    """Return the path of what is executed; that of the Python that runs riot if it is that, by whatever name."""
+    first = started.command[0]
+    path = os.path.join(started.cwd, first) if os.sep in first else shutil.which(first, path=environment.get("PATH"))
+    if path is None:
+        return ""
+    path, python = os.path.normpath(path), sys.executable
+    # Environments of Python differ by the folder of the link, not by what it leads to.
+    same = os.path.realpath(path) == os.path.realpath(python)
+    return python if same and os.path.samefile(os.path.dirname(path), os.path.dirname(python)) else path
+
+
+def _files(started: Started, environment: Mapping[str, str]) -> Iterator[Path]:
+    """Yield the files of text that a command and Zenoh's variables name."""
+    words = [*started.command[1:_MOST_WORDS], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
+    for word in dict.fromkeys(words):
+        path = Path(started.cwd, word.rpartition("=")[2])
+        with suppress(OSError, ValueError):
+            if path.is_file() and path.stat().st_size <= _MOST_BYTES and os.access(path, os.R_OK):
+                yield path
