@@ -15,8 +15,9 @@ from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.redaction import redacted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from riot_bus.sut.command_draft import CommandDraft
     from riot_bus.sut.plain_draft import PlainDraft, PlainFacts
 
 __all__ = ["init_plain", "init_plain_log"]
@@ -64,6 +65,7 @@ def init_plain(
     inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}
     facts = replace(facts, commands=inside)
     found = plain_draft(facts, unit=unit, external=external)
+    _write_files(path.resolve().parent, facts.commands.values(), force=force)
     origin = f"what {redacted(endpoint)} showed within {seconds:g} s"
     _write(path, found, origin, record, force=force)
     if start:
@@ -86,6 +88,19 @@ def _write(path: Path, found: PlainDraft, origin: str, nominal: Path | None, *, 
     name = path.resolve().parent.name or "system"
     text = draft_toml(found, origin=origin, name=name, nominal=None if nominal is None else _relative(nominal, path))
     write_system(path, text, force=force)
+
+
+def _write_files(folder: Path, commands: Iterable[CommandDraft], *, force: bool) -> None:
+    """Write the files of components in which {endpoint} stands where they are told to connect."""
+    texts = {folder / name: text for command in commands for name, text in command.files.items()}
+    there = [path for path, text in texts.items() if path.exists() and path.read_text(encoding="utf-8") != text]
+    if there and not force:
+        raise ConfigError("there is such a file already", where=str(there[0]), hint="use --force to replace it")
+    for path, text in texts.items():
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"cannot write a file of a component: {error.strerror}", where=str(path)) from error
 
 
 def _relative(place: Path, path: Path) -> str:

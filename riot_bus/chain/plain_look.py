@@ -50,7 +50,7 @@ def look_at_log(path: Path) -> PlainFacts:
         ConfigError: The file is missing or not MCAP.
     """
     registry = TypeRegistry(load_adapters())
-    counts, topics, skipped, graph = _read(path, registry)
+    counts, topics, skipped, graph = _read(path, registry, learn=True)
     graph, listener = without_listener(graph if graph.components else _segments_alone(counts))
     graph = supplemented(graph, counts, complete=False)
     why = "a recording does not tell how components are started"
@@ -80,7 +80,8 @@ def look_at_network(
     with tempfile.TemporaryDirectory(prefix="riot-init-") as folder:
         path = record or Path(folder, "look.mcap")
         senders = _record(path, endpoint, config, seconds, force=force)
-        counts, topics, skipped, _ = _read(path, registry)
+        # What the recording says of types is what a riot.toml here said, which is to be replaced.
+        counts, topics, skipped, _ = _read(path, registry, learn=False)
     seen = survey(endpoint, registry, seconds=_SURVEY_S, config={**config, "id": control_id()})
     found, endpoints = _of_router(endpoint, router, config)
     graph, started = (found, seen.started) if found is not None else _of_others(endpoint, seen)
@@ -106,8 +107,16 @@ def _record(
         return service.senders()
 
 
-def _read(path: Path, registry: TypeRegistry) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
-    """Return how many messages a log has by key and segment, what they tell, and the last graph with components."""
+def _read(
+    path: Path, registry: TypeRegistry, *, learn: bool
+) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
+    """Return how many messages a log has by key and segment, what they tell, and the last graph with most components.
+
+    Args:
+        path: The log.
+        registry: Knows types.
+        learn: Whether it learns those that the log names.
+    """
     counts = Counter[tuple[str, str]]()
 
     def counted(messages: Iterable[Message]) -> Iterator[Message]:
@@ -116,15 +125,17 @@ def _read(path: Path, registry: TypeRegistry) -> tuple[Counter[tuple[str, str]],
             yield message
 
     with LogReader(path) as reader:
-        learn_types(reader, registry)
+        if learn:
+            learn_types(reader, registry)
         topics, skipped = look_at(counted(bus_messages(reader, registry)), registry)
         try:
             graphs = [graph for _, graph in replay(reader.notes(GRAPH))]
         except ValueError as error:
             raise ConfigError(f"the recorded graph is damaged ({error})", where=str(path)) from error
-    # The first and the last graphs of a recording may be those of an empty network.
-    most = max(graphs, key=lambda one: (len(one.components), len(without_listener(one)[0].edges)), default=Graph())
-    return counts, topics, skipped, most
+    # Components come and go, and so does who listens for a while: the last graph of them all knows most.
+    most = max((len(graph.components) for graph in graphs), default=0)
+    whole = [graph for graph in graphs if len(graph.components) == most]
+    return counts, topics, skipped, whole[-1] if whole else Graph()
 
 
 def _segments_alone(counts: Iterable[tuple[str, str]]) -> Graph:
@@ -172,8 +183,10 @@ def _commands(started: Mapping[str, Started], endpoints: Sequence[Endpoint]) -> 
     """Return how processes are started, by the ids of their sessions."""
     ports = {each.port for each in endpoints if each.port}
     files = [f"{each.protocol}/{each.address}" for each in endpoints if not each.port]
-    ours = environment_of_others()
+    ours, taken = environment_of_others(), dict[str, str]()
     return {
-        zid: command_draft(facts_of(each, ports), ports=ports, endpoints=files, ours=ours, python=sys.executable)
+        zid: command_draft(
+            facts_of(each, ports), ports=ports, endpoints=files, ours=ours, python=sys.executable, taken=taken
+        )
         for zid, each in started.items()
     }

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["supplemented", "without_listener"]
 
-
-_SEVERAL = 2
 _BY_MATCHING = frozenset({"matching", "only component"})
 
 
@@ -59,19 +57,22 @@ def supplemented(
 
 
 def without_listener(graph: Graph) -> tuple[Graph, bool]:
-    """Return a graph without what matching says, if somebody reads everything; and whether that is so.
+    """Return a graph without what matching says of components in whose segment somebody reads everything.
 
-    Then each segment has a receiver of each key, as with a recorder of `**`, which tells nothing of the components.
+    There each key has a receiver, what the component publishes itself included: that is how a recorder of `**` shows,
+    and of the component it tells nothing. Also returns whether there is such a segment.
     """
-    segments = {each.segment for each in graph.components}
     read: defaultdict[str, set[str]] = defaultdict(set)
+    written: defaultdict[str, set[str]] = defaultdict(set)
     for edge in graph.edges:
-        if "matching" in edge.evidence:
-            read[edge.topic].add(edge.segment)
-    if len(segments) < _SEVERAL or not read or any(places < segments for places in read.values()):
-        return graph, False
-    kept = [each for each in graph.edges if not _BY_MATCHING.issuperset(each.evidence)]
-    return replace(graph, edges=tuple(kept)), True
+        if "matching" in edge.evidence and edge.zid:
+            read[edge.segment].add(edge.topic)
+        elif edge.role == "publishes":
+            written[edge.segment].add(edge.topic)
+    every = set().union(*read.values(), *written.values())
+    listened = {segment for segment, keys in read.items() if keys >= every and len(every) > 1 and written[segment]}
+    kept = [e for e in graph.edges if e.segment not in listened or not _BY_MATCHING.issuperset(e.evidence)]
+    return replace(graph, edges=tuple(kept)), bool(listened)
 
 
 def _joined(graph: Graph, more: Graph, keys: Collection[str]) -> Graph:

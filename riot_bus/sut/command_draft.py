@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from riot_bus.vocabulary.redaction import redacted
@@ -23,6 +25,8 @@ _SECRET = re.compile(
     r"(?i)(?:^|[_-])pass(?:wd|phrase)?(?:$|[_-])|password|secret|token|credential|(?:api|access|private|auth)[_-]?key"
 )
 _FILE = ("file", "path", "dir")
+_SETTINGS = frozenset({".json", ".json5", ".yaml", ".yml", ".toml", ".ini", ".cfg", ".conf", ".config", ".xml"})
+"""Files that are copied with {endpoint} in them; a program is another one's to change."""
 _OPTION = re.compile(r"--?([A-Za-z][\w-]*)(=.*)?", re.DOTALL)
 _OF_A_DESK = re.compile(
     "COLORFGBG|COLORTERM|COLUMNS|DISPLAY|EDITOR|HISTFILE|HISTSIZE|HOSTNAME|INVOCATION_ID|JOURNAL_STREAM|LINES|LOGNAME|"
@@ -42,7 +46,7 @@ class ProcessFacts:
         cwd: Its working folder.
         program: Path of what is executed; empty if unknown.
         environment: Its whole environment.
-        mentions: Where files that it was given say where to connect, such as `conf.json5:3`, and what they say.
+        files: Texts that it was given as files, and that say where to connect, by path.
     """
 
     pid: int
@@ -50,7 +54,7 @@ class ProcessFacts:
     cwd: str
     program: str = ""
     environment: Mapping[str, str] = field(default_factory=dict)
-    mentions: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,7 @@ class CommandDraft:
     Attributes:
         missing: What has to be filled in, in a line each.
         pid: The process that it is taken from; 0 if there is none.
+        files: Texts of files that it names by `{file:NAME}`, by name.
     """
 
     command: tuple[str, ...]
@@ -67,6 +72,7 @@ class CommandDraft:
     env: Mapping[str, str] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     pid: int = 0
+    files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def can_start(self) -> bool:
@@ -80,7 +86,13 @@ def unknown_command(why: str) -> CommandDraft:
 
 
 def command_draft(
-    process: ProcessFacts, *, ports: Collection[int], endpoints: Collection[str], ours: Mapping[str, str], python: str
+    process: ProcessFacts,
+    *,
+    ports: Collection[int],
+    endpoints: Collection[str] = (),
+    ours: Mapping[str, str],
+    python: str,
+    taken: dict[str, str] | None = None,
 ) -> CommandDraft:
     """Return how a process is started again so that it connects where riot says.
 
@@ -90,26 +102,38 @@ def command_draft(
         endpoints: Likewise, as texts that stand for themselves, such as socket files.
         ours: The environment that components get anyhow.
         python: Path of the Python that runs riot.
+        taken: Texts of files that others name already, by name; what this one names is added.
     """
     missing: list[str] = []
+    files: dict[str, str] = {}
+    taken = {} if taken is None else taken
 
-    def put(text: str) -> str:
+    def put_endpoint(text: str) -> str:
         for endpoint in endpoints:
             text = text.replace(endpoint, "{endpoint}")
         return _LOCATOR.sub(lambda found: "{endpoint}" if int(found[1]) in ports else found[0], text)
 
-    words = [put(word) for word in _without_secrets(process.command, missing)]
+    def put(text: str) -> str:
+        head, equals, path = text.rpartition("=")
+        content = process.files.get(os.path.normpath(os.path.join(process.cwd, path)))
+        if content is None or PurePath(path).suffix not in _SETTINGS or redacted(content) != content:
+            return put_endpoint(text)
+        name, content = _template(path, put_endpoint(content), taken)
+        files[name] = taken[name] = content
+        return f"{head}{equals}{{file:{name}}}"
+
+    words = _without_secrets([put(word) for word in process.command], missing)
     if process.program == python:
         words[0] = "{python}"
     env, hidden = _environment(process.environment, ours, put)
-    if not any("{endpoint}" in text for text in (*words, *env.values())):
+    if not any("{endpoint}" in text for text in (*words, *env.values(), *files.values())):
         missing.append(_where_to(process, words, ports))
         words.insert(0, MISSING)
     if others := sorted({found[0] for word in words for found in _LOCATOR.finditer(word)}):
         missing.append(f"it also names {', '.join(others)}: {{free_port}} is another port in each trial")
     if hidden:
         missing.append(f"its environment has {', '.join(hidden)}, too, which may be secret and is not written here")
-    return CommandDraft(tuple(words), process.cwd, env, tuple(missing), process.pid)
+    return CommandDraft(tuple(words), process.cwd, env, tuple(missing), process.pid, files)
 
 
 def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
@@ -118,12 +142,20 @@ def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
     return [(number, each[0]) for number, each in found if int(each[1]) in ports]
 
 
+def _template(path: str, text: str, taken: Mapping[str, str]) -> tuple[str, str]:
+    """Return a name for a copy of a file, which no other text has, and the text."""
+    pure = PurePath(path)
+    names = (f"{pure.stem}.riot{number or ''}{pure.suffix}" for number in range(len(taken) + 1))
+    return next((name, text) for name in names if taken.get(name, text) == text)
+
+
 def _where_to(process: ProcessFacts, words: Sequence[str], ports: Collection[int]) -> str:
     """Return why it is not known how the process is told where to connect."""
     bare = next((word for word in words if any(word.endswith(f":{port}") for port in ports)), None)
-    if process.mentions:
-        place, said = next(iter(process.mentions.items()))
-        why = f"{place} says {redacted(said)}"
+    if process.files:
+        path, text = next(iter(process.files.items()))
+        number, said = locators(text, ports)[0]
+        why = f"{path}:{number} says {redacted(said)}"
     elif bare is not None:
         why = f"{bare} has no protocol, and {{endpoint}} is such as tcp/127.0.0.1:7447"
     else:
@@ -141,7 +173,7 @@ def _without_secrets(command: Sequence[str], missing: list[str]) -> list[str]:
             word, told = MISSING, secret
         elif option and _SECRET.search(option[1]) and not option[1].endswith(_FILE) and option[2]:
             word, told = f"{word.partition('=')[0]}={MISSING}", option[1]
-        elif shown != word and not _LOCATOR.fullmatch(word):
+        elif shown != word:
             word, told = shown.replace("...", MISSING), shown
         else:
             told = ""

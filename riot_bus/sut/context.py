@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from riot_bus.monitors.liveness import LIVENESS
 from riot_bus.sut.hangs import Hangs
 from riot_bus.sut.sources import source_files
-from riot_bus.sut.system import SystemFile, load_system
+from riot_bus.sut.system import PARAMETER, SystemFile, load_system
 from riot_bus.types.registry import TypeRegistry, chosen_adapters, load_adapters
-from riot_bus.vocabulary.errors import ConfigError
+from riot_bus.vocabulary.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -69,7 +69,11 @@ class Context:
         return self._matches(topic, {each for other, part in parts if other != name for each in part.outputs})
 
     def _matches(self, topic: str, known: Iterable[str]) -> bool:
-        return any(self.registry.matches(topic, self.registry.key_expression(each)) or topic == each for each in known)
+        key_of = self.registry.key_expression
+        return any(
+            topic == each or self.registry.matches(topic, key_of(each)) or self.registry.matches(each, key_of(topic))
+            for each in known
+        )
 
     @property
     def profile(self) -> str:
@@ -111,6 +115,12 @@ def open_system(path: Path) -> Context:
         if not source.is_file():
             raise ConfigError(f"no such file: {name!r}", where=f"{file.path}: [system] messages")
         files.append(source)
+    for program in file.programs:
+        for parameter in (each for text in file.texts_of(program) for each in PARAMETER.findall(text)):
+            if parameter not in file.external.parameters:  # in a file: others are found when riot.toml is read
+                hint = did_you_mean(parameter, file.external.parameters)
+                where = f"{file.path}: {', '.join(program.files)}"
+                raise ConfigError(f"'{{param:{parameter}}}' is not described", where=where, hint=hint)
     registry = TypeRegistry(adapters, declared=file.system.types, definitions=files)
     return Context(file, registry, (*(monitor() for monitor in LIVENESS), *file.invariants))
 

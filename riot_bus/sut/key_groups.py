@@ -19,8 +19,8 @@ _ID = re.compile(r"[0-9]{1,20}|[0-9a-fA-F]{16,64}|[0-9a-fA-F]{8}(?:-[0-9a-fA-F]{
 def grouped(alike: Mapping[str, Hashable], others: Collection[str] = ()) -> dict[str, list[str]]:
     """Return keys by what includes them: the key itself, or a key expression for several that are alike.
 
-    An expression stands for keys that have the same number or id in the same chunk, and the rest in common, if it
-    includes no key that is another one.
+    An expression stands for keys that differ by the number or id of one chunk and are alike otherwise, if it includes
+    no other key. Of several expressions for a key the one with most keys counts; none if these are several.
 
     Args:
         alike: What keys must have in common besides, by key.
@@ -36,11 +36,17 @@ def grouped(alike: Mapping[str, Hashable], others: Collection[str] = ()) -> dict
         for number, chunk in enumerate(chunks):
             if _ID.fullmatch(chunk):
                 families["/".join((*chunks[:number], "*", *chunks[number + 1 :])), what].append(key)
-    found: dict[str, list[str]] = {}
-    taken: set[str] = set()
-    for (expression, _), keys in sorted(families.items(), key=lambda each: (-len(each[1]), each[0][0])):
-        strangers = (key for key in {*alike, *others} if key not in keys and key_matches(expression, key))
-        if len(keys) > 1 and taken.isdisjoint(keys) and not any(strangers):
-            found[expression] = sorted(keys)
-            taken.update(keys)
+    every, sizes = {*alike, *others}, defaultdict[str, list[int]](list)
+    clear = {}
+    for (expression, _), keys in families.items():
+        if len(keys) > 1 and not any(key_matches(expression, key) for key in every.difference(keys)):
+            clear[expression] = keys
+            for key in keys:
+                sizes[key].append(len(keys))
+    found = {
+        expression: sorted(keys)
+        for expression, keys in sorted(clear.items())
+        if all(max(sizes[key]) == len(keys) and sizes[key].count(len(keys)) == 1 for key in keys)
+    }
+    taken = {key for keys in found.values() for key in keys}
     return {**found, **{key: [key] for key in alike if key not in taken}}

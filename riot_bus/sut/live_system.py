@@ -115,7 +115,7 @@ class LiveSystem:
         words = [
             word
             for each in self._place.context.file.components.values()
-            for word in (*each.command, *each.env.values(), each.cwd)
+            for word in self._place.context.file.texts_of(each)
         ]
         varies = any(one in word for word in words for one in _VARYING)
         return made_for == wanted if varies else made_for[2] == wanted[2]

@@ -103,7 +103,7 @@ class LiveUnit:
         self._file = self._context.file
         self._name = component_of(self._file, trial.unit)
         component = self._file.components[self._name]
-        self._seeded = any("{seed}" in text for text in (*component.command, *component.env.values()))
+        self._seeded = any("{seed}" in text for text in self._file.texts_of(component))
         self._limits = component.limits
         self._first = case
         self._keys = {each.key for each in (*case.messages, *trial.baseline.probe)}

@@ -61,6 +61,7 @@ class PlainDraft:
         unwritten: Topics that had messages, by nobody that is known.
         unread: Topics that somebody reads, and nobody knows who.
         silent: Components of which nothing is known that they read or write.
+        peers: Components that are peers, and may find others around a router.
         skipped, listener: As of `PlainFacts`.
     """
 
@@ -73,6 +74,7 @@ class PlainDraft:
     unwritten: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
     silent: tuple[str, ...] = ()
+    peers: tuple[str, ...] = ()
     skipped: int = 0
     listener: bool = False
 
@@ -129,6 +131,7 @@ def plain_draft(
         unwritten=tuple(sorted(topics.keys() - written)),
         unread=tuple(sorted(name for name, keys in groups.items() if open_ends & set(keys) and name not in read)),
         silent=tuple(part.name for part in parts if not (part.inputs or part.outputs or part.services)),
+        peers=tuple(named[each[0].zid] for each in processes if any(one.mode == "peer" for one in each)),
         skipped=facts.skipped,
         listener=facts.listener,
     )

@@ -6,6 +6,7 @@ import re
 import shlex
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.sut.plain_topics import size_of
 from riot_bus.sut.scaffold import comment, external_topics, is_tested, topic_list
 from riot_bus.sut.system_draft import INSIDE, OUTSIDE
 from riot_bus.vocabulary.toml_text import toml_string, toml_value
@@ -185,13 +186,11 @@ def _unclear(found: PlainDraft) -> Iterator[tuple[str, TopicDraft]]:
 
 
 def _type_unknown(topic: TopicDraft) -> str:
-    least, most = topic.sizes
-    size = f"{least} bytes each" if least == most else f"{least} to {most} bytes"
     if topic.fits:
-        return f"{' or '.join(topic.fits)}? all {topic.read} payloads ({size}) can be read so"
+        return f"{' or '.join(topic.fits)}? all {topic.read} payloads, of {size_of(topic)}, can be read so"
     encoding = next((each for each in topic.encodings if each), "")
     told = f"{encoding}, " if encoding else ""
-    return f"{told}{size}: no codec reads them; a packed structure is raw(float32 x, uint8 mode)"
+    return f"{told}{size_of(topic)}: no codec reads them; a packed structure is raw(float32 x, uint8 mode)"
 
 
 def _encoded(topic: TopicDraft) -> str:
@@ -210,6 +209,8 @@ def _component(part: DraftComponent, found: PlainDraft) -> str:
     if runs.env:
         lines.append(f"env = {_table(runs.env)}")
     lines.append(f"segment = {toml_string(found.segments[part.name])}")
+    if part.name in found.peers:
+        lines.append("# A Zenoh peer: without multicast scouting, else it also finds what runs beside its trials.")
     if part.external:
         inside = f"; put it {INSIDE} if that is wrong" if found.segments[part.name] == OUTSIDE else ""
         lines.append(f"external = true   # {comment(part.external)}{inside}")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from riot_bus.graph.model import Graph
     from riot_bus.sut.topic_look import TopicDraft
 
-__all__ = ["Uses", "remark", "topic_groups", "topics_by_name", "uses_of"]
+__all__ = ["Uses", "remark", "size_of", "topic_groups", "topics_by_name", "uses_of"]
 
 Uses = defaultdict[tuple[str, str], set[str]]
 """Keys by the name of a component and what it does with them (a `Role`)."""
@@ -90,6 +90,12 @@ def topics_by_name(groups: Mapping[str, list[str]], topics: Mapping[str, TopicDr
     return found
 
 
+def size_of(topic: TopicDraft) -> str:
+    """Return how many bytes the payloads of a topic have."""
+    least, most = topic.sizes
+    return f"{least} to {most} bytes" if least != most else f"{most} byte{'s' if most != 1 else ''}"
+
+
 def remark(topic: TopicDraft | None, keys: int = 1) -> str:
     """Return what is worth knowing of a topic, for a comment.
 
@@ -99,14 +105,13 @@ def remark(topic: TopicDraft | None, keys: int = 1) -> str:
     """
     if topic is None:
         return "no message was seen"
-    least, most = topic.sizes
     return ", ".join(
         filter(
             None,
             (
                 topic.type_name or "type unknown",
                 next((each for each in topic.encodings if each), ""),
-                f"{least} bytes" if least == most else f"{least} to {most} bytes",
+                size_of(topic),
                 f"{topic.rate:.3g}/s" if topic.rate else f"{topic.count} seen",
                 f"{keys} keys" if keys > 1 else "",
             ),

@@ -35,12 +35,8 @@ def facts_of(started: Started, ports: Collection[int]) -> ProcessFacts:
     with suppress(psutil.Error, OSError):
         environment = psutil.Process(started.pid).environ()
     program = _program(started, environment)
-    mentions = {
-        f"{path}:{number}": said
-        for path in _files(started, environment)
-        for number, said in locators(path.read_text(encoding="utf-8", errors="replace"), ports)
-    }
-    return ProcessFacts(started.pid, started.command, started.cwd, program, environment, mentions)
+    texts = {str(path): text for path, text in _texts(started, environment) if locators(text, ports)}
+    return ProcessFacts(started.pid, started.command, started.cwd, program, environment, texts)
 
 
 def _program(started: Started, environment: Mapping[str, str]) -> str:
@@ -55,11 +51,11 @@ def _program(started: Started, environment: Mapping[str, str]) -> str:
     return python if same and os.path.samefile(os.path.dirname(path), os.path.dirname(python)) else path
 
 
-def _files(started: Started, environment: Mapping[str, str]) -> Iterator[Path]:
+def _texts(started: Started, environment: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     """Yield the files of text that a command and Zenoh's variables name."""
     words = [*started.command[1:_MOST_WORDS], *(each for name, each in environment.items() if name.startswith("ZENOH"))]
     for word in dict.fromkeys(words):
-        path = Path(started.cwd, word.rpartition("=")[2])
-        with suppress(OSError, ValueError):
-            if path.is_file() and path.stat().st_size <= _MOST_BYTES and os.access(path, os.R_OK):
-                yield path
+        path = Path(os.path.normpath(os.path.join(started.cwd, word.rpartition("=")[2])))
+        with suppress(OSError, ValueError):  # a word that is no path, or a file that is no text
+            if path.is_file() and path.stat().st_size <= _MOST_BYTES:
+                yield path, path.read_text(encoding="utf-8")

@@ -32,8 +32,8 @@ def source_files(file: SystemFile) -> list[Path]:
         folders = {(file.root / component.cwd).resolve() for component in file.programs}
         found = [path for folder in _outermost({file.root.resolve(), *folders}) for path in _below(folder)]
         found += [path for component in file.programs for path in _named(component, file.root)]
-    monitors = [file.root / name for name in file.monitor_files]
-    return [path for path in dict.fromkeys([*found, *monitors]) if path.is_file()]
+    named = [*file.monitor_files, *(name for component in file.programs for name in component.files)]
+    return [path for path in dict.fromkeys([*found, *(file.root / name for name in named)]) if path.is_file()]
 
 
 def _outermost(folders: set[Path]) -> list[Path]:

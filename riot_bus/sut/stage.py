@@ -214,9 +214,13 @@ class TrialSetup:
             "{slot}": str(self.launcher.slot),
         }
         words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
-        for text in (*component.command, *component.env.values(), component.cwd):
+        for text in self.context.file.texts_of(component):
             words |= {word: str(self._free_port(word)) for word in FREE_PORT.findall(text)}
             words |= {"{domain}": str(self._domain)} if "{domain}" in text else {}
+        words |= {
+            f"{{file:{path}}}": self._copy(f"{name}.{number}", path, words)
+            for number, path in enumerate(component.files)
+        }
         fixed = self.context.file.system.surroundings == "fixed"
         filled = _filled(component.env, words)
         given = {**environment_of_others(), **filled}
@@ -240,6 +244,12 @@ class TrialSetup:
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
+
+    def _copy(self, prefix: str, path: str, words: Mapping[str, str]) -> str:
+        """Return the path of a component's copy of a file, in which placeholders are filled in."""
+        copy = self.directory / f"{prefix}.{os.path.basename(path)}"
+        copy.write_text(_fill(self.context.file.text_of(path), words), encoding="utf-8")
+        return str(copy)
 
     def _program(self, name: str) -> str:
         """Return what tells apart the programs whose imports are known."""

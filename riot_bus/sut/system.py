@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = [
+    "FILE",
     "FREE_PORT",
     "PARAMETER",
     "Component",
@@ -41,6 +42,7 @@ __all__ = [
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 PARAMETER = re.compile(r"\{param:([^{}]*)\}")
+FILE = re.compile(r"\{file:([^{}]+)\}")
 FREE_PORT = re.compile(r"\{free_port(?::\w{1,40})?\}", re.ASCII)
 """Placeholders of a port: with a name, there is one for each."""
 
@@ -152,7 +154,8 @@ class Component(_Table):
     """`[components.NAME]`: one process.
 
     `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration} {speed} {slot}
-    {domain} {free_port} {free_port:NAME} {param:NAME}. `resources` says how many of which of `[resources]` it needs.
+    {domain} {free_port} {free_port:NAME} {param:NAME} {file:PATH}. `resources` says how many of which of `[resources]`
+    it needs.
     """
 
     command: tuple[str, ...] = Field(min_length=1)
@@ -167,6 +170,16 @@ class Component(_Table):
     tracebacks: Literal["fail", "ignore"] = "fail"
     limits: ResourceLimits | Literal["off"] = ResourceLimits()
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All texts that may have placeholders."""
+        return (*self.command, *self.env.values(), self.cwd)
+
+    @property
+    def files(self) -> list[str]:
+        """Files that it gets a copy of with placeholders filled in, relative to the folder of riot.toml."""
+        return sorted({path for text in self.texts for path in FILE.findall(text)})
 
 
 class Parameter(_Table):
@@ -292,6 +305,26 @@ class SystemFile(_Table):
             for parameter in (each for text in texts for each in PARAMETER.findall(text)):
                 if parameter not in self.external.parameters:
                     raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
+
+    def texts_of(self, component: Component) -> list[str]:
+        """Return all texts that may have placeholders: those of a component, and of the files that it gets copies of.
+
+        Raises:
+            ConfigError: A file cannot be read.
+        """
+        return [*component.texts, *map(self.text_of, component.files)]
+
+    def text_of(self, name: str) -> str:
+        """Return the text of a file in which placeholders are filled in.
+
+        Raises:
+            ConfigError: It cannot be read.
+        """
+        try:
+            return (self.root / name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            hint = "it is a text whose placeholders are filled in; paths start from the folder of riot.toml"
+            raise ConfigError(f"cannot read {name!r}: {error}", where=f"{self.path}: {{file:...}}", hint=hint) from None
 
     @property
     def invariants(self) -> tuple[Invariant, ...]:

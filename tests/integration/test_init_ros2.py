@@ -97,6 +97,4 @@ def test_nobody_and_nothing(tmp_path: Path) -> None:
         endpoint = router.endpoints["system"]
         code, _, err = riot("init", "--ros2", "-e", endpoint, "--seconds=0.5", "-o", path)
         assert (code, "no ROS 2 nodes were seen" in err, "rmw_zenoh_cpp" in err) == (4, True, True), err
-        code, _, err = riot("init", "-e", endpoint, "-o", path)
-        assert (code, "--ros2" in err) == (2, True), err
     assert not path.exists()

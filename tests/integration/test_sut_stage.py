@@ -63,6 +63,23 @@ READY = [
 ]
 
 
+def test_a_component_gets_copies_of_files_with_its_placeholders(tmp_path: Path) -> None:
+    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf/part.json5").write_text('{ connect: ["{endpoint}"], port: {free_port}, seed: {seed} }')
+    (tmp_path / "part.json5").write_text("{segment}")
+    path = tmp_path / "riot.toml"
+    show = "import sys; print(*(open(each).read() for each in sys.argv[1:]), flush=True); input()"
+    command = f"'{{python}}', '-c', '{show}', '{{file:conf/part.json5}}', '{{file:part.json5}}'"
+    path.write_text(f"[components.part]\ncommand = [{command}]\n")
+    folder = tmp_path / "trial"
+    folder.mkdir()
+    with Launcher() as launcher, TrialSetup(open_system(path), launcher, folder, segments=["system"]) as one:
+        process = one.start("part", seed=5)
+        assert wait_until(lambda: "\n" in process.printed(), 60)
+        endpoint, port = one.bus.endpoint("system"), one._free_port("{free_port}")
+    assert process.printed() == f'{{ connect: ["{endpoint}"], port: {port}, seed: 5 }} system\n'
+
+
 @pytest.mark.parametrize("ready", READY)
 def test_a_component_is_waited_for(tmp_path: Path, ready: str) -> None:
     port = free_port()

@@ -130,6 +130,10 @@ def test_a_unit_alone_is_judged_by_monitors_of_what_it_publishes_and_of_what_nob
     assert judged("a") == ["one", "tow", "*"]
     assert judged("b") == ["two", "tow", "*"]
     assert len(context.monitors_of("a")) == len(context.monitors) - 1
+    text = text.replace('outputs = ["two"]', 'outputs = ["t*", "two/*"]').replace('"two:x"', '"two/1:x"')
+    grouped = open_system(write(tmp_path, text))
+    assert grouped.others_publish("two/1", "a")
+    assert not grouped.others_publish("three/1", "a")
 
 
 def test_a_unit_alone_may_have_a_command_of_its_own(tmp_path: Path) -> None:
@@ -146,6 +150,26 @@ def test_a_unit_alone_may_have_a_command_of_its_own(tmp_path: Path) -> None:
     assert (other.components["b"].command, other.components["b"].cwd) == (("b",), "v")
     assert other.root == context.file.root
     assert context.file.components["a"].command == ("a", "{endpoint}")
+
+
+def test_files_with_placeholders_are_there_and_describe_their_parameters(tmp_path: Path) -> None:
+    text = '[components.a]\ncommand = ["a", "--conf={file:c/a.json5}"]\nenv = { B = "{file:b}" }\n[unit.a]\n'
+    path = write(tmp_path, text)
+    with pytest.raises(ConfigError, match="cannot read 'b'") as caught:
+        open_system(path)
+    assert f"{path}: {{file:...}}" in str(caught.value)
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c/a.json5").write_text("{ x: {endpoint} }")
+    (tmp_path / "b").write_text("{param:gain}")
+    with pytest.raises(ConfigError, match="is not described") as caught:
+        open_system(path)
+    assert "'{param:gain}'" in str(caught.value)
+    assert "b, c/a.json5" in str(caught.value)
+    (tmp_path / "b").write_text("")
+    before = open_system(path).parts()
+    assert set(before) == {"riot.toml", "b", "c/a.json5"}
+    (tmp_path / "b").write_text("other")
+    assert {name for name, digest in open_system(path).parts().items() if digest != before[name]} == {"b"}
 
 
 def test_limits_are_amounts_with_units_or_off(tmp_path: Path) -> None:
