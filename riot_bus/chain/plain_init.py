@@ -60,6 +60,8 @@ def init_plain(
     from riot_bus.control.component import client_cfg
 
     check_path(path, force=force)
+    if record is not None and record.exists() and not force:
+        raise ConfigError("there is a recording already", where=str(record), hint="name another, or use --force")
     config = client_cfg(cfg)
     facts = look_at_network(endpoint, seconds=seconds, record=record, config=config, router=router, force=force)
     inside = {zid: replace(each, cwd=_relative(Path(each.cwd), path)) for zid, each in facts.commands.items()}

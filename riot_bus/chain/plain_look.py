@@ -6,7 +6,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from pathlib import Path
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from riot_bus.chain.logs import learn_types
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["look_at_log", "look_at_network"]
 
 _SURVEY_S = 0.5
+_RIOT, _WATCHES = frozenset({"riot", "riot-bus", "riot_bus"}), frozenset({"ctl", "graph", "record", "scan"})
 _REST_S, _WITHIN_S = 0.5, 5.0
 """A router's graph is taken when it has not changed for so long, or after so long: our recorder has just left."""
 
@@ -85,6 +88,8 @@ def look_at_network(
     seen = survey(endpoint, registry, seconds=_SURVEY_S, config={**config, "id": control_id()})
     found, endpoints = _of_router(endpoint, router, config)
     graph, started = (found, seen.started) if found is not None else _of_others(endpoint, seen)
+    watchers = {zid for zid, each in started.items() if _only_watches(each.command)}
+    graph = replace(graph, components=tuple(each for each in graph.components if each.zid not in watchers))
     graph, listener = without_listener(graph)
     graph = supplemented(graph, counts, senders=senders, tokens=seen.announcements, complete=found is not None)
     commands = _commands(started, [parse_endpoint(each) for each in (endpoint, *endpoints)])
@@ -110,7 +115,7 @@ def _record(
 def _read(
     path: Path, registry: TypeRegistry, *, learn: bool
 ) -> tuple[Counter[tuple[str, str]], dict[str, TopicDraft], int, Graph]:
-    """Return how many messages a log has by key and segment, what they tell, and the last graph with most components.
+    """Return how many messages a log has by key and segment, what they tell, and who was connected.
 
     Args:
         path: The log.
@@ -128,14 +133,22 @@ def _read(
         if learn:
             learn_types(reader, registry)
         topics, skipped = look_at(counted(bus_messages(reader, registry)), registry)
-        try:
-            graphs = [graph for _, graph in replay(reader.notes(GRAPH))]
-        except ValueError as error:
-            raise ConfigError(f"the recorded graph is damaged ({error})", where=str(path)) from error
-    # Components come and go, and so does who listens for a while: the last graph of them all knows most.
-    most = max((len(graph.components) for graph in graphs), default=0)
-    whole = [graph for graph in graphs if len(graph.components) == most]
-    return counts, topics, skipped, whole[-1] if whole else Graph()
+        return counts, topics, skipped, _lasting(reader)
+
+
+def _lasting(reader: LogReader) -> Graph:
+    """Return the graph of a log that was there longest, of those with most components; an empty one if there is none.
+
+    Components come and go, and so does who listens for a while.
+    """
+    try:
+        graphs = list(replay(reader.notes(GRAPH)))
+    except ValueError as error:
+        raise ConfigError(f"the recorded graph is damaged ({error})", where=reader.path) from error
+    lasted = Counter[Graph]()
+    for (begin, graph), (end, _) in pairwise([*graphs, (reader.latest, Graph())]):
+        lasted[graph] += max(0, end - begin)
+    return max(lasted, key=lambda graph: (len(graph.components), lasted[graph]), default=Graph())
 
 
 def _segments_alone(counts: Iterable[tuple[str, str]]) -> Graph:
@@ -177,6 +190,12 @@ def _of_others(endpoint: str, seen: Survey) -> tuple[Graph, Mapping[str, Started
         for zid, mode in modes.items()
     ]
     return Graph.of(components, (), (), ()), started
+
+
+def _only_watches(command: Sequence[str]) -> bool:
+    """Return whether a command is one of riot's that watches a network, and so belongs to no system."""
+    words = [PurePath(word).name for word in command]
+    return any(first in _RIOT and second in _WATCHES for first, second in pairwise(words))
 
 
 def _commands(started: Mapping[str, Started], endpoints: Sequence[Endpoint]) -> dict[str, CommandDraft]:

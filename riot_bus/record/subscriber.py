@@ -134,7 +134,7 @@ class RecordingSubscriber:
         self._thread.start()
 
     def senders(self) -> dict[str, set[str]]:
-        """Return the ids in the stamps of messages, by key; not every message is looked at for this."""
+        """Return the ids in the stamps of messages, by key: of the first of each key, and of some of the others."""
         return {key: set(zids) for key, zids in list(self._senders.items())}
 
     def close(self) -> None:
@@ -301,6 +301,7 @@ class RecordingSubscriber:
             if (message.qos, message.encoding) != (qos, text):
                 way.encoding = None
         self._ways[key_expr] = self._numbers[way.number] = way
+        self._note_sender(sample)
         return way
 
     def _rules_of(self, key: str) -> KeyRules | None:

@@ -123,6 +123,8 @@ def draft_lines(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"read by somebody who is not known: {', '.join(found['unknown_receiver'])}")
     if found["skipped"]:
         lines.append(f"{found['skipped']} more keys were too many to look at")
+    if any(topic.startswith("/") for topic in found["topics"]):
+        lines.append("there are ROS 2 nodes: riot init --ros2 tells more of them")
     if found["listener"]:
         lines.append("somebody reads everything, such as a recorder, so that who else reads what does not show")
     lines += [f"FILL IN {each}" for each in found["fill_in"]]
