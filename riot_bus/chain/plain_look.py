@@ -15,6 +15,7 @@ from riot_bus.chain.logs import learn_types
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.graph.history import graph_from, replay
 from riot_bus.graph.model import ConnectedComponent, Graph
+from riot_bus.graph.processes import command
 from riot_bus.graph.supplement import supplemented, without_listener
 from riot_bus.log.foreign import bus_messages
 from riot_bus.log.layout import GRAPH
@@ -40,10 +41,11 @@ if TYPE_CHECKING:
 
 __all__ = ["look_at_log", "look_at_network"]
 
-_SURVEY_S = 0.5
+_SURVEY_S, _LINK = 0.5, "link"
 _RIOT, _WATCHES = frozenset({"riot", "riot-bus", "riot_bus"}), frozenset({"ctl", "graph", "record", "scan"})
-_REST_S, _WITHIN_S = 0.5, 5.0
-"""A router's graph is taken when it has not changed for so long, or after so long: our recorder has just left."""
+_REST_S, _WITHIN_S = 0.5, 30.0
+"""A router's graph is taken when it has all components and has not changed for so long, since our recorder has just
+left; or after so long: on a busy machine it is brought up to date every half a minute."""
 
 
 def look_at_log(path: Path) -> PlainFacts:
@@ -88,8 +90,7 @@ def look_at_network(
     seen = survey(endpoint, registry, seconds=_SURVEY_S, config={**config, "id": control_id()})
     found, endpoints = _of_router(endpoint, router, config)
     graph, started = (found, seen.started) if found is not None else _of_others(endpoint, seen)
-    watchers = {zid for zid, each in started.items() if _only_watches(each.command)}
-    graph = replace(graph, components=tuple(each for each in graph.components if each.zid not in watchers))
+    graph = replace(graph, components=tuple(_of_system(graph.components, started)))
     graph, listener = without_listener(graph)
     graph = supplemented(graph, counts, senders=senders, tokens=seen.announcements, complete=found is not None)
     commands = _commands(started, [parse_endpoint(each) for each in (endpoint, *endpoints)])
@@ -165,31 +166,50 @@ def _of_router(endpoint: str, name: str | None, config: Mapping[str, Any]) -> tu
         if name is None and not remote.find():
             return None, []
         begin, graph = time.monotonic(), graph_from(remote.ask("graph"))
-        while time.monotonic() - begin < _WITHIN_S:
+        while True:
             time.sleep(_REST_S)
             former, graph = graph, graph_from(remote.ask("graph"))
-            if graph == former:
+            segments = remote.ask("status")["segments"]
+            present = _present(segments)
+            known = {(each.segment, each.zid): each for each in graph.components if each.segment and each.mode != _LINK}
+            if (graph == former and known.keys() == present.keys()) or time.monotonic() - begin > _WITHIN_S:
                 break
-        rows = remote.ask("status")["segments"].values()
-    return graph, [str(each) for row in rows for each in row["endpoints"]]
+    others = [each for each in graph.components if not each.segment or each.mode == _LINK]
+    components = [*(known.get(who, each) for who, each in present.items()), *others]
+    endpoints = [str(each) for row in segments.values() for each in row["endpoints"]]
+    return replace(graph, components=tuple(components)), endpoints
+
+
+def _present(segments: Mapping[str, Any]) -> dict[tuple[str, str], ConnectedComponent]:
+    """Return who is connected now, as a router's status has it."""
+    return {
+        (name, str(each["zid"])): ConnectedComponent(name, str(each["zid"]), str(each["mode"]), str(each["name"]))
+        for name, row in segments.items()
+        for each in row["components"]
+    }
 
 
 def _of_others(endpoint: str, seen: Survey) -> tuple[Graph, Mapping[str, Started]]:
     """Return who is connected to a router of others: as it says itself, else as the sockets of this machine do."""
-    from riot_bus.graph.processes import command
     from riot_bus.graph.survey import started_at
 
     modes, started = {zid: mode for zid, mode in seen.modes.items() if not is_control(zid)}, dict(seen.started)
     if not modes:
         started = {f"process {each.pid}": each for each in started_at(endpoint)}
         modes = dict.fromkeys(started, "")
-    components = [
-        ConnectedComponent("", zid, mode, pid=started[zid].pid, command=command(started[zid].pid))
-        if zid in started
-        else ConnectedComponent("", zid, mode)
-        for zid, mode in modes.items()
-    ]
-    return Graph.of(components, (), (), ()), started
+    return Graph.of([ConnectedComponent("", zid, mode) for zid, mode in modes.items()], (), (), ()), started
+
+
+def _of_system(
+    components: Iterable[ConnectedComponent], started: Mapping[str, Started]
+) -> Iterator[ConnectedComponent]:
+    """Yield the components that do not only watch, with what is known of their processes."""
+    for each in components:
+        process = started.get(each.zid)
+        if process is None:
+            yield each
+        elif not _only_watches(process.command):
+            yield replace(each, pid=process.pid, command=each.command or command(process.pid))
 
 
 def _only_watches(command: Sequence[str]) -> bool:
