@@ -24,6 +24,10 @@ _LOCATOR = re.compile(
 _SECRET = re.compile(
     r"(?i)(?:^|[_-])pass(?:wd|phrase)?(?:$|[_-])|password|secret|token|credential|(?:api|access|private|auth)[_-]?key"
 )
+_SET = re.compile(
+    r"""(?i)(?:password|passphrase|secret|token|credential|api_?key|private_key_(?:pem|base64))\w*["']?\s*[:=]"""
+    r"""(?!\s*(?:null\b|none\b|""|'')?\s*[,}\n])\s*\S"""
+)
 _FILE = ("file", "path", "dir")
 _SETTINGS = frozenset({".json", ".json5", ".yaml", ".yml", ".toml", ".ini", ".cfg", ".conf", ".config", ".xml"})
 """Files that are copied with {endpoint} in them; a program is another one's to change."""
@@ -116,7 +120,7 @@ def command_draft(
     def put(text: str) -> str:
         head, equals, path = text.rpartition("=")
         content = process.files.get(os.path.normpath(os.path.join(process.cwd, path)))
-        if content is None or PurePath(path).suffix not in _SETTINGS or redacted(content) != content:
+        if content is None or PurePath(path).suffix not in _SETTINGS or _holds_secret(content):
             return put_endpoint(text)
         name, content = _template(path, put_endpoint(content), taken)
         files[name] = taken[name] = content
@@ -140,6 +144,11 @@ def locators(text: str, ports: Collection[int]) -> list[tuple[int, str]]:
     """Return the lines of a text, from 1, that name one of these ports, and how."""
     found = ((number, each) for number, line in enumerate(text.splitlines(), 1) for each in _LOCATOR.finditer(line))
     return [(number, each[0]) for number, each in found if int(each[1]) in ports]
+
+
+def _holds_secret(text: str) -> bool:
+    """Return whether settings give something a value that may be secret."""
+    return redacted(text) != text or _SET.search(text) is not None
 
 
 def _template(path: str, text: str, taken: Mapping[str, str]) -> tuple[str, str]:

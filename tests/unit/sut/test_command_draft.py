@@ -104,6 +104,24 @@ def test_settings_that_say_where_to_connect_are_copied() -> None:
     assert all(each.can_start for each in (found, same, other))
 
 
+@pytest.mark.parametrize(
+    ("line", "copied"),
+    [
+        ('password: "pw",', False),
+        ('"api_key": "pw"', False),
+        ("token = pw", False),
+        ("connect: tls/h:7447#password=pw", False),
+        ("password: null,", True),
+        ('"password": "",', True),
+        ("user: me,", True),
+    ],
+)
+def test_settings_with_a_secret_are_not_copied(line: str, copied: bool) -> None:
+    found = draft("p", "z.json5", files={"/srv/z.json5": f"{{\n{line}\ntcp/h:7447 }}"})
+    assert found.can_start is copied
+    assert "pw" not in "".join([*found.files.values(), *found.missing])
+
+
 def test_other_places_that_it_names_are_told() -> None:
     (line,) = draft("p", "-e", "tcp/h:7447", "-l", "tcp/0.0.0.0:7600").missing
     assert "also names tcp/0.0.0.0:7600" in line
