@@ -54,7 +54,7 @@ _ODD = (math.nan, math.inf, -math.inf)
 def least_distance(
     rule: Rule, observed: Mapping[str, Series], scale: Mapping[str, float], topics: Sequence[str] = ()
 ) -> float | None:
-    """Return the least distance to the rule over a run; None when a field of the rule was never seen.
+    """Return the least distance to the rule over a run; None when a field of it was never seen, or it has none.
 
     Fields are joined in time: at each sample of any of them, the latest value of every other; of a message before the
     latest one, the value that it had.
@@ -71,7 +71,7 @@ def least_distance(
         place, series = place_of(name, topics), observed[internal_name(name)]
         stamps[name] = np.asarray(series.times[place.back :])
         values[name] = series.values[: len(stamps[name])]
-    if not all(map(len, stamps.values())):
+    if not stamps or not all(map(len, stamps.values())):
         return None
     times = np.unique(np.concatenate(list(stamps.values())))
     times = times[times >= max(one[0] for one in stamps.values())]

@@ -22,6 +22,11 @@ def test_the_distance_to_a_rule_is_the_least_over_a_run() -> None:
     assert least_distance(rule, {SPEED: Series()}, {SPEED: 0.5}) is None
 
 
+@pytest.mark.parametrize("terms", [(), ((),)], ids=["never", "always"])
+def test_a_rule_without_a_field_has_no_distance(terms: tuple[tuple[Literal, ...], ...]) -> None:
+    assert least_distance(Rule(terms), {}, {}) is None
+
+
 @pytest.mark.parametrize(("value", "usual"), [(True, False), ("step", "hold"), (3, 4)])
 def test_the_distance_is_negative_where_a_rule_of_values_of_any_type_is_met(value: Any, usual: Any) -> None:
     rule = Rule(((Literal(Feature("raw", (MODE,)), "==", value), Literal(Feature("raw", (SPEED,)), "<", 1)),))
