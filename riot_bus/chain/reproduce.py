@@ -12,6 +12,7 @@ from riot_bus.chain.workspace import StepRun
 from riot_bus.findings.records import ActivationRecord, FindingRecord, MinimalRecord
 from riot_bus.log.reader import read_log
 from riot_bus.statistics.noise import Noise
+from riot_bus.sut.nominal_system import needs_baseline
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
 from riot_bus.vocabulary.injection import PARAMETERS, Injection
@@ -88,7 +89,7 @@ def play_again(
             to the unit.
 
     Raises:
-        InconclusiveError: Runs of the whole system cannot tell.
+        InconclusiveError: Runs of the whole system cannot tell, or there is no nominal log that could.
         ConfigError: There is no log to play.
         EnvironmentFaultError: The components do not start.
     """
@@ -112,7 +113,14 @@ def play_again(
     else:
         path = folder / ("minimal.mcap" if MinimalRecord.exists(folder) else "failure.mcap")
         messages, parameters = FailingLog.load(path, registry=registry).messages, ()
-        runner = workspace.runners.unit(finding.unit, lambda: workspace.known_unit_log(finding.unit))
+        nominal = workspace.known_unit_log(finding.unit)
+        if not nominal and finding.monitor != "hang" and needs_baseline(finding.monitor):  # a busy loop shows anyway
+            raise InconclusiveError(
+                f"nothing tells {finding.monitor!r} without a nominal log, and there is none",
+                where=str(folder),
+                hint=f"name one in riot.toml, or put the campaign's at {workspace.out / 'nominal.mcap'}",
+            )
+        runner = workspace.runners.unit(finding.unit, lambda: nominal)
         noise = noise_of(finding, MinimalRecord.load(folder) if MinimalRecord.exists(folder) else None)
     ordered = finding.ordered and not whole_system
     most = times or (_MOST_RUNS if whole_system else _MOST)

@@ -6,7 +6,7 @@ import pytest
 
 from riot_bus.chain.reproduce import play_again, reproduce
 from riot_bus.events import TrialFinished
-from riot_bus.findings.records import ActivationRecord
+from riot_bus.findings.records import ActivationRecord, FindingRecord
 from riot_bus.log.writer import LogWriter
 from riot_bus.sut.baseline import Baseline
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError, InconclusiveError
@@ -55,6 +55,16 @@ def test_a_finding_that_never_fails_is_fixed(tmp_path: Path) -> None:
     found = reproduce(one.workspace, one.folder)
     assert (found.answer, found.failed, found.detail) == ("fixed", 0, "")
     assert found.missed < 0.06
+
+
+def test_what_only_a_nominal_log_tells_is_not_fixed_without_one(tmp_path: Path) -> None:
+    one = bench(tmp_path)
+    write_minimal(one, speed=5.0)
+    FindingRecord.load(one.folder).model_copy(update={"monitor": "silent"}).save(one.folder)
+    with pytest.raises(InconclusiveError, match="nothing tells 'silent' without a nominal log, and there is none"):
+        reproduce(one.workspace, one.folder)
+    one.workspace.nominal_log()
+    assert reproduce(one.workspace, one.folder).answer == "fixed"
 
 
 def test_one_that_fails_in_most_trials_is_still_failing(tmp_path: Path) -> None:
