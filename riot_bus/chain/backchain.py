@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 from riot_bus.backchain.backtrack import backtrack
 from riot_bus.backchain.graph import TopicGraph
 from riot_bus.chain.log_columns import read_pieces
-from riot_bus.chain.logs import internal_name, learn_types
+from riot_bus.chain.logs import internal_name
 from riot_bus.chain.topic_graphs import RECORDED, RecordedComponents, declared_graph, joined, topics_named
 from riot_bus.chain.workspace import open_finding
 from riot_bus.findings.backtrack import BacktrackRecord, EvidenceRecord, StepRecord
 from riot_bus.findings.records import FieldsRecord, FindingRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
+from riot_bus.log.foreign import learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.rosbag2 import files_of
 from riot_bus.log.tables.plan import log_registry

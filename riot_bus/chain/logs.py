@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from riot_bus.generalize.oracle import same_scalar
-from riot_bus.log.foreign import bus_messages
+from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.log.writer import LogWriter
 from riot_bus.types.elements import read_elements
@@ -40,7 +40,6 @@ __all__ = [
     "NamedFields",
     "inputs_of",
     "internal_name",
-    "learn_types",
     "nominal_values",
     "read_messages",
 ]
@@ -52,13 +51,6 @@ _INDEX = re.compile(r"\[(\d+)\]")
 _LONGEST = (1 << 16) - 1
 """Lengths of arrays that injections changed are fields too, up to this: any number of 16 bits has to do."""
 _LOG = logging.getLogger(__name__)
-
-
-def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
-    """Take the types of a log's schemas for topics whose type is not known otherwise."""
-    for topic, (schema, encoding) in reader.schemas.items():
-        if registry.type_of(topic) is None:
-            registry.add_schema(topic, schema, encoding)
 
 
 def read_messages(path: Path, *, registry: TypeRegistry) -> tuple[Message, ...]:

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from riot_bus.chain.logs import learn_types
 from riot_bus.fleet.places import copied
 from riot_bus.inject.apply import inject_log
-from riot_bus.log.foreign import bus_messages
+from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.vocabulary.errors import ConfigError, RiotError
 from riot_bus.vocabulary.trial import TestCase, Verdict

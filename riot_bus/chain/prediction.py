@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from riot_bus.chain.logs import learn_types
 from riot_bus.chain.questions import json_value
 from riot_bus.chain.testcases import injection_of
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.generalize.rule import Rule
 from riot_bus.inject.apply import inject_log
-from riot_bus.log.foreign import bus_messages
+from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.context import open_system
 from riot_bus.types.latest import LatestFields, in_words

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from riot_bus.chain.logs import learn_types
 from riot_bus.chain.prediction import alike, column_of
 from riot_bus.findings.records import FindingRecord, MinimalRecord, RuleRecord
 from riot_bus.fleet.near_misses import BINS, FleetScan, LogScan, NearMiss
 from riot_bus.fleet.places import copied
 from riot_bus.generalize.rule import Rule
-from riot_bus.log.foreign import bus_messages
+from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.info import log_info
 from riot_bus.log.reader import LogReader
 from riot_bus.log.tables.plan import log_registry

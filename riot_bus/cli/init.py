@@ -93,11 +93,11 @@ def init(
     what: dict[str, Any] = {"unit": unit, "external": external or (), "force": force}
     live: dict[str, Any] = {"seconds": seconds, "cfg": cfg or (), **what}
     if ros2:
-        from riot_bus.chain.init import init_ros2
+        from riot_bus.sut.init import init_ros2
 
         found, lines = init_ros2(out, endpoint, **live), _lines
     else:
-        from riot_bus.chain.plain_init import init_plain, init_plain_log
+        from riot_bus.sut.plain_init import init_plain, init_plain_log
 
         lines = _plain_lines
         if log is not None:
@@ -110,7 +110,7 @@ def init(
 def _init_links(
     adapter: str, links: list[str], out: Path, *, seconds: float, unit: str | None, force: bool, form: OutputFormat
 ) -> None:
-    from riot_bus.chain.init import init_links
+    from riot_bus.sut.init import init_links
 
     warn = partial(typer.echo, err=True)
     found = init_links(out, adapter, links, seconds=seconds, unit=unit, force=force, warn=warn)

@@ -185,9 +185,9 @@ def play(
         if not run_play(options, **how):
             raise typer.Exit(INTERRUPTED)
         return
-    from riot_bus.chain.expectation import Expectation, play_expecting
     from riot_bus.log.comparison.compare import Wishes
     from riot_bus.log.comparison.tolerances import tolerances_of
+    from riot_bus.sut.expectation import Expectation, play_expecting
 
     wishes = Wishes(tolerances=tolerances_of(tolerance or (), tolerances or ()))
     wanted = Expectation(log=expect, topics=expect_topics or (), wishes=wishes, wait=expect_wait, answers=answers)

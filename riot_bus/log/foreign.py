@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.message import Message
 
-__all__ = ["bus_messages"]
+__all__ = ["bus_messages", "learn_types"]
 
 _NOBODY = "0"  # a session's id
 
@@ -63,3 +63,10 @@ class _Topic:
             published = message.time if message.publish_time is None else message.publish_time
             attachment = self._attachment(attachment, self._count, published)
         return message.with_(key=self._key, attachment=attachment, sequence=number)
+
+
+def learn_types(reader: LogReader, registry: TypeRegistry) -> None:
+    """Take the types of a log's schemas for topics whose type is not known otherwise."""
+    for topic, (schema, encoding) in reader.schemas.items():
+        if registry.type_of(topic) is None:
+            registry.add_schema(topic, schema, encoding)

@@ -20,6 +20,7 @@ def plain_system(
 ) -> Iterator[dict[str, int]]:
     """Run `node.py ROLE WORDS...` for each role in a folder, until all are ready; yields their process ids."""
     shutil.copy(NODE, folder / "node.py")
+    usual = {name: value for name, value in environment_of_others().items() if not name.startswith("ZENOH_")}
     with contextlib.ExitStack() as stack:
         pids = {}
         for role, more in words.items():
@@ -29,7 +30,7 @@ def plain_system(
                     cwd=folder,
                     stdout=subprocess.PIPE,
                     text=True,
-                    env={**environment_of_others(), **(environment or {})},
+                    env={**usual, **(environment or {})},
                 )
             )
             stack.callback(process.kill)

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from riot_bus.chain.expectation import Expectation, play_expecting
 from riot_bus.log.comparison.compare import Wishes
 from riot_bus.log.reader import read_log
 from riot_bus.play.options import PlayOptions
+from riot_bus.sut.expectation import Expectation, play_expecting
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
 from riot_bus.vocabulary.message import Message
 from tests.integration.play_tools import BEGIN, MS, numbered, write

@@ -10,6 +10,7 @@ import pytest
 from riot_bus.testing.live_router import LiveRouter
 from riot_bus.types.registry import TypeRegistry
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.zenoh.session import prepare_runtime
 
 pytestmark = pytest.mark.integration
 
@@ -22,7 +23,9 @@ def router() -> Iterator[LiveRouter]:
         yield one
 
 
-def test_a_router_is_reached_as_its_variables_say(router: LiveRouter) -> None:
+def test_a_router_is_reached_as_its_variables_say(router: LiveRouter, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZENOH_RUNTIME", raising=False)
+    prepare_runtime()  # as for the routers of this process
     unit = router.segment("b")
     settings = json.loads(unit.config_file.read_text())
     assert settings["connect"]["endpoints"] == [unit.endpoint]

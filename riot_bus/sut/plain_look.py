@@ -11,13 +11,12 @@ from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.chain.logs import learn_types
 from riot_bus.config.endpoints import parse_endpoint
 from riot_bus.graph.history import graph_from, replay
 from riot_bus.graph.model import ConnectedComponent, Graph
 from riot_bus.graph.processes import command
 from riot_bus.graph.supplement import supplemented, without_listener
-from riot_bus.log.foreign import bus_messages
+from riot_bus.log.foreign import bus_messages, learn_types
 from riot_bus.log.layout import GRAPH
 from riot_bus.log.reader import LogReader
 from riot_bus.sut.command_draft import command_draft

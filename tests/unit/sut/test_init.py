@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from riot_bus.chain.init import check_path, write_system
+from riot_bus.sut.init import check_path, write_system
 from riot_bus.vocabulary.errors import ConfigError
 from tests.unit.chain.machine import SYSTEM
 

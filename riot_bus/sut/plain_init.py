@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from riot_bus.chain.init import check_path, write_system
-from riot_bus.chain.plain_look import look_at_log, look_at_network
+from riot_bus.sut.init import check_path, write_system
 from riot_bus.sut.plain_draft import plain_draft
+from riot_bus.sut.plain_look import look_at_log, look_at_network
 from riot_bus.sut.plain_scaffold import draft_json, draft_toml
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.redaction import redacted
