@@ -94,7 +94,9 @@ def pytest_runtest_makereport(
     if report.failed and one is not None:
         again = f"pytest {shlex.quote(str(item.config.rootpath / item.nodeid))} --riot-seed {one.seed}"
         told = {"log": str(log) if log is not None else "", "again": again}
-        report.user_properties += [(f"riot-{name}", text) for name, text in told.items() if text]
+        properties = [(f"riot-{name}", text) for name, text in told.items() if text]
+        for each in (item, report):  # JUnit's XML has those of the last report, which gets the item's
+            each.user_properties += [one for one in properties if one not in each.user_properties]
         notes = one.unshown() if call.when == "call" and "ended" in outcomes else []
         lines = [
             *(f"note:  {text}" for text in notes),

@@ -11,7 +11,7 @@ import typer
 from riot_bus.cli.fastpath import start_router
 from riot_bus.cli.options import Format, OutputFormat
 
-__all__ = ["register"]
+__all__ = ["ComponentCfg", "Host", "register"]
 
 Segments = Annotated[
     list[str] | None,
@@ -27,6 +27,13 @@ SystemFile = Annotated[
     typer.Option(
         "--system", "-s", metavar="FILE", envvar="RIOT_SYSTEM", help="System file. [default: riot.toml, if it exists]"
     ),
+]
+
+
+Host = Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")]
+ComponentCfg = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."),
 ]
 
 
@@ -152,13 +159,8 @@ def env(
     flavour: Annotated[
         FlavourName, typer.Option(help="ROS 2 nodes, or programs that use Zenoh themselves.")
     ] = FlavourName.RMW_ZENOH,
-    host: Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")] = None,
-    cfg: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."
-        ),
-    ] = None,
+    host: Host = None,
+    cfg: ComponentCfg = None,
     file: Annotated[
         Path | None, typer.Option(help="For zenoh: the file to write. [default: zenoh-SEGMENT.json5]")
     ] = None,

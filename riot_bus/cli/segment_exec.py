@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from riot_bus.cli.router import ComponentCfg, Host
+
 __all__ = ["register"]
 
 
@@ -27,13 +29,8 @@ def execute(
             show_default=False,
         ),
     ],
-    host: Annotated[str | None, typer.Option(help="The router's machine, for components elsewhere.")] = None,
-    cfg: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE", help="A Zenoh setting of the component; KEY=@FILE for passwords; repeatable."
-        ),
-    ] = None,
+    host: Host = None,
+    cfg: ComponentCfg = None,
     system: Annotated[
         Path | None,
         typer.Option(

@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +19,9 @@ from riot_bus.pipeline.conditions import Selective, When
 from riot_bus.pipeline.stage import stages_of
 from riot_bus.router.counts import TopicCounts
 from riot_bus.router.interception import topics_of
+from riot_bus.router.receivers import Receivers
 from riot_bus.router.services.selection import split
 from riot_bus.testing.capture import Capture
-from riot_bus.testing.receivers import Receivers
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.errors import ConfigError
 from riot_bus.vocabulary.injection import Injection
@@ -28,7 +29,6 @@ from riot_bus.vocabulary.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from riot_bus.log.writer import LogWriter
     from riot_bus.testing.capture import Captured
@@ -253,9 +253,8 @@ class RouterTest:
         from riot_bus.testing.expected_log import difference_from
 
         given = options.pop("tolerances", ())
-        tolerances = [
-            each if "=" in str(each) else self._folder / each for each in ([given] if isinstance(given, str) else given)
-        ]
+        several = [given] if isinstance(given, str | Path) else given
+        tolerances = [each if "=" in str(each) else self._folder / each for each in several]
         self._router.bus.drain(_SETTLED_S)
         found = difference_from(
             self._folder / log, self.record, self._router.registry, tolerances=tolerances, **options

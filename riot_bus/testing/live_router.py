@@ -187,10 +187,8 @@ class LiveRouter:
         __tracebackhide__ = True
         keys = [self.registry.key_expression(topic) for topic in topics]
         missing = self.bus.wait_subscribed(segment, keys, timeout=timeout, alive=alive)
-        ended = "" if alive() else "; the process has ended"
-        assert not missing, (
-            f"nobody in segment {segment!r} has subscribed to {', '.join(missing)} in {timeout:g} s{ended}"
-        )
+        when = f"in {timeout:g} s" if alive() else "before the process ended"
+        assert not missing, f"nobody in segment {segment!r} has subscribed to {', '.join(missing)} {when}"
 
     @contextmanager
     def capturing(self, capture: Capture) -> Iterator[None]:

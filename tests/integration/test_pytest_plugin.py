@@ -231,13 +231,15 @@ def broken():
 def test_worse(riot, broken):
     pass
 """
-    result = run(pytester, text, "--riot-seed", "7")
+    result = run(pytester, text, "--riot-seed", "7", "--junitxml=results.xml")
     result.assert_outcomes(passed=2, failed=1, errors=1)
     assert logs(pytester) == ["test_it.py_test_bad", "test_it.py_test_worse"]
     result.stdout.fnmatch_lines(
         ["log:   *test_it.py_test_bad-*.mcap", "again: pytest *test_it.py::test_bad* --riot-seed 7"]
     )
     (path,) = (pytester.path / "riot-logs").glob("*bad*.mcap")
+    junit = (pytester.path / "results.xml").read_text()
+    assert junit.count(f'name="riot-log" value="{path}"') == 1
     with LogReader(path) as log:
         assert [message.key for message in log.messages()] == ["pos", "cmd"]
         assert log.metadata["test"].endswith("::test_bad")

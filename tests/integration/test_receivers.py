@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from riot_bus.router.bus import Bus
-from riot_bus.testing.receivers import Receivers
+from riot_bus.router.receivers import Receivers
 from riot_bus.zenoh.client import open_client
 from riot_bus.zenoh.session import wait_until
 

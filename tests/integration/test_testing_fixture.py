@@ -149,9 +149,7 @@ def test_a_process_that_dies_is_a_problem_and_none_outlives_its_test(router: Liv
         assert stays.status is None
         (told,) = one.problems()
         assert told.endswith("has ended with status 3")
-        with pytest.raises(
-            AssertionError, match="nobody in segment 'b' has subscribed to p in 30 s; the process has ended"
-        ):
+        with pytest.raises(AssertionError, match="nobody in segment 'b' has subscribed to p before the process ended"):
             one.start([sys.executable, "-c", ""], subscribes=["p"])
         process = psutil.Process(stays.pid)
     assert not process.is_running()
