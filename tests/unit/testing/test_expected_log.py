@@ -53,6 +53,13 @@ def test_what_does_not_come_is_waited_for_and_then_a_difference(tmp_path: Path) 
     assert any("1 lost" in line for line in found.lines())
 
 
+def test_that_nothing_comes_is_a_difference(tmp_path: Path) -> None:
+    log = written(tmp_path / "log.mcap", [message(number, number) for number in range(3)])
+    found = difference_from(log, captured([]), REGISTRY, timeout=0.01)
+    assert not found.same
+    assert any("3 lost" in line for line in found.lines())
+
+
 def test_nothing_to_compare_is_no_pass(tmp_path: Path) -> None:
     log = written(tmp_path / "log.mcap", [message(0, 0)])
     with pytest.raises((ConfigError, InconclusiveError)):
