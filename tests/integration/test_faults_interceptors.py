@@ -183,7 +183,7 @@ def test_what_an_interceptor_returns_and_how_much_it_copies_do_no_harm() -> None
             return object()
 
     with (
-        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Generous())) as bus,
+        Bus(SEGMENTS, intercept=["cut/**"], pipeline=pipeline(Generous()), budget_s=60.0) as bus,
         Puppet(bus.endpoint("system")) as source,
         Puppet(bus.endpoint("unit")) as sink,
     ):

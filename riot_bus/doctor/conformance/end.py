@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["DEADLINE_S", "EndName", "ScenarioEnd", "Session"]
 
 EndName = Literal["left", "right"]
-DEADLINE_S = 10.0
+DEADLINE_S = 60.0
 """Longest wait for anything that must happen."""
 
 _PROBE_INTERVAL_S = 0.002
