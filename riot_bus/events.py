@@ -23,6 +23,7 @@ __all__ = [
     "StepProgress",
     "StepStarted",
     "StepStopped",
+    "TimeLeft",
     "TrialFinished",
 ]
 
@@ -63,6 +64,19 @@ class StepProgress(RunEvent):
     done: int
     total: int | None
     note: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLeft(RunEvent):
+    """How much is left of the time that was given for all of the work, told when a part of it begins.
+
+    Attributes:
+        seconds: So much is left.
+        total: So much was given.
+    """
+
+    seconds: float
+    total: float
 
 
 @dataclass(frozen=True, slots=True)

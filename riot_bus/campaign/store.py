@@ -11,13 +11,15 @@ import json
 import os
 import sqlite3
 import threading
+import time
 from contextlib import closing, contextmanager
 from dataclasses import asdict
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from pydantic import TypeAdapter
 
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
 from riot_bus.vocabulary.trial import Outcome, Verdict
 
 if TYPE_CHECKING:
@@ -232,6 +234,7 @@ class StoredRunner:
         scope: Everything besides the test case that decides an outcome (system, unit, what is observed).
         told: Called after each outcome.
         unjudged: Whether a case that cannot be judged has an outcome like any other; else it is an error.
+        until: Returns when nothing more is executed, by the monotonic clock; None for never.
     """
 
     def __init__(
@@ -242,12 +245,14 @@ class StoredRunner:
         scope: Mapping[str, object],
         told: Callable[[Outcome], None] | None = None,
         unjudged: bool = False,
+        until: Callable[[], float | None] = lambda: None,
     ) -> None:
         self._runner = runner
         self._store = store
         self._scope = _text(scope)
         self._told = told
         self._unjudged = unjudged
+        self._until = until
         self.trials = 0
         self.executed = 0
 
@@ -261,6 +266,7 @@ class StoredRunner:
 
         Raises:
             EnvironmentFaultError: A trial could not be carried out, several times over.
+            OutOfTimeError: There are new ones, and the time is over.
         """
         keys = [f"{self._scope}|{case.digest()}" for case in cases]
         stored = {key: self._store.get(key) for key in keys}
@@ -270,7 +276,7 @@ class StoredRunner:
             pending = {key: case for key, case in fresh.items() if key not in known}
             if not pending:
                 break
-            for key, outcome in zip(pending, self._execute(pending), strict=True):
+            for key, outcome in self._executed(pending):
                 self.executed += 1
                 if self._counts(outcome):
                     known[key] = outcome
@@ -282,6 +288,17 @@ class StoredRunner:
             for outcome in outcomes:
                 self._told(outcome)
         return outcomes
+
+    def _executed(self, pending: Mapping[str, TestCase]) -> Iterator[tuple[str, Outcome]]:
+        """Execute trials and yield their outcomes; where time is limited, only as many at once as run at once."""
+        left = dict(pending)
+        while left:
+            until = self._until()
+            if until is not None and time.monotonic() >= until:
+                raise OutOfTimeError("the time was over", hint="give more time, or run the same command again to go on")
+            some = left if until is None else dict(islice(left.items(), self.parallelism))
+            yield from zip(some, self._execute(some), strict=True)
+            left = {key: case for key, case in left.items() if key not in some}
 
     def _counts(self, outcome: Outcome) -> bool:
         return outcome.judged or (self._unjudged and outcome.verdict is Verdict.UNJUDGED)

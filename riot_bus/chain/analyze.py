@@ -11,7 +11,7 @@ from riot_bus.events import AnalysisFinished, StepStopped
 from riot_bus.findings.records import FindingRecord
 from riot_bus.findings.steps import STEPS, ChainStep
 from riot_bus.report.page import write_report
-from riot_bus.vocabulary.errors import InconclusiveError
+from riot_bus.vocabulary.errors import InconclusiveError, OutOfTimeError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,11 +30,13 @@ class Analysis:
         folder: The finding; `riot_bus.report.finding_view.load` reads all that is known of it.
         report: The page about it.
         stopped: Why the chain ended early; empty if it did not.
+        unfinished: Whether that was for want of time.
     """
 
     folder: Path
     report: Path
     stopped: str = ""
+    unfinished: bool = False
 
 
 Options = Mapping[str, Mapping[str, Any]]
@@ -72,7 +74,7 @@ def analyze(
     """
     FindingRecord.load(folder)
     outside = bool(workspace.context.file.external.topics)
-    stopped = ""
+    stopped, unfinished = "", False
     for step in (*STEPS[1:], *further):
         if step.kind.exists(folder):
             step.kind.load(folder)
@@ -81,10 +83,10 @@ def analyze(
             continue
         try:
             workspace.carry_out(step, folder, **(options or {}).get(step.name, {}))
-        except InconclusiveError as error:
-            stopped = str(error)
+        except (InconclusiveError, OutOfTimeError) as error:
+            stopped, unfinished = str(error), isinstance(error, OutOfTimeError)
             workspace.tell(StepStopped(step.name, stopped, str(folder)))
             break
     report = write_report(folder)
     workspace.tell(AnalysisFinished(str(folder), str(report), stopped))
-    return Analysis(folder, report, stopped)
+    return Analysis(folder, report, stopped, unfinished)

@@ -113,7 +113,8 @@ class StepRun:
 
     def _stored(self, runner: Runner, scope: dict[str, object], *, unjudged: bool) -> StoredRunner:
         scope, store = self._scope(scope), self.workspace.store
-        stored = StoredRunner(runner, store, scope=scope, told=self.told, unjudged=unjudged)
+        until = lambda: self.workspace.until  # noqa: E731 - it changes
+        stored = StoredRunner(runner, store, scope=scope, told=self.told, unjudged=unjudged, until=until)
         self.runners.append(stored)
         return stored
 
@@ -130,6 +131,9 @@ class Workspace:
         runners: Gives the runners that the steps ask; processes of this machine by default.
         fresh: Whether nominal trials are measured anew, though an earlier command has left what they show.
         executor: Where trials are executed: `dask://HOST:PORT`; None for this machine.
+
+    Attributes:
+        until: When no more trials are executed, by the monotonic clock; None for never.
     """
 
     def __init__(
@@ -158,6 +162,7 @@ class Workspace:
             fresh=fresh,
             workers=partial(ClusterWorkers, executor, self.context, jobs) if executor else None,
         )
+        self.until: float | None = None
         self._logs: dict[Path, tuple[Message, ...]] = {}
 
     def __enter__(self) -> Self:

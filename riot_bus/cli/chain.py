@@ -248,6 +248,10 @@ def analyze(
     out: Out = DEFAULT_OUT,
     trials: Trials = 100,
     seconds: Seconds = None,
+    within: Annotated[
+        str | None,
+        typer.Option("--for", metavar="TIME", help="Use so much time for all of it, such as 30min; --trials is none."),
+    ] = None,
     further: Annotated[
         list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")
     ] = None,
@@ -263,17 +267,31 @@ def analyze(
     """Run the whole chain on a system; run it again to go on where it stopped."""
     from riot_bus.chain.analyze import analyze_all
     from riot_bus.chain.robustness import test_unit, tested
+    from riot_bus.chain.within import analyze_within
+    from riot_bus.config.arguments import parse_seconds
     from riot_bus.findings.records import CampaignRecord
     from riot_bus.report.finding_view import load
     from riot_bus.report.text import summary
+    from riot_bus.vocabulary.errors import ConfigError
 
+    given = parse_seconds(within, "--for") if within is not None else None
+    if given is not None and given <= 0:
+        raise ConfigError("there is no time", where="--for", hint="write it like 90, 90s, 15min or 1h")
+    if given is not None and seconds is not None:
+        raise ConfigError("--for and --seconds exclude each other", hint="--for is the time for all steps together")
+    options = {"permeability": {"prune": prune}}
     others = [find_step(name) for name in further or ()]
     with open_workspace(system, out, jobs, seed, form, executor=executor, reports=report or ()) as workspace:
         name, _ = workspace.unit(unit)
-        folders = tested(workspace, name)
-        if folders is None:
-            folders = test_unit(workspace, name, trials=trials, seconds=seconds, covered=False)
-        done = analyze_all(workspace, folders, further=others, options={"permeability": {"prune": prune}})
+        if given is not None:
+            done = analyze_within(workspace, name, given, further=others, options=options)
+            folders = [one.folder for one in done]
+        else:
+            known = tested(workspace, name)
+            folders = (
+                test_unit(workspace, name, trials=trials, seconds=seconds, covered=False) if known is None else known
+            )
+            done = analyze_all(workspace, folders, further=others, options=options)
     rules = [load(one.folder).rule for one in done]
     result = [
         {"finding": str(one.folder), "rule": rule.text if rule else None, "report": str(one.report)}

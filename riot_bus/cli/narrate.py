@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import time
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Self
 
 import typer
 
-from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped
+from riot_bus.events import StepFinished, StepProgress, StepStarted, StepStopped, TimeLeft
 from riot_bus.vocabulary.counting import counted
 from riot_bus.vocabulary.redaction import escape_control_chars
 
@@ -69,6 +70,10 @@ class ConsoleNarrator:
                 self._say(event.step, "\n".join([f"{first} [{event.seconds:.1f} s]", *more]))
             case StepStopped():
                 self._say(event.step, event.text)
+            case TimeLeft():
+                at = datetime.now().astimezone() + timedelta(seconds=event.seconds)
+                left, total = (_minutes(each) for each in (event.seconds, event.total))
+                self._say("time", f"{left} of {total} left, done at {at:%H:%M:%S}")
 
     def interrupted(self, out: Path) -> None:
         """Say what is kept in the output folder of work that was ended from outside, and how to go on."""
@@ -123,3 +128,7 @@ class ConsoleNarrator:
         if self._bar is not None:
             self._bar.stop()
         self._bar = self._task = None
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds >= 60 else f"{seconds:.0f} s"

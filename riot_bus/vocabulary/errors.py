@@ -18,6 +18,7 @@ __all__ = [
     "EnvironmentFaultError",
     "InconclusiveError",
     "MissingExtraError",
+    "OutOfTimeError",
     "PayloadError",
     "RiotError",
     "did_you_mean",
@@ -77,6 +78,12 @@ class EnvironmentFaultError(RiotError):
 
 class InconclusiveError(RiotError):
     """The outcome is too flaky for a statement within the budget: raise the budget or look at the component."""
+
+    exit_code = 5
+
+
+class OutOfTimeError(RiotError):
+    """The time that was given is over before an answer was there: give more, or run the same command again to go on."""
 
     exit_code = 5
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from riot_bus.campaign.store import StoredRunner, TrialStore, stored_trials
-from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.vocabulary.errors import EnvironmentFaultError, OutOfTimeError
 from riot_bus.vocabulary.injection import Injection
 from riot_bus.vocabulary.message import Message
 from riot_bus.vocabulary.trial import Outcome, TestCase, Verdict, Violation
@@ -250,3 +250,15 @@ def test_trials_of_others_are_forgotten_and_their_room_is_given_back(tmp_path: P
     assert again.executed == 0
     store.close()
     assert path.stat().st_size < size
+
+
+def test_nothing_new_is_executed_when_the_time_is_over(tmp_path: Path) -> None:
+    store, until = TrialStore(tmp_path / TrialStore.NAME), [float("inf")]
+    runner = StoredRunner(Answers(Verdict.PASS), store, scope={}, until=lambda: until[0])
+    case, other = TestCase(seed=1), TestCase(seed=2)
+    runner.run([case])
+    until[0] = 0.0
+    assert runner.run([case])[0].verdict is Verdict.PASS  # it is known
+    with pytest.raises(OutOfTimeError, match="the time was over"):
+        runner.run([case, other])
+    assert runner.executed == 1

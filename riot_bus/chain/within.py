@@ -1,0 +1,95 @@
+"""The whole chain within a given time: testing leaves time for explanations, and takes what these have left.
+
+The unit is tested for a share of the time. What was found by then is explained, each finding with an equal share of
+what is left, and the unit is tested further in the time that remains, and so on. Without a finding the unit is tested
+to the end. So the work ends when the time does, and how long it still takes is known from its first second.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from riot_bus.chain.absence import other_cause
+from riot_bus.chain.analyze import analyze
+from riot_bus.chain.robustness import test_unit
+from riot_bus.events import TimeLeft
+from riot_bus.findings.records import CampaignRecord, FindingRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from riot_bus.chain.analyze import Analysis, Options
+    from riot_bus.chain.workspace import Workspace
+    from riot_bus.findings.steps import ChainStep
+
+__all__ = ["analyze_within"]
+
+_TESTED = 0.3
+"""Of the time that is left: the explanation of a finding takes about twice the trials that find it."""
+_LEAST = 0.05
+"""Of the whole time: with less, another campaign would only repeat what is stored."""
+
+
+def analyze_within(
+    workspace: Workspace,
+    unit: str,
+    seconds: float,
+    *,
+    further: Sequence[ChainStep] = (),
+    options: Options | None = None,
+    now: Callable[[], float] = time.monotonic,
+) -> list[Analysis]:
+    """Test a unit and explain what is found, until the time is over.
+
+    What a step has not finished is gone on with if time is left in the end, and by the next command: no trial is lost.
+
+    Args:
+        workspace: Where to work.
+        unit: The unit.
+        seconds: The time.
+        further: Steps of other packages, which come after ours.
+        options: Options of steps, by the name of the step.
+        now: Tells the time, in seconds.
+
+    Raises:
+        RiotError: As `test_unit` and `analyze`.
+    """
+    begin = now()
+    end = begin + seconds
+    done: dict[Path, Analysis] = {}
+
+    def tell() -> float:
+        left = max(0.0, end - now())
+        workspace.tell(TimeLeft(left, seconds))
+        return left
+
+    def explain(folders: Sequence[Path]) -> None:
+        waiting = list(folders)
+        for number, folder in enumerate(waiting):
+            workspace.until = now() + tell() / (len(waiting) - number)
+            try:
+                done[folder] = analyze(workspace, folder, further=further, options=options)
+            finally:
+                workspace.until = None
+            other = other_cause(folder)
+            if FindingRecord.exists(other) and other not in waiting:
+                waiting.append(other)
+
+    def unexplained(folders: Sequence[Path]) -> list[Path]:
+        return [folder for folder in folders if folder not in done or done[folder].unfinished]
+
+    while (left := tell()) > _LEAST * seconds:
+        until = now() + left * _TESTED
+
+        def enough(found: Sequence[Path], until: float = until) -> str:
+            if now() >= end:
+                return "the time is over"
+            return "the time that is left is for what was found" if now() >= until and unexplained(found) else ""
+
+        folders = test_unit(workspace, unit, trials=None, seconds=None, covered=False, stop=enough)
+        explain(unexplained(folders))
+        if not CampaignRecord.load(workspace.out).stopped:  # no further trial would say more
+            break
+    return list(done.values())
