@@ -40,6 +40,12 @@ _SYSTEM = re.compile(
 _LIBRARIES = re.compile(r"^/(usr/(?!local/)|lib\d*/|opt/ros/)|/lib(64)?/python\d|/(site|dist)-packages/")
 _STANDARD = re.compile(r"^_Z(N?K?St|NK?9__gnu_cxx)")
 """Functions of C++'s standard library, which stand in the files of those who use them."""
+_LAUNCHED = re.compile(r"^\[[^\[\]\n]{1,200}-\d+\] ", re.MULTILINE)
+"""What ROS's launch puts before each line of what it has started."""
+_DIED = re.compile(
+    r"^\[ERROR\] \[(?P<name>[^\[\]\n]{1,200})-\d+\]: process has died \[pid \d+, exit code (?P<status>-?\d+)",
+    re.MULTILINE,
+)
 _AFTERWORDS = 4
 _LONGEST_SOURCE = 100
 _LONGEST_DETAIL = 500
@@ -77,7 +83,7 @@ def traceback_of(signature: str, errors: str, printed: str, root: Path) -> str:
         printed: Its stdout.
         root: Folder of its code.
     """
-    known = (each for each in reversed([*tracebacks(printed), *tracebacks(errors)]))
+    known = (each for text in (errors, printed) for each in reversed(tracebacks(_LAUNCHED.sub("", text))))
     return next((each for each in known if signature.endswith(_place(each, root))), "")
 
 
@@ -116,19 +122,21 @@ def crashes_in(
     Returns:
         Nothing when neither the status nor what it wrote speaks of a crash.
     """
+    died = [match for text in (printed, errors) for match in _DIED.finditer(text)][:_MOST]
+    printed, errors = (_LAUNCHED.sub("", text) for text in (printed, errors))
     known = [*tracebacks(printed), *tracebacks(errors)][-_MOST:]
     python = [Crash(_place(each, root), _detail(each, root)) for each in reversed(known)]
     if status == 0:
-        python = []  # what it wrote did not keep it from a good end
+        python, died = [], []  # what it wrote did not keep it from a good end
     # A Python process with native threads may abort while it ends of an exception: the exception is the crash.
     last = known[-1] if known else ""
     ending = bool(last) and len(errors.rpartition(last)[2].splitlines()) <= _AFTERWORDS
     reports = _sanitizer_reports(errors)
-    found = [*reports, *python]
+    found = [*reports, *python] or [Crash(f"{_told(int(one['status']))} of {one['name']}", one[0]) for one in died]
     if status is not None and status < 0 and not ending and not reports:
         found = [_native(status, errors, root, stack), *python]
     elif status is not None and status > 0 and not found:
-        found = [Crash(f"exit status {status}", _last_line(errors))]
+        found = [Crash(_told(status), _last_line(errors))]
     return tuple({crash.place: crash for crash in reversed(found)}.values())[::-1]
 
 
@@ -164,8 +172,15 @@ def _is_own(file: str, root: Path) -> bool:
     return Path(file).is_relative_to(root) and "site-packages" not in Path(file).parts
 
 
+def _told(status: int) -> str:
+    """Return how an exit status is called, which is negative for a signal."""
+    if status >= 0:
+        return f"exit status {status}"
+    return signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+
+
 def _native(status: int, errors: str, root: Path, stack: Sequence[tuple[str, str]]) -> Crash:
-    place = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    place = _told(status)
     thrown = next((match for pattern in (_TERMINATE, _RUST) if (match := pattern.search(errors))), None)
     fatal = _FATAL.search(errors)
     thread = "" if thrown else fatal_thread(errors)

@@ -214,3 +214,24 @@ def test_the_stack_of_the_thread_in_which_a_signal_came() -> None:
     text += 'Current thread 0x2 (most recent call first):\n  File "/b.py", line 2 in call\n\nExtension modules: x\n'
     assert frames_in(fatal_thread(text)) == [SourceFrame("/b.py", 2, "call")]
     assert fatal_thread("Current thread 0x2 (most recent call first):") == ""
+
+
+def launched(text: str, name: str = "planner-1") -> str:
+    return "".join(f"[{name}] {line}\n" for line in text.splitlines())
+
+
+def test_tracebacks_of_what_ros_launch_has_started() -> None:
+    plain = traceback(OWN, LIBRARY, error="ValueError: no")
+    printed = f"[INFO] [planner-1]: process started with pid [7]\n{launched(plain)}"
+    assert crash_in(None, "", printed) == crash_in(1, plain) == Crash("place: x()", "ValueError: no (part.py:7)")
+    assert traceback_of("crash in stack: place: x()", "", printed, ROOT) == plain
+
+
+def test_deaths_that_ros_launch_tells() -> None:
+    died = "[ERROR] [planner-1]: process has died [pid 7, exit code {}, cmd '/opt/planner --ros-args'].\n"
+    assert crash_in(None, "", died.format(-11)) == Crash("SIGSEGV of planner", died.format(-11)[:59])
+    places = [crash.place for crash in crashes_in(None, died.format(3), ROOT, died.format(-6))]
+    assert places == ["SIGABRT of planner", "exit status 3 of planner"]
+    plain = traceback(OWN, error="ValueError: no")
+    assert [crash.place for crash in crashes_in(None, "", ROOT, launched(plain) + died.format(1))] == ["place: x()"]
+    assert crash_in(0, "", died.format(-2)) is None
