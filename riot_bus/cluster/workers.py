@@ -167,8 +167,9 @@ class ClusterWorkers:
         The scheduler remembers how many there are for as long as it runs, so that is part of the name.
         """
         file = self._context.file
+        total = {name: file.resources.get(name, 1) for name in needed(file, file.components)}
         return {
-            f"riot {file.system.name} {name} of {file.resources[name]}": (count, file.resources[name])
+            f"riot {file.system.name} {name} of {total[name]}": (count, total[name])
             for name, count in needed(file, _components(file, trial, case)).items()
         }
 

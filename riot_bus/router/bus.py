@@ -18,6 +18,7 @@ from riot_bus.router.delivery_queue import DeliveryQueue
 from riot_bus.router.forwarder import Forwarder
 from riot_bus.router.local_ingress import LocalIngress
 from riot_bus.router.pipeline_executor import BUDGET_S, PipelineExecutor
+from riot_bus.router.services.recorded import serve_recorded
 from riot_bus.router.services.services import Services
 from riot_bus.router.tap import Tap
 from riot_bus.types.registry import TypeRegistry
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.stage import Stage
     from riot_bus.router.audience import Inner
     from riot_bus.router.recorder import Recorder
+    from riot_bus.router.services.recorded import RecordedService
     from riot_bus.types.bridging import BridgedLink
     from riot_bus.zenoh import api as zenoh
     from riot_bus.zenoh.client import Subscription
@@ -273,6 +275,11 @@ class Bus:
             self.gate.replace(interceptors)
             self._forget()
 
+    def restart(self) -> None:
+        """Let time and numbers of intercepted messages begin at the next one."""
+        self.gate.change(Pipeline.restart)
+        self._forget()
+
     def renew(self) -> None:
         """Look up again what is known of keys: the type of one has become known."""
         self.gate.change(Pipeline.forget)
@@ -506,6 +513,10 @@ class Bus:
 
         pin(session, text)
         return session.declare_subscriber(text, take)
+
+    def serve(self, segment: str, key: str, service: RecordedService) -> None:
+        """Answer the calls of a service that components of a segment make, with what was recorded, until the end."""
+        serve_recorded(self.segment(segment).session, key, service)
 
     def wait_subscribed(
         self,

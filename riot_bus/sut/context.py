@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from riot_bus.monitors.liveness import LIVENESS
+from riot_bus.sut.containers import image_id
 from riot_bus.sut.hangs import Hangs
 from riot_bus.sut.sources import source_files
 from riot_bus.sut.system import PARAMETER, SystemFile, load_system
@@ -98,6 +99,8 @@ class Context:
             with path.open("rb") as stream:
                 digest = hashlib.file_digest(stream, "sha256").hexdigest()
             found[os.path.relpath(path.resolve(), root) if inside else str(path)] = digest
+        boxes = {box.image: box for program in self.file.programs if (box := program.container) is not None}
+        found |= {f"image {name}": image_id(box) for name, box in boxes.items() if "{" not in name}
         return found
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.sut.context import Context
+    from riot_bus.sut.system import Component
     from riot_bus.vocabulary.message import Message
     from riot_bus.vocabulary.trial import Violation
 
@@ -56,11 +57,16 @@ def write_evidence(
     found = {
         "violations": [asdict(violation) for violation in violations],
         "status": {component.name: component.status for component in view.components},
-        "commands": {each.name: list(context.file.components[each.name].command) for each in view.components},
+        "commands": {each.name: _started(context.file.components[each.name]) for each in view.components},
         "surroundings": dict(FIXED) if context.file.system.surroundings == "fixed" else "as they are",
     }
     (folder / "trial.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return {path.name: path.stat().st_size for path in sorted(folder.iterdir())}
+
+
+def _started(component: Component) -> list[str]:
+    """Return what is executed, a container's image before it."""
+    return [*([component.container.image] if component.container else []), *component.command]
 
 
 def _write_outputs(path: Path, outputs: Sequence[Message], context: Context) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import select
 import signal
@@ -23,10 +24,14 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.forking import Fork
 
-__all__ = ["ComponentProcess", "Launcher"]
+__all__ = ["TORN_DOWN_WITHIN_S", "ComponentProcess", "Launcher"]
 
+_LOG = logging.getLogger(__name__)
 _SUPERVISOR = Path(__file__).with_name("supervisor.py")
 _TICKS = os.sysconf("SC_CLK_TCK")
+TORN_DOWN_WITHIN_S = 30.0
+"""An engine removes a container within one of them; what takes longer is killed."""
+_SIGNALLED, _LAST_SIGNALLED = 129, 128 + 64
 
 
 @dataclass(slots=True)
@@ -38,6 +43,8 @@ class ComponentProcess:
         status: Exit status, negative for a signal, None while it runs.
         stack: File and function of each native frame on which a signal has ended it, the innermost first.
         excess: Of what it had more than it may, for which it was killed, and how much.
+        relayed: Whether its status is told by another program, as a shell tells it: 128 and the number of a signal.
+        torn_down: Whether nothing is left to be done after its end.
     """
 
     name: str
@@ -48,6 +55,8 @@ class ComponentProcess:
     status: int | None = None
     stack: Sequence[tuple[str, str]] = ()
     excess: tuple[str, float] | None = None
+    relayed: bool = False
+    torn_down: bool = True
 
     def errors(self) -> str:
         """Return what it has written to stderr (at most the last 256 KiB)."""
@@ -108,6 +117,9 @@ class Launcher:
         fixed: bool = False,
         fork: Fork | None = None,
         limits: Mapping[str, float] | None = None,
+        held: bool = False,
+        teardown: Sequence[str] = (),
+        relayed: bool = False,
     ) -> ComponentProcess:
         """Start a component; its output goes to `<directory>/<name>.out` and `.err`, or to that of this process.
 
@@ -120,6 +132,10 @@ class Launcher:
             fixed: Whether addresses are the same each time, as far as the kernel allows it.
             fork: How it is forked; None to execute its command.
             limits: What it may have of the machine (see `resource_limits.Guard`); None for anything.
+            held: Whether its standard input stays open until it ends, or riot does; else there is none.
+            teardown: Command that is run when it has ended, or riot has, however that came. Its output goes to
+                `<directory>/<name>.teardown`.
+            relayed: See `ComponentProcess`.
 
         Raises:
             EnvironmentFaultError: The command cannot be executed.
@@ -131,6 +147,8 @@ class Launcher:
         request |= {"stdout": str(stdout), "stderr": str(stderr), "fork": fork._asdict() if fork else None}
         request["ours"] = directory is None
         request["limits"] = dict(limits) if limits else None
+        request |= {"held": held, "teardown": list(teardown), "torn_down_within": TORN_DOWN_WITHIN_S}
+        request["teardown_output"] = os.devnull if directory is None else str(directory / f"{name}.teardown")
         with self._lock:
             self._send(request)
             reply = self._reply()
@@ -140,7 +158,8 @@ class Launcher:
                     hint=f"check the command {' '.join(argv)!r} in riot.toml; it ran in {cwd}",
                 )
             started = f"executed, since {reply['cannot']}" if reply["cannot"] else "forked" if fork else "executed"
-            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, started)
+            process = ComponentProcess(name, int(str(reply["pid"])), stdout, stderr, started, relayed=relayed)
+            process.torn_down = not teardown
             self._processes[process.pid] = process
             self._settle_exits()
         return process
@@ -151,10 +170,10 @@ class Launcher:
             self._pump(0.0)
         return process.status is None
 
-    def wait(self, processes: Sequence[ComponentProcess], *, timeout: float) -> bool:
-        """Wait until all of them have ended; return False when `timeout` seconds were not enough."""
+    def wait(self, processes: Sequence[ComponentProcess], *, timeout: float, torn_down: bool = False) -> bool:
+        """Wait until all of them have ended, and are `torn_down`; False when `timeout` seconds were not enough."""
         deadline = time.monotonic() + timeout
-        while any(process.status is None for process in processes):
+        while any(process.status is None or (torn_down and not process.torn_down) for process in processes):
             remaining = deadline - time.monotonic()
             if remaining <= 0:
                 return False
@@ -167,6 +186,11 @@ class Launcher:
         with self._lock:
             self._send({"do": "watch", "pids": list(pids)})
             return str(self._reply()["cannot"])
+
+    def include(self, process: ComponentProcess, pids: Sequence[int]) -> None:
+        """Have the limits of a component hold for further processes and what they start, such as a container's."""
+        with self._lock:
+            self._send({"do": "include", "pid": process.pid, "pids": list(pids)})
 
     def interrupt(self, process: ComponentProcess, number: signal.Signals = signal.SIGTERM) -> None:
         """Send a signal to a component's process group."""
@@ -190,7 +214,7 @@ class Launcher:
     def close(self) -> None:
         """Kill everything and end the supervisor."""
         self._link.close()
-        self._supervisor.wait(timeout=30)
+        self._supervisor.wait(timeout=30 + TORN_DOWN_WITHIN_S)
 
     def _send(self, request: dict[str, object]) -> None:
         try:
@@ -215,14 +239,25 @@ class Launcher:
             event = json.loads(line)
             if event["event"] == "exited":
                 self._exited.append(event)
+            elif event["event"] == "torn down":
+                self._note_torn_down(event)
             else:
                 self._replies.append(event)
         self._settle_exits()
+
+    def _note_torn_down(self, event: Mapping[str, Any]) -> None:
+        process = self._processes.get(event["pid"])
+        if process is not None:
+            process.torn_down = True
+            if event["problem"]:
+                _LOG.warning("the teardown of component %r failed: %s", process.name, event["problem"])
 
     def _settle_exits(self) -> None:
         for event in list(self._exited):
             if event["pid"] in self._processes:
                 process = self._processes[event["pid"]]
-                process.status, process.stack = event["status"], tuple((file, name) for file, name in event["stack"])
+                status = event["status"]
+                process.status = 128 - status if process.relayed and _SIGNALLED <= status <= _LAST_SIGNALLED else status
+                process.stack = tuple((file, name) for file, name in event["stack"])
                 process.excess = tuple(event["excess"]) if event["excess"] else None
                 self._exited.remove(event)

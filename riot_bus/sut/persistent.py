@@ -123,6 +123,7 @@ class LiveUnit:
                     segments=[self._file.segment_of(self._file.components[self._name])],
                     stall=self._file.unit[self._trial.unit].settle.timeout,
                     imports=self._place.imports,
+                    attach=[self._name],
                 )
             )
             self._trial.start(self._stage, self._first)
@@ -159,7 +160,7 @@ class LiveUnit:
     def _check_reset(self) -> None:
         """Raise ConfigError if the message that is to reset the unit does not reach it."""
         unit = self._file.unit[self._trial.unit]
-        if unit.reset is None:
+        if unit.reset is None or unit.reset.topic is None:
             return
         segment = self._file.segment_of(self._file.components[self._name])
         keys = self._place.context.topics(unit.reset.topic)
@@ -174,6 +175,9 @@ class LiveUnit:
         unit = self._file.unit[self._trial.unit]
         if unit.reset is None:
             return
+        if unit.reset.topic is None:
+            self._stage.execute("reset", unit.reset.command, timeout=unit.settle.timeout)
+            return
         (key,) = self._place.context.topics(unit.reset.topic)
         message = Message(time.time_ns(), key, unit.reset.payload.encode(), encoding=unit.reset.encoding)
         Feeder(self._stage, self._name, unit, self._trial.baseline).feed([message])
@@ -183,7 +187,8 @@ class LiveUnit:
 
         One that needs what there is only so much of does not keep that from others.
         """
-        if len(self._had) >= _MOST_TRIALS or self._file.components[self._name].resources:
+        component = self._file.components[self._name]
+        if len(self._had) >= _MOST_TRIALS or component.resources or component.attach:
             return True
         last = self._stage.samples(self._name)[-1]
         if self._trial.baseline.grown(growth_of([self._born, last]), messages=0, input_bytes=0):

@@ -35,7 +35,12 @@ class Guard:
     def __init__(self, pid: int, limits: Mapping[str, float]) -> None:
         self._pid, self._limits = pid, limits
         self._family: Sequence[int] = [pid]
+        self._others: Sequence[int] = ()
         self._looks = 0
+
+    def include(self, pids: Sequence[int]) -> None:
+        """Watch other processes, and what they start, as well: those of a container are nobody's descendants here."""
+        self._others = pids
 
     def excess(self, orphans: Sequence[int] = ()) -> tuple[str, float] | None:
         """Return what the component has too much of, and how much it has; None if nothing.
@@ -45,7 +50,7 @@ class Guard:
         """
         had: dict[str, float] = {}
         if self._looks % _ALL == 0:
-            self._family = families([self._pid, *orphans])
+            self._family = families([*dict.fromkeys([self._pid, *self._others, *orphans])])
             sample = resources(self._family, messages=0)
             had = {"files": sample.files, "processes": len(self._family), "cpu": sum(map(_cpu, self._family))}
         self._looks += 1
@@ -70,8 +75,9 @@ def _resident(pid: int) -> int:
 
 
 def _own(pid: int) -> int:
-    """Return the bytes of a process; those that it shares with others are divided among them."""
-    return int((_read(f"/proc/{pid}/smaps_rollup").partition(b"\nPss:")[2].split() or [b"0"])[0]) << 10
+    """Return the bytes of a process; those that it shares with others are divided among them, if this user may know."""
+    told = _read(f"/proc/{pid}/smaps_rollup")
+    return int((told.partition(b"\nPss:")[2].split() or [b"0"])[0]) << 10 if told else _resident(pid)
 
 
 def _cpu(pid: int) -> float:

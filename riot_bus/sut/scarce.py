@@ -27,8 +27,10 @@ _POLL = 0.05
 
 
 def needed(file: SystemFile, names: Iterable[str]) -> Mapping[str, int]:
-    """Return how many of which resource components need that run together."""
-    return sum((Counter(file.components[name].resources) for name in names), Counter[str]())
+    """Return how many of which resource components need that run together; an address to attach to is one, too."""
+    components = [file.components[name] for name in names]
+    addresses = Counter({each.attach.replace("/", "-"): 1 for each in components if each.attach is not None})
+    return sum((Counter(each.resources) for each in components), addresses)
 
 
 @contextmanager
@@ -51,7 +53,7 @@ def held(file: SystemFile, names: Iterable[str]) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     with ExitStack() as stack:
         for name, count in sorted(needs.items()):
-            pieces = [folder / f"{name}.{number}" for number in range(file.resources[name])]
+            pieces = [folder / f"{name}.{number}" for number in range(file.resources.get(name, 1))]
             with (folder / f"{name}.queue").open("ab") as queue:
                 fcntl.flock(queue, fcntl.LOCK_EX)
                 while count:

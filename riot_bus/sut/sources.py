@@ -32,6 +32,8 @@ def source_files(file: SystemFile) -> list[Path]:
         folders = {(file.root / component.cwd).resolve() for component in file.programs}
         found = [path for folder in _outermost({file.root.resolve(), *folders}) for path in _below(folder)]
         found += [path for component in file.programs for path in _named(component, file.root)]
+        resets = (file.system.reset, *(unit.reset for unit in file.unit.values()))
+        found += [path for reset in resets if reset for path in _files_of(reset.command, file.root)]
     named = [*file.monitor_files, *(name for component in file.programs for name in component.files)]
     return [path for path in dict.fromkeys([*found, *(file.root / name for name in named)]) if path.is_file()]
 
@@ -54,10 +56,16 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def _named(component: Component, root: Path) -> Iterator[Path]:
-    words: Sequence[str] = [word for word in component.command if "{" not in word]
-    for number, word in enumerate(words):
-        path = (root / component.cwd / word).resolve()
-        if number == 0 and word == component.command[0] and os.sep not in word:
+    box = component.container
+    started = component.command if box is None else (box.compose or "",)
+    for command in (started, component.setup, component.teardown):
+        yield from _files_of(command, root / component.cwd)
+
+
+def _files_of(command: Sequence[str], folder: Path) -> Iterator[Path]:
+    for number, word in enumerate(command):
+        path = (folder / word).resolve()
+        if number == 0 and os.sep not in word:
             path = Path(shutil.which(word) or path)
-        if path.is_file():
+        if "{" not in word and path.is_file():
             yield path

@@ -5,32 +5,27 @@ from __future__ import annotations
 import functools
 import logging
 import os
-import random
 import signal
 import socket
-import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 from riot_bus.monitors.model import NO_SIGNS, ComponentView, ResourceSample, Signs, TrialView
 from riot_bus.router.bus import Bus
 from riot_bus.sut.activity import STILL, Activity, Idle, Threads, families, idle_between, resources
-from riot_bus.sut.domains import free_domains
-from riot_bus.sut.forking import fork_of
+from riot_bus.sut.launcher import TORN_DOWN_WITHIN_S
 from riot_bus.sut.python_report import MainEnd, PythonReport, ThreadStack
 from riot_bus.sut.resource_limits import told
 from riot_bus.sut.rest import all_wait, is_at_rest
 from riot_bus.sut.settling import own_others, own_senders, wait_settled
-from riot_bus.sut.surroundings import fixed_environment
-from riot_bus.sut.system import FREE_PORT
+from riot_bus.sut.starter import ComponentStarter, last_words
 from riot_bus.vocabulary.errors import EnvironmentFaultError, PayloadError
 from riot_bus.vocabulary.message import Qos
 from riot_bus.vocabulary.predicate import parse_predicate
 from riot_bus.vocabulary.selector import parse_selector
-from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, MutableMapping, MutableSequence, Sequence
@@ -38,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from riot_bus.pipeline.runner import Pipeline
+    from riot_bus.router.services.recorded import RecordedService
     from riot_bus.sut.context import Context
     from riot_bus.sut.launcher import ComponentProcess, Launcher
     from riot_bus.sut.system import Ready, RunPace
@@ -61,8 +57,6 @@ in the first of them, Zenoh's sign of life (5 to 8 switches each 2.5 s) falls in
 _LITTLE = 0.03
 """Of a processor: a program that starts takes most of one, Zenoh's threads a tenth of this."""
 _ALIKE = 0.2
-_PORTS = range(15_000, 32_000)
-"""Below those that the kernel hands out, so that none is gone before the component listens there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +100,14 @@ class TrialSetup:
         stall: Seconds after which a component that takes no messages loses its link.
         imports: Modules that Python components import, by the component's name, folder and command, since a unit alone
             may have another one; those that are not in it are executed and added, others are forked.
+        attach: Components of the trial; the segment of one that runs already listens where that connects.
 
     Attributes:
         idle: What components do that are ready and never rest; nothing if they rest.
         senders: The threads of this process that send.
         others: All of its threads but the one that runs the trial.
         now: Tells the time of what is published, in nanoseconds.
+        services: What answers the calls of components.
         begun: When the trial began, seconds of the monotonic clock.
     """
 
@@ -127,37 +123,56 @@ class TrialSetup:
         stall: float = 10.0,
         parameters: Mapping[str, Scalar] | None = None,
         imports: MutableMapping[str, Sequence[str]] | None = None,
+        attach: Iterable[str] = (),
     ) -> None:
         self.context = context
-        nominal = {name: each.nominal for name, each in context.file.external.parameters.items()}
-        self._parameters: Mapping[str, Scalar] = nominal | dict(parameters or {})
         self.launcher = launcher
         self.directory = directory
         self.processes: dict[str, ComponentProcess] = {}
         self._families: dict[tuple[int, ...], Threads] = {}
         self.outputs: list[Message] = []
         self.inputs: list[Message] = []
+        self.services: list[RecordedService] = []
         self.python = PythonReport(directory)
         self._samples: dict[str, list[ResourceSample]] = {}
         self._published: set[str] = set()
         self._watched: list[str] = []
         self._started: dict[str, float] = {}
-        self._folders: dict[str, Path] = {}
-        self._ports: dict[str, int] = {}
-        self._reserved = ExitStack()
         self.idle = STILL
-        self.imports = {} if imports is None else imports
+        nominal = {name: each.nominal for name, each in context.file.external.parameters.items()}
+        self._starter = ComponentStarter(
+            context,
+            launcher,
+            directory,
+            python=self.python,
+            imports={} if imports is None else imports,
+            parameters=nominal | dict(parameters or {}),
+        )
         self.senders, self.others = own_senders(), own_others()
+        self._apart = not segments
+        self._attached_at: set[str] = set()
         self.bus = Bus(
-            dict.fromkeys(segments or context.file.components, _ANY_PORT),
+            self._addresses(segments, attach),
             intercept=intercept,
             pipeline=pipeline,
             registry=context.registry,
             wait_before_close_s=stall,
         )
-        self._apart = not segments
         self.now: Callable[[], int] = time.time_ns
         self._begin, self.begun = time.time_ns(), time.monotonic()
+
+    def _addresses(self, segments: Sequence[str], attach: Iterable[str]) -> dict[str, tuple[str, ...]]:
+        """Return where each segment listens: on any port, and where components connect to that run already."""
+        found: dict[str, tuple[str, ...]] = dict.fromkeys(segments or self.context.file.components, _ANY_PORT)
+        for name in attach:
+            if (address := self.context.file.components[name].attach) is not None:
+                found[self.segment_of(name)] = (*found[self.segment_of(name)], address)
+                self._attached_at.add(address)
+        return found
+
+    def _endpoint(self, segment: str) -> str:
+        """Return where components of a segment connect that are started."""
+        return next(each for each in self.bus.segment(segment).endpoints if each not in self._attached_at)
 
     def segment_of(self, name: str) -> str:
         """Return the segment that a component connects to."""
@@ -174,18 +189,19 @@ class TrialSetup:
             self.launcher.kill_all()
             for threads in self._families.values():
                 threads.close()
-            for name, process in self.processes.items():
-                if (program := self._program(name)) not in self.imports:
-                    self.imports[program] = self.python.imports(process.pid)
         finally:
-            self._reserved.close()
-            self.bus.close()
+            try:
+                self._starter.close()
+            finally:
+                self.bus.close()
 
     def renew(self) -> None:
         """Begin another trial with the same processes: what was seen in the last one is forgotten."""
         self._begin, self.begun = self.now(), time.monotonic()
         self.outputs, self.inputs, self._samples = [], [], {}
         self._watched.clear()
+        for service in self.services:
+            service.restart()
         for process in self.processes.values():
             for path in (process.stdout, process.stderr):
                 os.truncate(path, 0)
@@ -201,60 +217,26 @@ class TrialSetup:
             pace: For its `{duration}` and `{speed}`.
             before: Words before its command, such as those of a debugger.
         """
-        component = self.context.file.components[name]
-        segment = self.segment_of(name)
-        words = {
-            "{python}": sys.executable,
-            "{endpoint}": self.bus.endpoint(segment),
-            "{segment}": segment,
-            "{trial_dir}": str(self.directory),
-            "{seed}": str(seed),
-            "{duration}": f"{pace.duration if pace else 0:g}",
-            "{speed}": f"{pace.speed if pace else 1:g}",
-            "{slot}": str(self.launcher.slot),
-        }
-        words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
-        for text in self.context.file.texts_of(component):
-            words |= {word: str(self._free_port(word)) for word in FREE_PORT.findall(text)}
-            words |= {"{domain}": str(self._domain)} if "{domain}" in text else {}
-        words |= {
-            f"{{file:{path}}}": self._copy(f"{name}.{number}", path, words)
-            for number, path in enumerate(component.files)
-        }
-        fixed = self.context.file.system.surroundings == "fixed"
-        filled = _filled(component.env, words)
-        given = {**environment_of_others(), **filled}
-        program = self._program(name)
-        hook = self.python.environment(given, imports=program not in self.imports)
-        env = {**given, **hook, **(fixed_environment(component.env) if fixed else {})}
-        argv = [*before, *(_fill(part, words) for part in component.command)]
-        cwd = self._folders[name] = (self.context.file.root / _fill(component.cwd, words)).resolve()
-        fork = None
-        if fixed and not before and self.context.file.isolation_of(name) != "fresh":
-            varying = {key for key, value in filled.items() if component.env[key] != value}
-            fork = fork_of(argv, env=env, varying=varying, cwd=cwd, modules=self.imports.get(program, ()))
-        if component.ready.topic is not None:
-            told = parse_selector(component.ready.topic)
+        ready, segment = self.context.file.components[name].ready, self.segment_of(name)
+        if ready.topic is not None:
+            told = parse_selector(ready.topic)
             for expression in self.context.topics(told.topic):
                 self.bus.subscribe(segment, expression, functools.partial(self._hear, name, told.where))
-        limits = None if before or component.limits == "off" else component.limits.model_dump()
-        process = self.launcher.start(
-            name, argv, env=env, cwd=cwd, directory=self.directory, fixed=fixed, fork=fork, limits=limits
+        process = self._starter.start(
+            name, self._endpoint(segment), segment=segment, seed=seed, pace=pace, before=before
         )
         self._started[name] = time.monotonic()
         self.processes[name] = process
         return process
 
-    def _copy(self, prefix: str, path: str, words: Mapping[str, str]) -> str:
-        """Return the path of a component's copy of a file, in which placeholders are filled in."""
-        copy = self.directory / f"{prefix}.{os.path.basename(path)}"
-        copy.write_text(_fill(self.context.file.text_of(path), words), encoding="utf-8")
-        return str(copy)
+    def execute(self, name: str, command: Sequence[str], *, timeout: float) -> None:
+        """Execute a command of riot.toml to its end, such as one that resets components.
 
-    def _program(self, name: str) -> str:
-        """Return what tells apart the programs whose imports are known."""
-        component = self.context.file.components[name]
-        return " ".join((name, component.cwd, *component.command))
+        Raises:
+            ConfigError: It fails.
+            EnvironmentFaultError: It cannot be executed, or takes longer than `timeout` seconds.
+        """
+        self._starter.execute(name, command, timeout=timeout)
 
     def end(self, names: Iterable[str]) -> None:
         """End components, as `stop` in riot.toml asks for.
@@ -269,6 +251,7 @@ class TrialSetup:
                 self.launcher.interrupt(process, signal.SIGKILL)
             if not self.launcher.wait([process], timeout=_KILLED_WITHIN):
                 raise EnvironmentFaultError(f"component {name!r} cannot be killed")
+            self.launcher.wait([process], timeout=TORN_DOWN_WITHIN_S, torn_down=True)
 
     def _terminate(self, name: str) -> None:
         """Give a component time to end by itself, if riot.toml says so."""
@@ -276,22 +259,6 @@ class TrialSetup:
         if self.context.file.components[name].stop == "term" and self.launcher.alive(process):
             self.launcher.interrupt(process, signal.SIGTERM)
             self.launcher.wait([process], timeout=3.0)
-
-    @functools.cached_property
-    def _domain(self) -> int:
-        """A ROS domain that nobody else has until the trial ends."""
-        return self._reserved.enter_context(free_domains(1))[0]
-
-    def _free_port(self, word: str) -> int:
-        """Return a port of TCP and UDP that was free, for each placeholder its own, the same in all of the trial."""
-        while word not in self._ports:
-            port = random.SystemRandom().choice(_PORTS)
-            with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, suppress(OSError):
-                tcp.bind(("", port))
-                udp.bind(("", port))
-                if port not in self._ports.values():
-                    self._ports[word] = port
-        return self._ports[word]
 
     def wait_subscribed(self, name: str, keys: Iterable[str]) -> None:
         """Wait until the only component on its segment has subscribed to keys.
@@ -301,9 +268,8 @@ class TrialSetup:
         """
         component, process = self.context.file.components[name], self.processes[name]
         segment, timeout = self.segment_of(name), component.ready.timeout
-        missing = self.bus.wait_subscribed(
-            segment, list(keys), timeout=timeout, alive=lambda: self.launcher.alive(process)
-        )
+        missing = self.bus.wait_subscribed(segment, list(keys), timeout=timeout, alive=lambda: self._starter.runs(name))
+        self._starter.check_way(name)
         if process.status is not None:
             raise self._did_not_start(name, f"ended with status {process.status} before it was ready")
         if missing:
@@ -338,7 +304,7 @@ class TrialSetup:
                 segment,
                 inputs,
                 timeout=deadline - time.monotonic(),
-                alive=lambda: all(self.launcher.alive(self.processes[name]) for name in names),
+                alive=lambda: all(map(self._starter.runs, names)),
             )
         self._wait_declared(names)
         self._watch(names)
@@ -346,8 +312,11 @@ class TrialSetup:
         self._check_alive(names)
 
     def _watch(self, names: Iterable[str]) -> None:
-        """Have it told where a signal ends components from now on."""
-        if cannot := self.launcher.watch([self.processes[name].pid for name in names]):
+        """Have it told where a signal ends components from now on, and find those whose processes are elsewhere."""
+        for name in names:
+            self._starter.find_inside(name)
+        traced = [self.processes[name].pid for name in names if self.context.file.components[name].is_process]
+        if traced and (cannot := self.launcher.watch(traced)):
             _tell_unwatched(cannot)
 
     def _hear(self, name: str, where: str | None, message: Message) -> None:
@@ -370,12 +339,14 @@ class TrialSetup:
     def _not_ready(self, name: str, ready: Ready) -> str | None:
         """Return what is still missing of what `ready` asks for; None if nothing is."""
         process = self.processes[name]
+        if self.context.file.components[name].attach is not None and not process.printed().endswith("\n"):
+            return "is no process of this machine that this user may look at, or has not connected"
         if ready.line is not None and ready.line not in process.printed() and ready.line not in process.errors():
             return f"has not printed {ready.line!r}"
         if ready.topic is not None and name not in self._published:
             return f"has not published on {ready.topic}"
         if ready.port is not None:
-            port = ready.port if isinstance(ready.port, int) else self._free_port(ready.port)
+            port = ready.port if isinstance(ready.port, int) else self._starter.free_port(ready.port)
             with socket.socket() as probe:
                 if probe.connect_ex(("127.0.0.1", port)):
                     return f"does not listen on port {port}"
@@ -401,6 +372,7 @@ class TrialSetup:
 
     def _check_alive(self, names: Iterable[str]) -> None:
         for name in names:
+            self._starter.check_way(name)
             if not self.launcher.alive(self.processes[name]):
                 status = self.processes[name].status
                 raise self._did_not_start(name, f"ended with status {status} before it was ready")
@@ -422,9 +394,7 @@ class TrialSetup:
                 where=str(self.context.file.path),
                 hint=hint,
             )
-        errors = self.processes[name].errors().strip().splitlines()
-        tail = "\n    ".join(errors[-6:])
-        hint = f"its last words on stderr:\n    {tail}" if errors else "it wrote nothing to stderr"
+        hint = last_words(self.processes[name])
         return EnvironmentFaultError(f"component {name!r} {what}", where=str(self.context.file.path), hint=hint)
 
     def linger(self, names: Sequence[str], *, seconds: float, timeout: float) -> None:
@@ -550,14 +520,14 @@ class TrialSetup:
 
     def threads(self, names: Iterable[str]) -> Threads:
         """Return the threads of components and of what they had started when they were last waited for."""
-        pids = tuple(self.processes[name].pid for name in names)
+        pids = self._starter.roots(names)
         if pids not in self._families:
             self._families[pids] = Threads(families(pids))
         return self._families[pids]
 
     def include_started(self, names: Iterable[str]) -> bool:
         """Look at what components have started meanwhile, too; return whether it is the same as before."""
-        pids = tuple(self.processes[name].pid for name in names)
+        pids = self._starter.roots(names)
         now, known = tuple(families(pids)), self._families.get(pids)
         if known is not None and known.pids == now:
             return True
@@ -620,8 +590,12 @@ class TrialSetup:
             component = self.context.file.components[name]
             process = self.processes[name]
             self.launcher.alive(process)
-            root = self._folders[name]
+            self._starter.check_way(name)
+            root = self._starter.folder_of(name)
             traced = component.tracebacks == "fail"
+            seen = (signs or {}).get(name, NO_SIGNS)
+            if component.attach is not None and process.status is not None:  # and how it ended nobody can tell
+                seen = replace(seen, ended="its process has ended")
             views.append(
                 ComponentView(
                     name,
@@ -632,7 +606,7 @@ class TrialSetup:
                     printed=process.printed(),
                     stack=process.stack,
                     resources=tuple(self.samples(name)),
-                    signs=(signs or {}).get(name, NO_SIGNS),
+                    signs=seen,
                     excess=self._excess(name),
                 )
             )
@@ -654,18 +628,3 @@ class TrialSetup:
 @functools.cache
 def _tell_unwatched(why: str) -> None:
     _LOG.warning("crashes by a signal are told apart by the signal alone: components cannot be traced (%s)", why)
-
-
-def _as_word(value: Scalar) -> str:
-    """Return a parameter as commands take it: `true` rather than `True`."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _fill(text: str, words: Mapping[str, str]) -> str:
-    for word, value in words.items():
-        text = text.replace(word, value)
-    return text
-
-
-def _filled(table: Mapping[str, str], words: Mapping[str, str]) -> dict[str, str]:
-    return {key: _fill(value, words) for key, value in table.items()}

@@ -4,7 +4,8 @@ Components are executed, or forked from a server that has imported what they imp
 they have more of the machine than they may (`resource_limits`). It runs as a script
 of its own (standard library only, one thread) and talks JSON lines over a socket on file descriptor 0. When riot dies,
 even by `kill -9`, the socket ends and everything that was started is killed. Children also carry PR_SET_PDEATHSIG in
-case the supervisor itself is killed, and grandchildren that were orphaned come to it as their sub-reaper.
+case the supervisor itself is killed, and grandchildren that were orphaned come to it as their sub-reaper. What no kill
+of a child ends, such as a container, has a command that is run when the component has ended (`teardown`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 sys.path.append(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
 
@@ -34,6 +36,7 @@ PR_SET_CHILD_SUBREAPER = 36
 ADDR_NO_RANDOMIZE = 0x0040000
 STARTS_WITHIN_S = 60.0
 """Within it a fork server has done its imports, on a loaded machine too."""
+_POLL = 0.005
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -127,10 +130,15 @@ class Supervisor:
         self._tracer = Tracer()
         self._guards: dict[int, Guard] = {}
         self._excess: dict[int, tuple[str, float]] = {}
+        self._held: dict[int, contextlib.ExitStack] = {}
+        self._teardowns: dict[int, dict[str, Any]] = {}
+        self._ending: dict[int, int] = {}
+        self._torn_down_within = 0.0
 
     def tell(self, **event: object) -> None:
-        """Send one event to riot."""
-        self._link.sendall(json.dumps(event).encode() + b"\n")
+        """Send one event to riot; whether riot is gone is told by the other direction."""
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            self._link.sendall(json.dumps(event).encode() + b"\n")
 
     def start(self, request: dict[str, Any]) -> None:
         """Start one component in a session of its own."""
@@ -141,25 +149,35 @@ class Supervisor:
             self.tell(event="refused", error=str(error))
             return
         self._running.add(pid)
+        if request["teardown"]:
+            self._teardowns[pid] = request
+            self._torn_down_within = request["torn_down_within"]
         if request["limits"]:
             self._guards[pid] = Guard(pid, request["limits"])
         self.tell(event="started", pid=pid, cannot=cannot)
         self.reap()  # a forked one may have ended before it was known
 
     def execute(self, request: dict[str, Any]) -> int:
-        """Execute a component's command."""
-        with open(request["stdout"], "ab") as out, open(request["stderr"], "ab") as err:
+        """Execute a component's command; with `held`, its standard input ends when the component or this one does."""
+        with contextlib.ExitStack() as files, contextlib.ExitStack() as undo:
+            stdin = subprocess.DEVNULL
+            if request["held"]:
+                stdin, held = os.pipe()
+                files.callback(os.close, stdin)
+                undo.callback(os.close, held)
+            out, err = (files.enter_context(open(request[name], "ab")) for name in ("stdout", "stderr"))
             process = subprocess.Popen(
                 request["argv"],
                 env=request["env"],
                 cwd=request["cwd"],
-                stdin=subprocess.DEVNULL,
+                stdin=stdin,
                 stdout=None if request["ours"] else out,
                 stderr=None if request["ours"] else err,
                 start_new_session=True,
                 preexec_fn=become_fixed_component if request["fixed"] else become_component,
             )
-        process.returncode = 0  # it is reaped here, by its number
+            process.returncode = 0  # it is reaped here, by its number
+            self._held[process.pid] = undo.pop_all()
         return process.pid
 
     def fork(self, request: dict[str, Any]) -> tuple[int, str]:
@@ -182,16 +200,41 @@ class Supervisor:
                 if os.WIFSTOPPED(status):
                     self._tracer.let_go_on(pid, status)
                     continue
-                stack = self._tracer.stack(pid)
+                stack, code = self._tracer.stack(pid), os.waitstatus_to_exitcode(status)
                 if pid in self._running:
                     self._running.remove(pid)
                     self._guards.pop(pid, None)
-                    excess, code = self._excess.pop(pid, None), os.waitstatus_to_exitcode(status)
-                    self.tell(event="exited", pid=pid, status=code, stack=stack, excess=excess)
+                    if pid in self._held:
+                        self._held.pop(pid).close()
+                    self.tell(event="exited", pid=pid, status=code, stack=stack, excess=self._excess.pop(pid, None))
+                    if pid in self._teardowns:
+                        self.tear_down(pid, self._teardowns.pop(pid))
+                elif pid in self._ending:
+                    self.tell(event="torn down", pid=self._ending.pop(pid), problem=f"status {code}" if code else "")
+
+    def tear_down(self, pid: int, request: dict[str, Any]) -> None:
+        """Begin what is to be done when a component has ended."""
+        try:
+            with open(request["teardown_output"], "ab") as out:
+                process = subprocess.Popen(
+                    request["teardown"],
+                    env=request["env"],
+                    cwd=request["cwd"],
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    preexec_fn=become_component,
+                )
+        except (OSError, subprocess.SubprocessError) as error:
+            self.tell(event="torn down", pid=pid, problem=str(error))
+            return
+        process.returncode = 0  # as above
+        self._ending[process.pid] = pid
 
     def guard(self) -> None:
         """Kill each component that has more of the machine than it may, with all that it has started."""
-        started = {*self._running, *(server.pid for server in self._servers.values())}
+        started = {*self._running, *self._ending, *(server.pid for server in self._servers.values())}
         for pid, guard in self._guards.items():
             orphans = set(children_of(os.getpid())) - started if len(self._running) == 1 else ()
             if pid not in self._excess and (excess := guard.excess(list(orphans))):
@@ -199,14 +242,18 @@ class Supervisor:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(pid, signal.SIGKILL)
                 for each in guard.pids():
-                    with contextlib.suppress(ProcessLookupError):
+                    with contextlib.suppress(ProcessLookupError, PermissionError):
                         os.kill(each, signal.SIGKILL)
 
     def kill_all(self) -> None:
-        """Kill every component and all their descendants, and wait until they are gone."""
+        """Kill every component and all their descendants, and wait until they are gone and torn down."""
         for pid in self._running:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGKILL)
+        deadline = time.monotonic() + self._torn_down_within
+        while (self._ending or self._teardowns) and time.monotonic() < deadline:
+            self.reap()
+            time.sleep(_POLL)
         servers = {server.pid for server in self._servers.values()}
         while children := set(children_of(os.getpid())) - servers:
             for pid in children:
@@ -216,9 +263,10 @@ class Supervisor:
                 os.waitpid(-1, WALL)  # of a traced process, each thread
                 while os.waitpid(-1, WALL | os.WNOHANG)[0]:
                     pass
-        self._running.clear()
-        self._guards.clear()
-        self._excess.clear()
+        for held in self._held.values():
+            held.close()
+        for kept in (self._running, self._guards, self._excess, self._held, self._teardowns, self._ending):
+            kept.clear()
 
     def close(self) -> None:
         """Kill everything, servers included."""
@@ -234,6 +282,9 @@ class Supervisor:
             case "signal":
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(request["pid"], request["signal"])
+            case "include":
+                if request["pid"] in self._guards:
+                    self._guards[request["pid"]].include(request["pids"])
             case "watch":
                 self.tell(event="watched", cannot=self._tracer.watch(request["pids"]))
             case "kill_all":

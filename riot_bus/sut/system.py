@@ -26,8 +26,10 @@ __all__ = [
     "FREE_PORT",
     "PARAMETER",
     "Component",
+    "Container",
     "External",
     "Ready",
+    "RemoteHost",
     "Reset",
     "ResourceLimits",
     "RunPace",
@@ -59,11 +61,21 @@ class RunPace(_Table):
 
 
 class Reset(_Table):
-    """A message that brings what goes on over trials back to its first state, published before each but the first."""
+    """What brings processes that go on over trials back to their first state, before each but the first.
 
-    topic: str = Field(min_length=1)
+    A message is published, or a command is executed, which may contain {python} {trial_dir} {slot} {free_port:NAME}.
+    """
+
+    topic: str | None = Field(default=None, min_length=1)
     payload: str = Field(default="", max_length=65_536)
     encoding: str = ""
+    command: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        if (self.topic is None) == (not self.command):
+            raise MistakeError("give either topic = TOPIC or command = [PROGRAM, ARGUMENT, ...]")
+        return self
 
 
 class VirtualClock(_Table):
@@ -92,6 +104,7 @@ class System(_Table):
     trial_run: RunPace = RunPace(duration=10.0)
     perturbed_run: RunPace = RunPace(duration=30.0)
     clock: VirtualClock | None = None
+    reset: Reset | None = None
 
 
 def _messages(text: str) -> str:
@@ -150,20 +163,71 @@ class ResourceLimits(_Table):
     cpu: Annotated[float, _amount(parse_seconds), Field(ge=0)] = 3600.0
 
 
-class Component(_Table):
-    """`[components.NAME]`: one process.
+class Container(_Table):
+    """`container`: what a component runs in; it shares this machine's network.
 
-    `command`, `env` and `cwd` may contain {python} {endpoint} {segment} {trial_dir} {seed} {duration} {speed} {slot}
-    {domain} {free_port} {free_port:NAME} {param:NAME} {file:PATH}. `resources` says how many of which of `[resources]`
-    it needs.
+    `service` is one of the compose file `compose`, whose image is `image`. `engine` is podman, docker or the like, with
+    `options` for its `run`.
     """
 
-    command: tuple[str, ...] = Field(min_length=1)
+    image: Annotated[str, Field(pattern="^[^-]")]
+    compose: Annotated[str, Field(min_length=1)] | None = None
+    service: Annotated[str, Field(pattern="^[^-]")] | None = None
+    engine: Annotated[str, Field(min_length=1)] | None = None
+    options: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _has_both(self) -> Self:
+        if (self.compose is None) != (self.service is None):
+            raise MistakeError("give both the compose file and its service, or neither of them")
+        return self
+
+
+class RemoteHost(_Table):
+    """`ssh`: the machine on which a component's command is executed, and options of `ssh`."""
+
+    host: Annotated[str, Field(min_length=1, pattern="^[^-]")]
+    options: tuple[str, ...] = ()
+
+
+def _pattern(text: str) -> str:
+    """Return a regular expression as it is; refuse what is none."""
+    try:
+        re.compile(text)
+    except re.error as error:
+        raise MistakeError(f"{text!r} is no regular expression: {error}", hint="such as 'planner|map.*'") from None
+    return text
+
+
+class Component(_Table):
+    """`[components.NAME]`: one process with what it starts, executed here, in a container, or on another machine.
+
+    `command`, `env`, `cwd`, `setup`, `teardown` and what names a container or a machine may contain {python} {endpoint}
+    {segment} {trial_dir} {seed} {duration} {speed} {slot} {domain} {free_port} {free_port:NAME} {param:NAME}
+    {file:PATH}. `resources` says how many of which of `[resources]` it needs.
+
+    `setup` is executed before each start, to its end, and `teardown` after each end. `only` is a regular expression
+    for the names of those processes that belong to it, among all that the command starts; others are not started.
+    `dds` gives it a ROS domain of its own and a bridge from there. One with `attach` runs already, and connects to that
+    address of this machine by itself.
+
+    `calls` are services that it calls; when it is tested alone, they are answered from its log.
+    """
+
+    command: tuple[str, ...] = ()
+    container: Container | None = None
+    ssh: RemoteHost | None = None
+    attach: Annotated[str, Field(pattern=r"^tcp/127(\.\d{1,3}){3}:[1-9]\d{0,4}$")] | None = None
+    only: Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_pattern)] | None = None
+    dds: bool = False
+    setup: tuple[str, ...] = ()
+    teardown: tuple[str, ...] = ()
     segment: str | None = None
     env: dict[str, str] = {}
     cwd: str = "."
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
     external: bool = False
     ready: Ready = Ready()
     stop: Literal["kill", "term"] = "kill"
@@ -171,10 +235,57 @@ class Component(_Table):
     limits: ResourceLimits | Literal["off"] = ResourceLimits()
     resources: dict[str, Annotated[int, Field(ge=1)]] = {}
 
+    @model_validator(mode="after")
+    def _can_be_started(self) -> Self:
+        ways = [name for name in ("container", "ssh", "attach") if getattr(self, name) is not None]
+        if len(ways) > 1:
+            raise MistakeError(f"{ways[0]} and {ways[1]} exclude each other")
+        if not self.command and ways in ([], ["ssh"]):
+            raise MistakeError(
+                "no command", hint='write command = ["PROGRAM", "ARGUMENT", ...], or container = { ... }'
+            )
+        if self.attach is not None and self.command:
+            raise MistakeError("what runs already has no command", hint="leave out `command`, or `attach`")
+        if self.only is not None and ways:
+            raise MistakeError("`only` is for commands that are executed here")
+        if self.dds and ways not in ([], ["container"]):
+            raise MistakeError(
+                "`dds` is for nodes of this machine that riot starts", hint=f"leave out `dds` or `{ways[0]}`"
+            )
+        return self
+
     @property
     def texts(self) -> tuple[str, ...]:
         """All texts that may have placeholders."""
-        return (*self.command, *self.env.values(), self.cwd)
+        there: list[str] = [*self.setup, *self.teardown]
+        if self.container is not None:
+            there += [self.container.image, self.container.compose or "", *self.container.options]
+        if self.ssh is not None:
+            there += [self.ssh.host, *self.ssh.options]
+        return (*self.command, *self.env.values(), self.cwd, *there)
+
+    def filled(self, fill: Callable[[str], str]) -> Component:
+        """Return it with placeholders filled in, by a function from text to text."""
+        update: dict[str, Any] = {
+            "command": tuple(map(fill, self.command)),
+            "env": {key: fill(value) for key, value in self.env.items()},
+            "cwd": fill(self.cwd),
+            "setup": tuple(map(fill, self.setup)),
+            "teardown": tuple(map(fill, self.teardown)),
+        }
+        if (box := self.container) is not None:
+            there = {"image": fill(box.image), "compose": fill(box.compose) if box.compose else None}
+            update["container"] = box.model_copy(update={**there, "options": tuple(map(fill, box.options))})
+        if self.ssh is not None:
+            update["ssh"] = self.ssh.model_copy(
+                update={"host": fill(self.ssh.host), "options": tuple(map(fill, self.ssh.options))}
+            )
+        return self.model_copy(update=update)
+
+    @property
+    def is_process(self) -> bool:
+        """Whether its command is executed on this machine, as a descendant of riot's."""
+        return self.container is None and self.ssh is None and self.attach is None
 
     @property
     def files(self) -> list[str]:
@@ -273,6 +384,11 @@ class SystemFile(_Table):
 
     @model_validator(mode="after")
     def _names_exist(self) -> Self:
+        taken: dict[str, str] = {}
+        for name, component in self.components.items():
+            if component.attach is not None and (other := taken.setdefault(component.attach, name)) != name:
+                why = f"{component.attach!r} is the address of {other!r}, too"
+                raise ValueError(f"components.{name}.attach|{why}|each needs one of its own")
         for name, component in self.components.items():
             if component.segment is not None and component.segment not in self.system.segments:
                 raise _unknown(f"components.{name}.segment", component.segment, self.system.segments)
@@ -284,6 +400,10 @@ class SystemFile(_Table):
                     there = f"[resources] has {self.resources[resource]} of {resource!r}"
                     raise ValueError(f"components.{name}.resources|{count} are more than there are|{there}")
         if self.system.clock is not None:
+            if self.system.reset is not None:
+                raise ValueError(
+                    "system.reset|runs in virtual time have a reset of their own|write clock = { reset = ... }"
+                )
             if any(component.external for component in self.components.values()):
                 raise ValueError("system.clock|external components have a time of their own|let the nominal log drive")
             for name in ("trial_run", "perturbed_run"):
@@ -297,11 +417,19 @@ class SystemFile(_Table):
                 raise _unknown(place, unit.component or name, self.components)
             if unit.reset is not None and unit.isolation != "persistent":
                 raise ValueError(f'unit.{name}.reset|only a process that goes on is reset|add isolation = "persistent"')
+            if self.components[unit.component or name].ssh is not None:
+                why = "a unit runs on this machine, where it can be seen what its processes do"
+                raise ValueError(f"unit.{name}|{why}|leave `ssh` out, or test another component")
+            if self.components[unit.component or name].attach is not None and unit.command is not None:
+                raise ValueError(
+                    f"unit.{name}.command|what runs already has no command|leave out `command`, or `attach`"
+                )
             self._check_parameters(self.component_alone(name), f"unit.{name}")
         return self
 
     def _check_parameters(self, component: Component, place: str) -> None:
-        for key, texts in (("command", component.command), ("env", component.env.values()), ("cwd", (component.cwd,))):
+        by_key = {"command": component.command, "env": component.env.values(), "cwd": (component.cwd,)}
+        for key, texts in {**by_key, "setup": component.setup, "teardown": component.teardown}.items():
             for parameter in (each for text in texts for each in PARAMETER.findall(text)):
                 if parameter not in self.external.parameters:
                     raise _unknown(f"{place}.{key}", f"{{param:{parameter}}}", self.external.parameters)
@@ -447,6 +575,8 @@ def _known_keys(place: list[str]) -> list[str]:
         "perturbed_run": RunPace,
         "clock": VirtualClock,
         "ready": Ready,
+        "container": Container,
+        "ssh": RemoteHost,
         "limits": ResourceLimits,
     }
     for name in reversed(place or [""]):

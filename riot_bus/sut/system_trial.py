@@ -7,7 +7,7 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from riot_bus.inject.apply import changed_by, inject_log
 from riot_bus.inject.interceptor import Injector
@@ -18,6 +18,7 @@ from riot_bus.monitors.model import NO_SIGNS, judge
 from riot_bus.pipeline.runner import Pipeline
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.evidence import write_evidence
+from riot_bus.sut.kept_system import KeptSystem
 from riot_bus.sut.live_system import LiveSystem
 from riot_bus.sut.persistent import end_kept
 from riot_bus.sut.scarce import held
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from riot_bus.pipeline.event import Event
     from riot_bus.sut.context import Context
     from riot_bus.sut.stage import TrialPlace, Watch
+    from riot_bus.sut.system import SystemFile
     from riot_bus.types.registry import TypeRegistry
     from riot_bus.vocabulary.trial import Scalar, TestCase, Violation
 
@@ -131,41 +133,43 @@ class SystemTrial:
         """Return what came of a run, and whether its processes had had others before."""
         started, again = time.monotonic(), False
         try:
-            live = self._live_system(case, place)
-            again = live is not None and live.runs > 0
-            return self._run(case, place, live, started), again
+            kept = self._kept_components(case, place)
+            again = kept is not None and kept.runs > 0
+            return self._run(case, place, kept, started), again
         except EnvironmentFaultError as error:
             return Outcome(Verdict.ERROR, seconds=time.monotonic() - started, detail=str(error)), again
 
-    def _live_system(self, case: TestCase, place: TrialPlace) -> LiveSystem | None:
-        """Return components in virtual time, which may have had other runs; None for a run as time passes."""
-        clock = place.context.file.system.clock
-        if clock is None or not case.messages:
-            end_kept(place)
-            return None
-        parameters = _parameters(case)
-        live = next((each for each in place.kept if isinstance(each, LiveSystem)), None)
+    def _kept_components(self, case: TestCase, place: TrialPlace) -> LiveSystem | KeptSystem | None:
+        """Return components that may have had other runs, or that are in virtual time; None for neither."""
+        file = place.context.file
+        system, parameters = file.system, _parameters(case)
         goes_on = not (self.unit or self.record or self.evidence)
-        if live and goes_on and live.fits(seed=case.seed, pace=self.pace, parameters=parameters):
-            return live
+        virtual = system.clock is not None and bool(case.messages)
+        in_time = not virtual and system.reset is not None and goes_on and KeptSystem.can_carry(file, case)
+        wanted: type[LiveSystem | KeptSystem] = LiveSystem if virtual else KeptSystem
+        kept = next((each for each in place.kept if isinstance(each, wanted)), None) if virtual or in_time else None
+        if kept and goes_on and kept.fits(seed=case.seed, pace=self.pace, parameters=parameters):
+            return kept
         end_kept(place)
-        live = LiveSystem(
-            clock,
-            place,
-            seed=case.seed,
-            pace=self.pace,
-            parameters=parameters,
-            timeout=_SETTLE_TIMEOUT,
-            stall=_STALL,
-        )
-        if goes_on and live.may_go_on:
-            place.kept.append(live.__enter__())
-        return live
+        made: dict[str, Any] = {"seed": case.seed, "pace": self.pace, "parameters": parameters}
+        made |= {"timeout": _SETTLE_TIMEOUT, "stall": _STALL}
+        if virtual and system.clock is not None:
+            kept = LiveSystem(place, system.clock, **made)
+        elif in_time:
+            kept = KeptSystem(place, _inside(file), reset=system.reset, **made)
+        else:
+            return None
+        if goes_on and kept.may_go_on:
+            place.kept.append(kept.__enter__())
+            return kept
+        return kept if isinstance(kept, LiveSystem) else None
 
-    def _run(self, case: TestCase, place: TrialPlace, live: LiveSystem | None, started: float) -> Outcome:
+    def _run(self, case: TestCase, place: TrialPlace, kept: LiveSystem | KeptSystem | None, started: float) -> Outcome:
         context = place.context
         file, registry = context.file, context.registry
-        inside = [name for name, component in file.components.items() if not component.external]
+        live = kept if isinstance(kept, LiveSystem) else None
+        going_on = kept if isinstance(kept, KeptSystem) else None
+        inside = _inside(file)
         outside = [] if case.messages else [name for name, component in file.components.items() if component.external]
         if not inside:
             raise ConfigError("all components are external, so there is no system to run", where=str(file.path))
@@ -184,6 +188,10 @@ class SystemTrial:
                 stage = live.stage if live in place.kept else stack.enter_context(live).stage
                 begin, tap.now = messages[0].time if messages else case.messages[0].time, live.time.now
                 live.prepare(begin)
+            elif going_on:
+                stack.enter_context(held(file, outside))
+                stage = going_on.stage
+                going_on.begin([] if case.messages else [injector, tap])
             else:
                 stack.enter_context(held(file, [*inside, *outside]))
                 stage = stack.enter_context(
@@ -197,11 +205,14 @@ class SystemTrial:
                         stall=_STALL,
                         parameters=_parameters(case),
                         imports=place.imports,
+                        attach=[*inside, *outside],
                     )
                 )
 
             def watching(segment: str) -> Watch:
                 """Return what observes a segment; in virtual time, all that is published passes by."""
+                if going_on:
+                    return going_on.watching(segment)
 
                 def watch(expression: str, take: Callable[[Message], None]) -> None:
                     if live:
@@ -217,7 +228,7 @@ class SystemTrial:
             internal = {parse_selector(text).topic for text in self.observe} - set(file.external.topics)
             for expression in context.topics(*sorted(internal)):
                 watch(expression, seen.append)
-            if not case.messages:
+            if not case.messages and not going_on:
                 for expression in context.topics(*sorted(set(file.external.topics) - injected)):
                     stage.bus.subscribe(home, expression, tap.observe)
             stage.watch_outputs(context.watched, watch)
@@ -231,6 +242,8 @@ class SystemTrial:
                 watch("**", writer.write)
             if live:
                 live.start()
+            elif going_on:
+                going_on.start()
             else:
                 for name in inside:
                     stage.start(name, seed=case.seed, pace=self.pace)
@@ -432,6 +445,10 @@ class _Probe:
         found = judge(view, [monitor() for monitor in LIVENESS]).violations
         self.feeder.end(hangs=any(each.monitor == "hang" for each in found), seconds=seconds)
         return (*found, *self._baseline.mined.judge(view))
+
+
+def _inside(file: SystemFile) -> list[str]:
+    return [name for name, component in file.components.items() if not component.external]
 
 
 def _parameters(case: TestCase) -> dict[str, bool | int | float | str | bytes]:

@@ -13,6 +13,7 @@ from riot_bus.monitors.model import judge
 from riot_bus.sut.baseline import UNKNOWN, Baseline
 from riot_bus.sut.behaviour import behaviour_of
 from riot_bus.sut.evidence import write_evidence
+from riot_bus.sut.recorded_calls import serve_calls
 from riot_bus.sut.scarce import held
 from riot_bus.sut.signs import Feeder
 from riot_bus.sut.stage import TrialSetup
@@ -52,8 +53,16 @@ class IdleTrial:
             segments = [file.segment_of(file.components[name])]
             with (
                 held(file, [name]),
-                TrialSetup(context, place.launcher, place.directory, segments=segments, imports=place.imports) as stage,
+                TrialSetup(
+                    context,
+                    place.launcher,
+                    place.directory,
+                    segments=segments,
+                    imports=place.imports,
+                    attach=[name],
+                ) as stage,
             ):
+                serve_calls(stage, self.unit)
                 stage.start(name, seed=case.seed)
                 stage.wait_ready([name])
                 stage.settle([name], window=_WARM_UP, timeout=1.0)
@@ -100,6 +109,7 @@ class UnitTrial:
                     segments=[file.segment_of(file.components[name])],
                     stall=file.unit[self.unit].settle.timeout,
                     imports=None if self.evidence else place.imports,
+                    attach=[name],
                 ) as stage,
             ):
                 self.start(stage, case)
@@ -115,6 +125,7 @@ class UnitTrial:
         """
         name = component_of(stage.context.file, self.unit)
         component = stage.context.file.components[name]
+        serve_calls(stage, self.unit)
         stage.start(name, seed=case.seed, before=self.before)
         keys = dict.fromkeys(each.key for each in (*case.messages, *self.baseline.probe))
         stage.wait_subscribed(name, keys)

@@ -76,7 +76,7 @@ def test_a_component_gets_copies_of_files_with_its_placeholders(tmp_path: Path) 
     with Launcher() as launcher, TrialSetup(open_system(path), launcher, folder, segments=["system"]) as one:
         process = one.start("part", seed=5)
         assert wait_until(lambda: "\n" in process.printed(), 60)
-        endpoint, port = one.bus.endpoint("system"), one._free_port("{free_port}")
+        endpoint, port = one.bus.endpoint("system"), one._starter.free_port("{free_port}")
     assert process.printed() == f'{{ connect: ["{endpoint}"], port: {port}, seed: 5 }} system\n'
 
 

@@ -15,7 +15,7 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Placement", "StartedProcesses", "hooked"]
+__all__ = ["Placement", "StartedProcesses", "hooked", "only_some"]
 
 HOOK = Path(__file__).with_name("hook")
 _LARGEST = 1 << 20
@@ -79,6 +79,21 @@ def hooked(given: Mapping[str, str], plan: Path) -> dict[str, str]:
     """Return the variables by which the hook carries out a plan, for a process with these."""
     path = os.pathsep.join([str(HOOK), *filter(None, [given.get("PYTHONPATH", "")])])
     return {"PYTHONPATH": path, "RIOT_PLACEMENT": str(plan)}
+
+
+def only_some(given: Mapping[str, str], only: str, *, plan: Path) -> dict[str, str]:
+    """Return the variables by which a process starts only some of what it would start.
+
+    Args:
+        given: Its variables.
+        only: Regular expression for the whole name of what is started.
+        plan: A file that is written, in a folder to which only this user should be able to write; what would have been
+            started is told in a file beside it.
+    """
+    told = plan.with_suffix(".started")
+    told.touch(0o600)
+    plan.write_text(json.dumps({"only": only, "told": str(told)}), encoding="utf-8")
+    return hooked(given, plan)
 
 
 def _event(line: bytes) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from riot_bus.control.segment_environment import export, segment_variables, write_session_files
 from riot_bus.sut.domains import free_domains
-from riot_bus.sut.existing_tests.bridges import bridged_domains
 from riot_bus.sut.existing_tests.placement import Placement
+from riot_bus.sut.ros_bridge import bridged_domains
 from riot_bus.zenoh.session import environment_of_others
 
 if TYPE_CHECKING:

@@ -108,6 +108,83 @@ def test_nothing_outlives_a_killed_owner(tmp_path: Path) -> None:
     assert wait_until(lambda: not psutil.pid_exists(pid), WAIT_S)
 
 
+def test_what_is_torn_down_when_a_component_has_ended(launcher: Launcher, tmp_path: Path) -> None:
+    def begin(name: str, *command: str, teardown: str) -> ComponentProcess:
+        words = ["sh", "-c", teardown]
+        env = dict(os.environ)
+        return launcher.start(name, command, env=env, cwd=tmp_path, directory=tmp_path, teardown=words)
+
+    ends = begin("ends", "true", teardown="sleep 0.2; echo torn; touch ends")
+    assert launcher.wait([ends], timeout=WAIT_S)
+    assert (ends.status, ends.torn_down, (tmp_path / "ends").exists()) == (0, False, False)
+    assert launcher.wait([ends], timeout=WAIT_S, torn_down=True)
+    assert (tmp_path / "ends").exists()
+    assert (tmp_path / "ends.teardown").read_text() == "torn\n"
+    begin("stays", "sleep", "94.5", teardown="sleep 0.2; touch stays")
+    launcher.kill_all()
+    assert (tmp_path / "stays").exists()
+
+
+def test_a_teardown_that_fails_is_told(launcher: Launcher, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name, words in (("fails", ["sh", "-c", "exit 4"]), ("missing", ["no-such-program"])):
+        env, here = dict(os.environ), tmp_path
+        process = launcher.start(name, ["true"], env=env, cwd=here, directory=here, teardown=words)
+        assert launcher.wait([process], timeout=WAIT_S, torn_down=True)
+        assert process.status == 0
+    assert next(record.args for record in caplog.records) == ("fails", "status 4")
+    assert "no-such-program" in caplog.text
+
+
+def test_what_is_torn_down_when_riot_is_killed(tmp_path: Path) -> None:
+    code = (
+        "import os,sys,time,pathlib; from riot_bus.sut.launcher import Launcher\n"
+        "d = pathlib.Path(sys.argv[1])\n"
+        "launcher = Launcher()\n"
+        "words = ['sh', '-c', 'cat; touch held']\n"
+        "teardown = ['sh', '-c', 'sleep 0.3; touch torn']\n"
+        "p = launcher.start('part', words, env=dict(os.environ), cwd=d, directory=d, held=True, teardown=teardown)\n"
+        "print(p.pid, flush=True); time.sleep(60)"
+    )
+    root = str(Path(__file__).resolve().parents[3])
+    owner = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    assert owner.stdout is not None
+    pid = int(owner.stdout.readline())
+    assert wait_until(
+        lambda: bool(psutil.Process(pid).children()), WAIT_S
+    )  # it reads its standard input, which is open
+    owner.kill()
+    owner.wait()
+    owner.stdout.close()
+    assert wait_until((tmp_path / "torn").exists, WAIT_S)
+    assert not psutil.pid_exists(pid)
+
+
+def test_a_status_that_is_relayed(launcher: Launcher, tmp_path: Path) -> None:
+    for status, told in ((139, -11), (134, -6), (127, 127), (3, 3), (255, 255)):
+        env, words = dict(os.environ), ["sh", "-c", f"exit {status}"]
+        process = launcher.start("part", words, env=env, cwd=tmp_path, directory=tmp_path, relayed=True)
+        assert launcher.wait([process], timeout=WAIT_S)
+        assert process.status == told
+
+
+def test_limits_hold_for_processes_that_are_included(launcher: Launcher, tmp_path: Path) -> None:
+    code = "x = bytes([1]) * (200 << 20); input()"
+    with subprocess.Popen([sys.executable, "-S", "-c", code], stdin=subprocess.PIPE) as other:
+        limits = {"memory": 100 << 20, "files": 0, "processes": 0, "cpu": 0}
+        env, words = dict(os.environ), ["sleep", "93.5"]
+        process = launcher.start("part", words, env=env, cwd=tmp_path, directory=tmp_path, limits=limits)
+        launcher.include(process, [other.pid])
+        assert launcher.wait([process], timeout=WAIT_S)
+        assert process.excess is not None
+        assert process.excess[0] == "memory"
+        assert other.wait(WAIT_S) == -signal.SIGKILL
+
+
 def test_settling(launcher: Launcher, start: Start) -> None:
     busy = start("while True: pass")
     assert not wait_settled(Threads([busy.pid]), window=0.05, timeout=0.5)

@@ -1,10 +1,10 @@
-"""Gives processes that are started the environment of another segment, by their names; and packages a router each.
+"""Gives processes that are started the environment of another segment, or leaves them out, by their names.
 
-Python imports this by itself, as `riot ros-test` puts this folder first on PYTHONPATH. What it is to do stands in the
-file that `RIOT_PLACEMENT` names. It changes `subprocess.Popen`, by which launch, launch_testing, launch_pytest, `ros2
-run`, colcon and most test suites start processes: their command, its name and its prefix stay what they were, only
-variables are added. Nothing else changes: a `sitecustomize` of another one is imported as it would be. Standard library
-only.
+Python imports this by itself, as `riot ros-test` and components with `only` have this folder first on PYTHONPATH. What
+it is to do stands in the file that `RIOT_PLACEMENT` names. It changes `subprocess.Popen`, by which launch,
+launch_testing, launch_pytest, `ros2 run`, colcon and most test suites start processes: their command, its name and its
+prefix stay what they were, only variables are added; of packages, each gets a router. Nothing else changes: a
+`sitecustomize` of another one is imported as it would be. Standard library only.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ _INTERPRETER = re.compile(r"(?:python|pypy)[0-9.]*t?")
 _NODE = re.compile(r"(?:^|:)__(?:node|name):=(.+)")
 _NAMESPACE = re.compile(r"(?:^|:)__ns:=(.+)")
 _WITH_VALUE = ("-W", "-X")
+_WAITS = {"run", "call"}
+"""Functions of `subprocess` that wait for the end of what they start; the others of that kind call one of these."""
 _TEST_PROGRAMS = {"ctest", "pytest", "unittest"}
 _LARGEST = 1 << 18
 """Bytes of what is told."""
@@ -121,12 +123,36 @@ def wrapped(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
     popen["cwd"] = plan["cwd"]
 
 
+def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
+    """Put a process that does nothing in the place of one that is not chosen, so that whoever started it goes on.
+
+    What is waited for by `subprocess.run` and the like is a helper, such as the program that a launch file has its
+    parameters written by: it is started. So is whatever a chosen process starts.
+
+    Args:
+        plan: `only` (regular expression for a whole name).
+        popen: The arguments of `Popen`, by name.
+    """
+    if sys._getframe(2).f_code.co_name in _WAITS and sys._getframe(2).f_globals.get("__name__") == "subprocess":
+        return
+    names = names_of(words_of(popen["args"], shell=bool(popen.get("shell"))))
+    given = popen.get("env")
+    if any(re.fullmatch(plan["only"], name) for name in names):
+        environment = dict(os.environ if given is None else given)
+        environment.pop("RIOT_PLACEMENT", None)
+        popen["env"] = environment
+    else:
+        popen.update(args=["sleep", "infinity"], executable=None, shell=False)
+    _tell(plan["told"], names=names[:8], segment="")
+
+
 def patch(plan: Mapping[str, Any]) -> None:
     """Have `change` look at each process that this one starts."""
     import functools
     import subprocess
 
-    change: Callable[[Mapping[str, Any], dict[str, Any]], None] = wrapped if plan.get("wrap") else placed
+    change: Callable[[Mapping[str, Any], dict[str, Any]], None] = placed
+    change = wrapped if plan.get("wrap") else chosen if plan.get("only") else placed
     original: Any = subprocess.Popen.__init__
     order = original.__code__.co_varnames[1 : original.__code__.co_argcount]
 

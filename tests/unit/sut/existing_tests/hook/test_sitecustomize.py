@@ -13,7 +13,7 @@ import pytest
 
 from riot_bus.sut.existing_tests.hook import sitecustomize
 from riot_bus.sut.existing_tests.hook.sitecustomize import names_of, words_of
-from riot_bus.sut.existing_tests.placement import HOOK, Placement, StartedProcesses
+from riot_bus.sut.existing_tests.placement import HOOK, Placement, StartedProcesses, only_some
 
 SAYS = "import os; print(os.environ.get('WHERE'), os.environ.get('OWN'))"
 
@@ -181,3 +181,43 @@ def test_a_plan_says_whose_tests_to_wrap(tmp_path: Path) -> None:
         [sys.executable, str(tmp_path / "colcon")], capture_output=True, text=True, env=environment, check=True
     )
     assert done.stdout == " / ctest\n"
+
+
+LAUNCHES = """
+import asyncio, subprocess, sys, time
+
+async def main():
+    started = [await asyncio.create_subprocess_exec(sys.executable, *words.split()) for words in sys.argv[1:]]
+    written = subprocess.run([sys.executable, "-c", "print('written')"], capture_output=True, text=True).stdout
+    print(written, end="", flush=True)
+    print(await started[0].wait(), started[1].returncode, flush=True)
+    started[1].kill()
+    await started[1].wait()
+
+asyncio.run(main())
+"""
+
+
+def test_what_is_not_chosen_is_not_started_and_whoever_started_it_goes_on(tmp_path: Path) -> None:
+    part = "import os, subprocess, sys; open(sys.argv[0] + '.out', 'w').write(str('RIOT_PLACEMENT' in os.environ))\n"
+    part += "subprocess.Popen(['touch', 'by-' + os.path.basename(sys.argv[0])]).wait()"
+    for name in ("planner.py", "driver.py"):
+        (tmp_path / name).write_text(part)
+    given = {"PATH": os.environ["PATH"]}
+    environment = {**given, **only_some(given, "plan.*", plan=tmp_path / "some")}
+    done = subprocess.run(
+        [sys.executable, "-c", LAUNCHES, "planner.py", "driver.py"],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "written\n0 None\n"
+    assert (tmp_path / "planner.py.out").read_text() == "False"
+    assert (tmp_path / "by-planner.py").exists()  # what a chosen one starts is its own affair
+    assert not (tmp_path / "driver.py.out").exists()
+    told = [json.loads(line)["names"][-1] for line in (tmp_path / "some.started").read_text().splitlines()]
+    assert told == ["planner", "driver"]

@@ -1,4 +1,4 @@
-"""Bridges for tests whose nodes use DDS: a ROS domain of its own for each segment of the router."""
+"""Bridges for nodes that use DDS: a ROS domain of their own is joined to a segment of the router."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from riot_bus.sut.launcher import ComponentProcess, Launcher
 
-__all__ = ["bridged_domains"]
+__all__ = ["bridged_domains", "domain_environment", "start_bridge"]
 
 _READY_S = 60.0
 _END_S = 15.0
@@ -42,12 +42,10 @@ def bridged_domains(
     Raises:
         EnvironmentFaultError: A bridge does not start, as where there is no rclpy.
     """
-    bridges = []
-    for segment, domain in domains.items():
-        options = [f"--domain={domain}", f"--endpoint={endpoints[segment]}", "--format=json"]
-        command = [*riot_command(), "bridge", "ros2", *options]
-        name = f"bridge-{segment}"
-        bridges.append(launcher.start(name, command, env=environment_of_others(), cwd=folder, directory=folder))
+    bridges = [
+        start_bridge(launcher, f"bridge-{segment}", endpoint=endpoints[segment], domain=domain, folder=folder)
+        for segment, domain in domains.items()
+    ]
     for bridge in bridges:
         _wait_ready(launcher, bridge)
     carried: Counter[str] = Counter()
@@ -60,6 +58,34 @@ def bridged_domains(
         for bridge in bridges:
             topics = _event(bridge, "ended").get("topics", {})
             carried.update({topic: ways["to_domain"] for topic, ways in topics.items()})
+
+
+def domain_environment(domain: int, folder: Path) -> dict[str, str]:
+    """Return the variables of nodes in a domain of this machine that write their logs into a folder.
+
+    They do not use shared memory, since that of nodes that are killed stays.
+    """
+    return {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(folder),
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
+
+
+def start_bridge(launcher: Launcher, name: str, *, endpoint: str, domain: int, folder: Path) -> ComponentProcess:
+    """Start a bridge that joins a ROS domain to a segment.
+
+    Args:
+        launcher: Owner of the process.
+        name: What it is called.
+        endpoint: Where the segment listens.
+        domain: The domain.
+        folder: For its output.
+    """
+    options = [f"--domain={domain}", f"--endpoint={endpoint}", "--format=json"]
+    command = [*riot_command(), "bridge", "ros2", *options]
+    return launcher.start(name, command, env=environment_of_others(), cwd=folder, directory=folder)
 
 
 def _wait_ready(launcher: Launcher, bridge: ComponentProcess) -> None:

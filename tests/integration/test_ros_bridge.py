@@ -1,12 +1,19 @@
-"""`riot ros-test --dds`: nodes of real ROS 2 with Fast DDS, each segment of the router with a ROS domain of its own."""
+"""Nodes of real ROS 2 with Fast DDS, each segment with a ROS domain of its own: `riot ros-test --dds`, and `dds`."""
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from riot_bus.log.reader import LogReader
+from riot_bus.sut.context import open_system
+from riot_bus.sut.launcher import Launcher
+from riot_bus.sut.stage import TrialSetup
+from riot_bus.vocabulary.errors import EnvironmentFaultError
+from riot_bus.zenoh.session import wait_until
 from tests.integration.existing_suite import ros_test
 from tests.ros2_env import ros2_environment, ros2_interpreter
 
@@ -73,3 +80,30 @@ def test_without_rclpy_it_says_what_is_missing(tmp_path: Path) -> None:
     code, _, said = ros_test(tmp_path, "--dds", command=["true"], RIOT_ROS_PYTHON="no-such-python")
     assert code == 4
     assert said[0].startswith("--dds: no bridge to DDS: ")
+
+
+CHARGER = Path(__file__).resolve().parents[1] / "systems" / "charger" / "riot.toml"
+
+
+def test_a_component_gets_a_domain_and_a_bridge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIOT_ROS_PYTHON", str(ros2_interpreter()))
+    context = open_system(CHARGER)
+    with Launcher() as launcher, TrialSetup(context, launcher, tmp_path, segments=["robot"]) as stage:
+        process = stage.start("lamp", seed=0)
+        stage.wait_ready(["lamp"])
+        (expression,) = context.topics("/battery_state")
+        assert not stage.bus.wait_subscribed("robot", [expression], timeout=30)
+        node, bridge = stage.threads(["lamp"]).pids[:2]
+        assert node == process.pid
+        assert stage.view(["lamp"], settled=True, waited=1.0).components[0].status is None
+        os.kill(bridge, signal.SIGKILL)
+        assert wait_until(lambda: _has_no_bridge(stage), 30)
+
+
+def _has_no_bridge(stage: TrialSetup) -> bool:
+    """Return whether the end of the bridge is told, which is no failure of the component."""
+    try:
+        stage.view(["lamp"], settled=True, waited=1.0)
+    except EnvironmentFaultError as error:
+        return "the bridge to DDS of component 'lamp' ended with status -9" in str(error)
+    return False

@@ -1,0 +1,76 @@
+"""Stands for a component that runs already: finds the processes that have connected to a port, and ends when one does.
+
+Usage: `python -m riot_bus.sut.attached PORT PID`, with the process of riot, which is none of them. It prints their
+numbers as a list, once there are any.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+__all__ = ["attached_command", "connected"]
+
+_POLL = 0.05
+
+
+def attached_command(port: int) -> list[str]:
+    """Return the command of what stands for the processes that connect to a port of this process."""
+    return [sys.executable, "-E", "-P", "-m", __name__, str(port), str(os.getpid())]
+
+
+def connected(port: int, *, to: int, but: Collection[int] = ()) -> list[int]:
+    """Return the processes of this machine that have a connection to a TCP port, as far as this user may know.
+
+    Args:
+        port: The port.
+        to: The process whose port it is; it is none of them.
+        but: Other processes that are left out.
+    """
+    import psutil
+
+    found = [
+        (each.pid, _address(each.laddr), _address(each.raddr))
+        for each in psutil.net_connections("tcp")
+        if each.status == psutil.CONN_ESTABLISHED
+    ]
+    clients = {remote for pid, local, remote in found if pid == to and local[1] == port}
+    pids = {pid for pid, local, _ in found if local in clients}
+    return sorted(pid for pid in pids if pid is not None and pid not in (to, *but))
+
+
+def _address(address: Any) -> tuple[str, int]:
+    return address.ip.removeprefix("::ffff:"), address.port
+
+
+def wait_for_end(pids: Sequence[int]) -> int:
+    """Return the first of some processes that has ended."""
+    watched = {}
+    for pid in pids:
+        try:
+            watched[os.pidfd_open(pid)] = pid
+        except ProcessLookupError:
+            return pid
+    ended, _, _ = select.select(list(watched), [], [])
+    return watched[ended[0]]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Wait for processes, and for the end of one of them."""
+    port, riot = map(int, arguments)
+    while not (pids := connected(port, to=riot)):
+        time.sleep(_POLL)
+    sys.stdout.write(f"{json.dumps(pids)}\n")
+    sys.stdout.flush()
+    sys.stdout.write(f"process {wait_for_end(pids)} has ended\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,123 @@
+"""Components in containers: the commands of podman, docker and their compose that start, find and remove one."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.sut.system import Container
+
+__all__ = ["ENGINE_FAILED", "ContainerCommands", "container_commands", "engine_of", "first_process", "image_id"]
+
+ENGINE_FAILED = 125
+"""Status of `run` when the engine, not the program, has failed."""
+_ENGINES = ("podman", "docker")
+"""Podman's containers are descendants of riot's own processes, so it comes first."""
+_ASKED_S = 30.0
+_REMOVE = '"$0" kill "$1"; "$0" rm -f "$1"; exit 0'
+"""Removing alone gives a container ten seconds to end with some engines; it may be gone already."""
+
+
+class ContainerCommands(NamedTuple):
+    """How a container is started and removed.
+
+    Attributes:
+        name: What it is called; no other one of this machine is.
+        run: Runs it to its end, with its output and status.
+        remove: Ends and removes it.
+    """
+
+    name: str
+    run: Sequence[str]
+    remove: Sequence[str]
+
+
+def engine_of(container: Container) -> str:
+    """Return the program that runs containers: the one that riot.toml names, else the first that is there.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if container.engine is not None:
+        return container.engine
+    found = next((each for each in _ENGINES if shutil.which(each)), None)
+    if found is None:
+        raise ConfigError("no podman and no docker to run a container", hint="install one, or name it: engine = PATH")
+    return found
+
+
+def container_commands(
+    container: Container, name: str, *, command: Sequence[str], env: Mapping[str, str], folder: Path
+) -> ContainerCommands:
+    """Return how a container is started: in the network of this machine, with a process 1 that hands on signals.
+
+    Args:
+        container: What riot.toml says of it, with placeholders filled in.
+        name: What it shall be called.
+        command: Replaces the image's own command; empty for that.
+        env: Variables that it gets besides those of its image.
+        folder: Folder of the trial, which it sees under the same path.
+
+    Raises:
+        ConfigError: There is no program that runs containers.
+    """
+    engine = engine_of(container)
+    words = ["--rm", "--name", name, *(f"--env={key}={value}" for key, value in env.items())]
+    words += [f"--volume={folder}:{folder}", *container.options]
+    if container.service is None:
+        run = [engine, "run", "--network=host", "--init", *words, container.image, *command]
+    else:
+        program = [engine, "compose"] if os.path.basename(engine) == "docker" else [f"{engine}-compose"]
+        files = [container.compose or "", _as_run(container.service, folder / f"{name}.compose.json")]
+        run = [*program, *(word for file in files for word in ("-f", file)), "run", "--no-deps", "-T"]
+        run += [*words, container.service, *command]
+    return ContainerCommands(name, run, ["sh", "-c", _REMOVE, engine, name])
+
+
+def _as_run(service: str, path: Path) -> str:
+    """Write what holds for a service when riot runs it, and return the path of that compose file."""
+    changed = {"network_mode": "host", "init": True}
+    path.write_text(json.dumps({"services": {service: changed}}), encoding="utf-8")
+    return str(path)
+
+
+def first_process(engine: str, name: str) -> int:
+    """Return the process of this machine that is process 1 of a container; 0 as long as there is none.
+
+    Raises:
+        EnvironmentFaultError: The engine does not answer.
+    """
+    done = _ask(engine, "inspect", "--format", "{{.State.Pid}}", name)
+    return int(done.stdout) if done.returncode == 0 and done.stdout.strip().isdigit() else 0
+
+
+def image_id(container: Container) -> str:
+    """Return the hash of a container's image: it stands for the code that runs in it.
+
+    Raises:
+        ConfigError: There is no program that runs containers.
+        EnvironmentFaultError: It does not answer, or has no such image.
+    """
+    engine = engine_of(container)
+    done = _ask(engine, "image", "inspect", "--format", "{{.Id}}", container.image)
+    if done.returncode:
+        told = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+        hint = f"get or build it first: {engine} pull {container.image}"
+        raise EnvironmentFaultError(f"{engine} has no image {container.image!r}: {told}", hint=hint)
+    return done.stdout.strip()
+
+
+def _ask(engine: str, *words: str) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run([engine, *words], capture_output=True, text=True, timeout=_ASKED_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EnvironmentFaultError(f"{engine!r} cannot be asked about containers: {error}") from None

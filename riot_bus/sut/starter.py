@@ -1,0 +1,295 @@
+"""Starts the components of one trial: placeholders are filled in, and what they need beside themselves is made."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import socket
+import sys
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING
+
+from riot_bus.sut.containers import first_process
+from riot_bus.sut.domains import free_domains
+from riot_bus.sut.existing_tests.placement import only_some
+from riot_bus.sut.forking import fork_of
+from riot_bus.sut.ros_bridge import domain_environment, start_bridge
+from riot_bus.sut.starts import start_of
+from riot_bus.sut.surroundings import fixed_environment
+from riot_bus.sut.system import FREE_PORT
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+from riot_bus.zenoh.session import environment_of_others
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, MutableMapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.sut.context import Context
+    from riot_bus.sut.launcher import ComponentProcess, Launcher
+    from riot_bus.sut.python_report import PythonReport
+    from riot_bus.sut.starts import Start
+    from riot_bus.sut.system import RunPace
+    from riot_bus.vocabulary.message import Scalar
+
+__all__ = ["ComponentStarter", "last_words"]
+
+_PORTS = range(15_000, 32_000)
+"""Below those that the kernel hands out, so that none is gone before the component listens there."""
+
+
+class ComponentStarter:
+    """Starts components and knows what belongs to each: its process, its container, its bridge to DDS.
+
+    Args:
+        context: The system.
+        launcher: Owner of the processes.
+        directory: Folder of the trial.
+        python: What Python components tell of themselves.
+        imports: Modules that Python components import, by program (see `TrialSetup`).
+        parameters: Values of {param:NAME}.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        launcher: Launcher,
+        directory: Path,
+        *,
+        python: PythonReport,
+        imports: MutableMapping[str, Sequence[str]],
+        parameters: Mapping[str, Scalar],
+    ) -> None:
+        self._file, self._launcher, self._directory = context.file, launcher, directory
+        self._python, self._imports, self._parameters = python, imports, parameters
+        self._processes: dict[str, ComponentProcess] = {}
+        self._starts: dict[str, Start] = {}
+        self._folders: dict[str, Path] = {}
+        self._bridges: dict[str, ComponentProcess] = {}
+        self._inside: dict[str, Sequence[int]] = {}
+        self._ports: dict[str, int] = {}
+        self._domains: dict[str, int] = {}
+        self._reserved = ExitStack()
+
+    def close(self) -> None:
+        """Note what Python components have imported, and give back what was reserved for the trial."""
+        with self._reserved:
+            for name, process in self._processes.items():
+                if (program := self._program(name)) not in self._imports:
+                    self._imports[program] = self._python.imports(process.pid)
+
+    def start(
+        self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None, before: Sequence[str]
+    ) -> ComponentProcess:
+        """Start a component, after what is set up for it.
+
+        Args:
+            name: The component.
+            endpoint: Where its segment listens.
+            segment: The name of that.
+            seed: For its `{seed}`.
+            pace: For its `{duration}` and `{speed}`.
+            before: Words before its command, such as those of a debugger, if that is executed here.
+
+        Raises:
+            ConfigError: It cannot be started so on this machine, or its setup fails.
+            EnvironmentFaultError: It or its setup cannot be executed.
+        """
+        component = self._file.components[name]
+        before = before if component.is_process else ()
+        there = f"tcp/127.0.0.1:{self.free_port(f'ssh {name}')}" if component.ssh else endpoint
+        words = self._words(name, there, segment=segment, seed=seed, pace=pace)
+        filled = component.filled(lambda text: _fill(text, words))
+        fixed = self._file.system.surroundings == "fixed"
+        surroundings = fixed_environment(component.env) if fixed else {}
+        domain = domain_environment(self._domain(name), self._directory) if component.dds else {}
+        own = {**domain, **filled.env, **surroundings}
+        env = {**environment_of_others(), **own}
+        if component.is_process:
+            env |= self._python.environment(env, imports=self._program(name) not in self._imports)
+        if component.only is not None:
+            env |= only_some(env, component.only, plan=self._directory / f"{name}.only")
+        cwd = self._folders[name] = (self._file.root / ("." if component.ssh else filled.cwd)).resolve()
+        start = self._starts[name] = start_of(
+            filled,
+            name,
+            argv=[*before, *filled.command],
+            env=own,
+            endpoint=endpoint,
+            there=there,
+            folder=self._directory,
+        )
+        fork = None
+        executed = before or component.only or not component.is_process
+        if fixed and not executed and self._file.isolation_of(name) != "fresh":
+            varying = {key for key, value in filled.env.items() if component.env[key] != value}
+            modules = self._imports.get(self._program(name), ())
+            fork = fork_of(start.argv, env=env, varying=varying, cwd=cwd, modules=modules)
+        if filled.setup:
+            self._carry_out(f"{name}.setup", filled.setup, env=env, cwd=cwd, timeout=component.ready.timeout)
+        bridge = self._bridges.get(name)
+        if component.dds and (bridge is None or not self._launcher.alive(bridge)):
+            number, called = self._domain(name), f"{name}.bridge"
+            self._bridges[name] = start_bridge(
+                self._launcher, called, endpoint=endpoint, domain=number, folder=self._directory
+            )
+        self._inside.pop(name, None)
+        limits = component.limits
+        unlimited = before or component.attach is not None or limits == "off"
+        self._processes[name] = self._launcher.start(
+            name,
+            start.argv,
+            env=env,
+            cwd=cwd,
+            directory=self._directory,
+            fixed=fixed,
+            fork=fork,
+            limits=None if unlimited or limits == "off" else limits.model_dump(),
+            held=start.held,
+            teardown=start.teardown,
+            relayed=start.relayed,
+        )
+        return self._processes[name]
+
+    def folder_of(self, name: str) -> Path:
+        """Return where a component's code is: its working folder."""
+        return self._folders[name]
+
+    def _words(self, name: str, endpoint: str, *, segment: str, seed: int, pace: RunPace | None) -> Mapping[str, str]:
+        """Return what stands for each placeholder of a component."""
+        component = self._file.components[name]
+        words = self._common_words() | {
+            "{endpoint}": endpoint,
+            "{segment}": segment,
+            "{seed}": str(seed),
+            "{duration}": f"{pace.duration if pace else 0:g}",
+            "{speed}": f"{pace.speed if pace else 1:g}",
+        }
+        words |= {f"{{param:{one}}}": _as_word(value) for one, value in self._parameters.items()}
+        for text in self._file.texts_of(component):
+            words |= {word: str(self.free_port(word)) for word in FREE_PORT.findall(text)}
+            words |= {"{domain}": str(self._domain(name))} if "{domain}" in text else {}
+        copies = {
+            f"{{file:{path}}}": self._copy(f"{name}.{number}", path, words)
+            for number, path in enumerate(component.files)
+        }
+        return words | copies
+
+    def _common_words(self) -> dict[str, str]:
+        return {
+            "{python}": sys.executable,
+            "{trial_dir}": str(self._directory),
+            "{slot}": str(self._launcher.slot),
+        }
+
+    def _copy(self, prefix: str, path: str, words: Mapping[str, str]) -> str:
+        """Return the path of a component's copy of a file, in which placeholders are filled in."""
+        copy = self._directory / f"{prefix}.{os.path.basename(path)}"
+        copy.write_text(_fill(self._file.text_of(path), words), encoding="utf-8")
+        return str(copy)
+
+    def execute(self, name: str, command: Sequence[str], *, timeout: float) -> None:
+        """Execute a command that belongs to no component, to its end; see `TrialSetup.execute`."""
+        words = self._common_words() | {
+            word: str(self.free_port(word)) for text in command for word in FREE_PORT.findall(text)
+        }
+        filled = [_fill(word, words) for word in command]
+        self._carry_out(name, filled, env=environment_of_others(), cwd=self._file.root, timeout=timeout)
+
+    def _carry_out(
+        self, name: str, command: Sequence[str], *, env: Mapping[str, str], cwd: Path, timeout: float
+    ) -> None:
+        """Execute a command to its end; what it writes stays in files of its name."""
+        process, where = (
+            self._launcher.start(name, command, env=env, cwd=cwd, directory=self._directory),
+            self._file.path,
+        )
+        if not self._launcher.wait([process], timeout=timeout):
+            told = f"{name}: {command[0]!r} has not ended within {timeout:g} s"
+            raise EnvironmentFaultError(told, where=str(where), hint=last_words(process))
+        if process.status:
+            told = f"{name}: {command[0]!r} ended with status {process.status}"
+            raise ConfigError(told, where=str(where), hint=last_words(process))
+
+    def _program(self, name: str) -> str:
+        """Return what tells apart the programs whose imports are known."""
+        component = self._file.components[name]
+        return " ".join((name, component.cwd, *component.command))
+
+    def _domain(self, name: str) -> int:
+        """Return a ROS domain that nobody else has until the trial ends: a component's own one if it has a bridge."""
+        owner = name if self._file.components[name].dds else ""
+        if owner not in self._domains:
+            self._domains[owner] = self._reserved.enter_context(free_domains(1))[0]
+        return self._domains[owner]
+
+    def free_port(self, word: str) -> int:
+        """Return a port of TCP and UDP that was free, for each placeholder its own, the same in all of the trial."""
+        while word not in self._ports:
+            port = random.SystemRandom().choice(_PORTS)
+            with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, suppress(OSError):
+                tcp.bind(("", port))
+                udp.bind(("", port))
+                if port not in self._ports.values():
+                    self._ports[word] = port
+        return self._ports[word]
+
+    def find_inside(self, name: str) -> None:
+        """Find the processes of a component that is ready and whose processes are no descendants of riot's."""
+        start, process = self._starts[name], self._processes[name]
+        if start.container and name not in self._inside and (pid := first_process(start.engine, start.container)):
+            self._inside[name] = [pid]
+            self._launcher.include(process, self._inside[name])
+        if self._file.components[name].attach is not None:
+            self._inside[name] = json.loads(process.printed().partition("\n")[0])
+
+    def roots(self, names: Iterable[str]) -> tuple[int, ...]:
+        """Return the processes that all others of components descend from."""
+        found = []
+        for name in names:
+            found.append(self._processes[name].pid)
+            found += self._inside.get(name, ())
+            found += [self._bridges[name].pid] if name in self._bridges else []
+        return tuple(found)
+
+    def runs(self, name: str) -> bool:
+        """Return whether a component runs, and its bridge if it has one."""
+        processes = [self._processes[name], *([self._bridges[name]] if name in self._bridges else [])]
+        return all(map(self._launcher.alive, processes))
+
+    def check_way(self, name: str) -> None:
+        """Check that what leads to a component has not ended: that is no failure of the component.
+
+        Raises:
+            EnvironmentFaultError: It has.
+        """
+        start, process, bridge = self._starts[name], self._processes[name], self._bridges.get(name)
+        if bridge is not None and not self._launcher.alive(bridge):
+            ended, what = bridge, "the bridge to DDS"
+        elif start.lost is not None and process.status == start.lost:
+            ended, what = process, repr(start.argv[0])
+        else:
+            return
+        raise EnvironmentFaultError(
+            f"{what} of component {name!r} ended with status {ended.status}",
+            where=str(self._file.path),
+            hint=last_words(ended),
+        )
+
+
+def last_words(process: ComponentProcess) -> str:
+    """Return the end of what a process has written to stderr, as a hint."""
+    lines = process.errors().strip().splitlines()
+    tail = "\n    ".join(lines[-6:])
+    return f"its last words on stderr:\n    {tail}" if lines else "it wrote nothing to stderr"
+
+
+def _as_word(value: Scalar) -> str:
+    """Return a parameter as commands take it: `true` rather than `True`."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _fill(text: str, words: Mapping[str, str]) -> str:
+    for word, value in words.items():
+        text = text.replace(word, value)
+    return text

@@ -1,0 +1,83 @@
+"""How a component is started: as a process of this machine, in a container, on another machine; or it runs already."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import shlex
+from typing import TYPE_CHECKING, NamedTuple
+
+from riot_bus.sut.attached import attached_command
+from riot_bus.sut.containers import ENGINE_FAILED, container_commands, engine_of
+from riot_bus.sut.remote_command import CONNECTION_LOST, ssh_command
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from riot_bus.sut.system import Component
+
+__all__ = ["Start", "start_of"]
+
+
+class Start(NamedTuple):
+    """How a component is started.
+
+    Attributes:
+        argv: What is executed on this machine.
+        teardown: What is executed when that has ended; empty for nothing.
+        engine: What runs its container; empty if it has none.
+        container: The name of that.
+        held: Whether its standard input stays open.
+        relayed: Whether its status is told as a shell tells it.
+        lost: Status that tells of the way to it, not of itself; None if there is no such way.
+    """
+
+    argv: Sequence[str]
+    teardown: Sequence[str] = ()
+    engine: str = ""
+    container: str = ""
+    held: bool = False
+    relayed: bool = False
+    lost: int | None = None
+
+
+def start_of(
+    component: Component,
+    name: str,
+    *,
+    argv: Sequence[str],
+    env: Mapping[str, str],
+    endpoint: str,
+    there: str,
+    folder: Path,
+) -> Start:
+    """Return how a component is started.
+
+    Args:
+        component: What riot.toml says of it, with placeholders filled in.
+        name: What it is called there.
+        argv: Its command.
+        env: Variables that riot.toml gives it, and those of the surroundings: a container and another machine have
+            further ones of their own.
+        endpoint: Where its segment listens.
+        there: Where that is for the component: the same, unless it runs on another machine.
+        folder: Folder of the trial.
+
+    Raises:
+        ConfigError: It cannot be started so on this machine.
+    """
+    if component.container is not None:
+        called = f"riot-{secrets.token_hex(6)}-{re.sub(r'[^A-Za-z0-9_.-]', '-', name)}"
+        made = container_commands(component.container, called, command=argv, env=env, folder=folder)
+        teardown: Sequence[str] = made.remove
+        if component.teardown:
+            teardown = ["sh", "-c", f"{shlex.join(made.remove)}; {shlex.join(component.teardown)}"]
+        engine = engine_of(component.container)
+        return Start(made.run, teardown, engine, made.name, relayed=True, lost=ENGINE_FAILED)
+    if component.ssh is not None:
+        words = ssh_command(component.ssh, endpoint, there, command=argv, env=env, cwd=component.cwd)
+        return Start(words, component.teardown, held=True, relayed=True, lost=CONNECTION_LOST)
+    if component.attach is not None:
+        return Start(attached_command(int(component.attach.rpartition(":")[2])), component.teardown, lost=1)
+    return Start(argv, component.teardown)

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from riot_bus.sut.containers import container_commands, engine_of, first_process, image_id
+from riot_bus.sut.system import Container
+from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
+
+ENV = {"GAIN": "2", "NAME": "a b"}
+
+
+def engine(folder: Path, text: str, name: str = "podman") -> str:
+    """Return a program that answers as an engine would."""
+    path = folder / name
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def test_an_image_is_run_in_the_network_of_this_machine(tmp_path: Path) -> None:
+    container = Container(image="registry/planner:2", engine="podman", options=("--memory=1g",))
+    made = container_commands(container, "riot-1-planner", command=["plan", "-v"], env=ENV, folder=tmp_path)
+    options = ["--rm", "--name", "riot-1-planner", "--env=GAIN=2", "--env=NAME=a b", f"--volume={tmp_path}:{tmp_path}"]
+    assert made.run == [
+        *("podman", "run", "--network=host", "--init"),
+        *options,
+        *("--memory=1g", "registry/planner:2", "plan", "-v"),
+    ]
+    assert made.remove[-2:] == ["podman", "riot-1-planner"]
+
+
+@pytest.mark.parametrize(
+    ("program", "compose"), [("/usr/bin/docker", ["/usr/bin/docker", "compose"]), ("podman", ["podman-compose"])]
+)
+def test_a_service_is_run_alone_and_in_the_network_of_this_machine(
+    tmp_path: Path, program: str, compose: list[str]
+) -> None:
+    container = Container(image="planner", compose="stack.yaml", service="planner", engine=program)
+    made = container_commands(container, "riot-1-planner", command=[], env={}, folder=tmp_path)
+    changed = tmp_path / "riot-1-planner.compose.json"
+    assert made.run[: len(compose)] == compose
+    rest = made.run[len(compose) :]
+    assert rest[:7] == ["-f", "stack.yaml", "-f", str(changed), "run", "--no-deps", "-T"]
+    assert rest[-1] == "planner"
+    assert json.loads(changed.read_text()) == {"services": {"planner": {"network_mode": "host", "init": True}}}
+
+
+def test_removing_is_no_error_where_there_is_nothing(tmp_path: Path) -> None:
+    program = engine(tmp_path, 'echo "$@" >> asked; exit 1')
+    made = container_commands(Container(image="x", engine=program), "one", command=[], env={}, folder=tmp_path)
+    subprocess.run(made.remove, cwd=tmp_path, check=True)
+    assert (tmp_path / "asked").read_text() == "kill one\nrm -f one\n"
+
+
+def test_podman_comes_before_docker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ConfigError, match="no podman and no docker"):
+        engine_of(Container(image="x"))
+    engine(tmp_path, "", "docker")
+    assert engine_of(Container(image="x")) == "docker"
+    engine(tmp_path, "")
+    assert engine_of(Container(image="x")) == "podman"
+    assert engine_of(Container(image="x", engine="nerdctl")) == "nerdctl"
+
+
+def test_the_process_of_a_container(tmp_path: Path) -> None:
+    assert first_process(engine(tmp_path, "echo 77"), "one") == 77
+    assert first_process(engine(tmp_path, "echo 0"), "one") == 0
+    assert first_process(engine(tmp_path, "echo no such container >&2; exit 125"), "one") == 0
+
+
+def test_the_hash_of_an_image(tmp_path: Path) -> None:
+    container = Container(image="planner", engine=engine(tmp_path, "echo sha256:00ff"))
+    assert image_id(container) == "sha256:00ff"
+    missing = Container(image="planner", engine=engine(tmp_path, "echo Error: no such image >&2; exit 125"))
+    with pytest.raises(EnvironmentFaultError, match="no image 'planner': Error: no such image"):
+        image_id(missing)
+    gone = Container(image="planner", engine=os.path.join(tmp_path, "nothing"))
+    with pytest.raises(EnvironmentFaultError, match="cannot be asked about containers"):
+        image_id(gone)
