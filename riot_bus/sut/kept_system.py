@@ -38,7 +38,8 @@ __all__ = ["KeptComponents", "KeptSystem", "not_subscribed"]
 _MOST_RUNS = 100
 """Of one set of processes; a start then costs less than a hundredth of the time."""
 _VARYING = ("{seed}", "{duration}", "{speed}")
-_RESET_WINDOW = 0.03
+_RESET_WINDOW = 0.1
+"""Seconds; ten of them is what a reset may be on its way, on a loaded machine."""
 _BLOCK = Qos(congestion="block")
 
 
@@ -200,7 +201,7 @@ class KeptSystem(KeptComponents):
     def _bring_back(self) -> None:
         reset, stage = self._reset, self.stage
         assert reset is not None
-        where = f"{self._place.context.file.path}: system.reset"
+        where, before = f"{self._place.context.file.path}: system.reset", stage.activity(self._names)
         if reset.topic is None:
             stage.execute("reset", reset.command, timeout=self._timeout)
         else:
@@ -210,7 +211,7 @@ class KeptSystem(KeptComponents):
             reached = (stage.bus.deliver(name, message) for name in stage.bus.sessions)
             if not (any(list(reached)) if cut else any(reached)):  # else one segment hands it on to the others
                 raise not_subscribed(reset.topic, where=where)
-        if not stage.settle(self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=stage.idle):
+        if not stage.settle(self._names, window=_RESET_WINDOW, timeout=self._timeout, idle=stage.idle, since=before):
             raise EnvironmentFaultError(f"components are still busy {self._timeout:g} s after their reset", where=where)
         stage.bus.drain(self._timeout)
 
