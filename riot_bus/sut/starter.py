@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from riot_bus.sut.containers import first_process
 from riot_bus.sut.domains import free_domains
-from riot_bus.sut.existing_tests.placement import only_some
+from riot_bus.sut.existing_tests.placement import STARTED, only_some, started_in
 from riot_bus.sut.forking import fork_of
 from riot_bus.sut.ros_bridge import domain_environment, start_bridge
 from riot_bus.sut.starts import start_of
@@ -235,8 +235,21 @@ class ComponentStarter:
         return self._ports[word]
 
     def find_inside(self, name: str) -> None:
-        """Find the processes of a component that is ready and whose processes are no descendants of riot's."""
+        """Find the processes of a ready component where they are no descendants of riot's, or only some of them.
+
+
+        Raises:
+            ConfigError: Nothing that its command has started is what `only` in riot.toml means.
+        """
         start, process = self._starts[name], self._processes[name]
+        if (only := self._file.components[name].only) is not None:
+            found = started_in((self._directory / f"{name}.only").with_suffix(STARTED))
+            if not found.chosen:
+                others = ", ".join(sorted(found.others)) or "nothing by Python's subprocess"
+                told = f"nothing that {name!r} has started is called {only!r}"
+                raise ConfigError(
+                    told, where=f"{self._file.path}: [components.{name}] only", hint=f"it started {others}"
+                )
         if start.container and name not in self._inside and (pid := first_process(start.engine, start.container)):
             self._inside[name] = [pid]
             self._launcher.include(process, self._inside[name])
@@ -251,6 +264,10 @@ class ComponentStarter:
             found += self._inside.get(name, ())
             found += [self._bridges[name].pid] if name in self._bridges else []
         return tuple(found)
+
+    def bridge_of(self, name: str) -> ComponentProcess | None:
+        """Return the bridge of a component to DDS; None if it has none."""
+        return self._bridges.get(name)
 
     def runs(self, name: str) -> bool:
         """Return whether a component runs, and its bridge if it has one."""

@@ -125,6 +125,22 @@ def test_only_some_of_what_a_command_starts_belongs_to_a_component(tmp_path: Pat
     assert not (tmp_path / "other").exists()
 
 
+@pytest.mark.parametrize(
+    ("starts", "told"), [("True", "it started other"), ("False", "nothing by Python's subprocess")]
+)
+def test_only_what_is_never_started_is_told(tmp_path: Path, starts: str, told: str) -> None:
+    (tmp_path / "all.py").write_text(
+        "import subprocess, sys\n"
+        f"other = subprocess.Popen([sys.executable, 'other.py']) if {starts} else None\n"
+        "exec(open('part.py').read())\n"
+    )
+    path = system(tmp_path, 'command = ["{python}", "all.py", "{endpoint}"]\nonly = "prat"\n')
+    with stage(path) as one:
+        one.start("part", seed=0)
+        with pytest.raises(ConfigError, match=f"(?s)nothing that 'part' has started is called 'prat'.*{told}"):
+            one.wait_subscribed("part", ["ask"])
+
+
 def test_a_component_that_runs_already(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

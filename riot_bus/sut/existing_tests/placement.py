@@ -15,9 +15,11 @@ from riot_bus.vocabulary.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Placement", "StartedProcesses", "hooked", "only_some"]
+__all__ = ["STARTED", "Placement", "StartedProcesses", "hooked", "only_some", "started_in"]
 
 HOOK = Path(__file__).with_name("hook")
+STARTED = ".started"
+"""Suffix of the file beside a plan of `only_some` in which the hook tells what was to be started."""
 _LARGEST = 1 << 20
 
 
@@ -64,15 +66,20 @@ class Placement:
 
     def started(self) -> StartedProcesses:
         """Return what was started so far."""
-        found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
-        with self._told.open("rb") as stream:
-            lines = stream.read(_LARGEST).splitlines()
-        for line in lines:
-            event = _event(line)
-            names = event.get("names")
-            if isinstance(names, list) and names:
-                found[bool(event.get("segment"))][str(names[-1] if len(names) > 1 else names[0])] += 1
-        return StartedProcesses(found[True], found[False])
+        return started_in(self._told)
+
+
+def started_in(told: Path) -> StartedProcesses:
+    """Return what was started so far, as the hook has told it in a file."""
+    found: dict[bool, Counter[str]] = {True: Counter(), False: Counter()}
+    with told.open("rb") as stream:
+        lines = stream.read(_LARGEST).splitlines()
+    for line in lines:
+        event = _event(line)
+        names = event.get("names")
+        if isinstance(names, list) and names:
+            found[bool(event.get("segment"))][str(names[-1] if len(names) > 1 else names[0])] += 1
+    return StartedProcesses(found[True], found[False])
 
 
 def hooked(given: Mapping[str, str], plan: Path) -> dict[str, str]:
@@ -90,7 +97,7 @@ def only_some(given: Mapping[str, str], only: str, *, plan: Path) -> dict[str, s
         plan: A file that is written, in a folder to which only this user should be able to write; what would have been
             started is told in a file beside it.
     """
-    told = plan.with_suffix(".started")
+    told = plan.with_suffix(STARTED)
     told.touch(0o600)
     plan.write_text(json.dumps({"only": only, "told": str(told)}), encoding="utf-8")
     return hooked(given, plan)

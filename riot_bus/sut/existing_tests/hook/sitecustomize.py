@@ -136,14 +136,14 @@ def chosen(plan: Mapping[str, Any], popen: dict[str, Any]) -> None:
     if sys._getframe(2).f_code.co_name in _WAITS and sys._getframe(2).f_globals.get("__name__") == "subprocess":
         return
     names = names_of(words_of(popen["args"], shell=bool(popen.get("shell"))))
-    given = popen.get("env")
-    if any(re.fullmatch(plan["only"], name) for name in names):
+    given, wanted = popen.get("env"), any(re.fullmatch(plan["only"], name) for name in names)
+    if wanted:
         environment = dict(os.environ if given is None else given)
         environment.pop("RIOT_PLACEMENT", None)
         popen["env"] = environment
     else:
         popen.update(args=["sleep", "infinity"], executable=None, shell=False)
-    _tell(plan["told"], names=names[:8], segment="")
+    _tell(plan["told"], names=names[:8], segment="only" if wanted else "")
 
 
 def patch(plan: Mapping[str, Any]) -> None:
@@ -151,8 +151,8 @@ def patch(plan: Mapping[str, Any]) -> None:
     import functools
     import subprocess
 
-    change: Callable[[Mapping[str, Any], dict[str, Any]], None] = placed
-    change = wrapped if plan.get("wrap") else chosen if plan.get("only") else placed
+    kinds: dict[str, Callable[[Mapping[str, Any], dict[str, Any]], None]] = {"wrap": wrapped, "only": chosen}
+    change = next((kinds[name] for name in kinds if plan.get(name)), placed)
     original: Any = subprocess.Popen.__init__
     order = original.__code__.co_varnames[1 : original.__code__.co_argcount]
 
