@@ -472,7 +472,10 @@ class TrialSetup:
     def sample_resources(self, names: Iterable[str]) -> None:
         """Note what components have of the machine just now."""
         for name in names:
-            sample = resources(self._family([name]), messages=len(self.inputs))
+            bridge = self._starter.bridge_of(name)
+            ours = families([bridge.pid]) if bridge is not None else ()
+            own = [pid for pid in self._family([name]) if pid not in ours]
+            sample = resources(own, messages=len(self.inputs))
             self._samples.setdefault(name, []).append(sample)
 
     def samples(self, name: str) -> Sequence[ResourceSample]:

@@ -96,6 +96,11 @@ def test_a_component_gets_a_domain_and_a_bridge(tmp_path: Path, monkeypatch: pyt
         node, bridge = stage.threads(["lamp"]).pids[:2]
         assert node == process.pid
         assert stage.view(["lamp"], settled=True, waited=1.0).components[0].status is None
+        stage.sample_resources(["lamp"])
+        (sample,) = stage.samples("lamp")
+        assert (
+            sample.threads <= len(os.listdir(f"/proc/{node}/task")) + 2
+        )  # those of the bridge are not the component's
         os.kill(bridge, signal.SIGKILL)
         assert wait_until(lambda: _has_no_bridge(stage), 30)
 
