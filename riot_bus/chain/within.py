@@ -2,7 +2,8 @@
 
 The unit is tested for a share of the time. What was found by then is explained, each finding with an equal share of
 what is left, and the unit is tested further in the time that remains, and so on. Without a finding the unit is tested
-to the end. So the work ends when the time does, and how long it still takes is known from its first second.
+to the end. So the work ends when the time does and the trials under way have ended, or before that where no further
+trial would say more, as of a unit that always fails.
 """
 
 from __future__ import annotations

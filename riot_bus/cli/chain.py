@@ -250,7 +250,9 @@ def analyze(
     seconds: Seconds = None,
     within: Annotated[
         str | None,
-        typer.Option("--for", metavar="TIME", help="Use so much time for all of it, such as 30min; --trials is none."),
+        typer.Option(
+            "--for", metavar="TIME", help="Time for all steps together, such as 30min; --trials does not count then."
+        ),
     ] = None,
     further: Annotated[
         list[str] | None, typer.Option("--step", help="Also run this step of another package; may be repeated.")

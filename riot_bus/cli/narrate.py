@@ -73,7 +73,7 @@ class ConsoleNarrator:
             case TimeLeft():
                 at = datetime.now().astimezone() + timedelta(seconds=event.seconds)
                 left, total = (_minutes(each) for each in (event.seconds, event.total))
-                self._say("time", f"{left} of {total} left, done at {at:%H:%M:%S}")
+                self._say("time", f"{left} of {total} left, until {at:%H:%M:%S}")
 
     def interrupted(self, out: Path) -> None:
         """Say what is kept in the output folder of work that was ended from outside, and how to go on."""

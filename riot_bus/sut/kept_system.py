@@ -10,6 +10,7 @@ import os
 import shutil
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -43,7 +44,7 @@ _RESET_WINDOW = 0.1
 _BLOCK = Qos(congestion="block")
 
 
-class KeptComponents:
+class KeptComponents(ABC):
     """Components that may go on over runs; a context manager.
 
     Args:
@@ -105,9 +106,9 @@ class KeptComponents:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    @abstractmethod
     def _crossing(self) -> dict[str, Any]:
         """Return the segments, what is intercepted, and the pipeline."""
-        raise NotImplementedError
 
     @property
     def may_go_on(self) -> bool:

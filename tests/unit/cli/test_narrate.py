@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import io
+from datetime import datetime, timedelta
 
 from rich.console import Console
 
 from riot_bus.cli.narrate import ConsoleNarrator
-from riot_bus.events import RunEvent, StepFinished, StepProgress, StepStarted, StepStopped, TrialFinished
+from riot_bus.events import RunEvent, StepFinished, StepProgress, StepStarted, StepStopped, TimeLeft, TrialFinished
 
 EVENTS: list[RunEvent] = [
     StepStarted("minimize"),
@@ -48,3 +49,17 @@ def test_without_a_terminal_a_line_each_ten_seconds_tells_how_fast_it_goes() -> 
         "        test  30 of 100, 1 failing; 1/s, about 70 s to go",
         "        test  41, 1 failing; 1/s",
     ]
+
+
+def test_what_is_left_of_a_given_time_and_until_when() -> None:
+    stream = io.StringIO()
+    with ConsoleNarrator(Console(file=stream, width=80)) as narrator:
+        before = datetime.now().astimezone()
+        narrator(TimeLeft(90.0, 1800.0))
+        narrator(TimeLeft(9.4, 30.0))
+        after = datetime.now().astimezone()
+    first, second = stream.getvalue().splitlines()
+    told = {f"{each + timedelta(seconds=90):%H:%M:%S}" for each in (before, after)}
+    assert first.rpartition(" ")[0] == "        time  1.5 min of 30.0 min left, until"
+    assert first.rpartition(" ")[2] in told
+    assert second.startswith("        time  9 s of 30 s left, until ")
