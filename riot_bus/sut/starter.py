@@ -237,7 +237,6 @@ class ComponentStarter:
     def find_inside(self, name: str) -> None:
         """Find the processes of a ready component where they are no descendants of riot's, or only some of them.
 
-
         Raises:
             ConfigError: Nothing that its command has started is what `only` in riot.toml means.
         """
