@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from riot_bus.types.serve import ERROR
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from riot_bus.vocabulary.message import Message
     from riot_bus.zenoh import api as zenoh
 
-__all__ = ["Call", "encoding_text", "payload_of"]
+__all__ = ["Call", "encoding_text", "payload_of", "reply_to"]
 
 _DEFAULT_ENCODING = "zenoh/bytes"
 
@@ -53,6 +55,25 @@ def payload_of(thing: Any) -> bytes:
     """Return the payload of a query or sample, which may have none."""
     payload = thing.payload
     return b"" if payload is None else bytes(payload.to_bytes())
+
+
+def reply_to(query: Any, key: str, part: str, message: Message, *, stamp: zenoh.Timestamp | None = None) -> None:
+    """Answer a query with a message.
+
+    Args:
+        query: A `zenoh.Query`.
+        key: Key of the reply.
+        part: Which part of a call the message is: a reply, or one that tells of an error.
+        message: Payload, encoding and attachment; a delete is one.
+        stamp: The service's own timestamp, by which replies are consolidated, if it has given one.
+    """
+    encoding = message.encoding or _DEFAULT_ENCODING
+    if part == ERROR:
+        query.reply_err(message.payload, encoding=encoding)
+    elif message.kind == "delete":
+        query.reply_del(key, attachment=message.attachment, timestamp=stamp)
+    else:
+        query.reply(key, message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp)
 
 
 def encoding_text(encoding: zenoh.Encoding | None) -> str:

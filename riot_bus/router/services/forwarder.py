@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from riot_bus.pipeline.runner import AbandonedError, Result
 from riot_bus.router.advanced.worker import Worker
 from riot_bus.router.counts import BoundedCounts
-from riot_bus.router.services.call import Call, encoding_text, payload_of
+from riot_bus.router.services.call import Call, encoding_text, payload_of, reply_to
 from riot_bus.types.serve import ERROR, REPLY, REQUEST, Request, part_of
 from riot_bus.vocabulary.message import Message, Qos
 from riot_bus.zenoh.convert import is_delete
@@ -225,7 +225,7 @@ class CallLane:
                 for target in emission.targets or call.targets:
                     self._ask(call, base, message, target)
             else:
-                _answer(call, base, part, message, stamp)
+                reply_to(call.query, base, part, message, stamp=moved(stamp, library_of(call.query)))
         except Exception as error:  # the session is closed, or the key is none that this query accepts
             _LOG.warning("a message of %s could not be passed on: %s", message.key, error)
             self._crossing.lose(key, "not published")
@@ -355,18 +355,6 @@ class CallLane:
             self._held[key] += number
             if not self._held[key]:
                 del self._held[key]
-
-
-def _answer(call: Call, key: str, part: str, message: Message, stamp: zenoh.Timestamp | None) -> None:
-    """Pass a reply on to the caller, with the service's own timestamp, by which replies are consolidated."""
-    query, encoding = call.query, message.encoding or "zenoh/bytes"
-    stamp = moved(stamp, library_of(query))
-    if part == ERROR:
-        query.reply_err(message.payload, encoding=encoding)
-    elif message.kind == "delete":
-        query.reply_del(key, attachment=message.attachment, timestamp=stamp)
-    else:
-        query.reply(key, message.payload, encoding=encoding, attachment=message.attachment, timestamp=stamp)
 
 
 def _anywhere(query: Any) -> bool:

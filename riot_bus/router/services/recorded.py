@@ -7,8 +7,8 @@ import threading
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from riot_bus.router.services.call import payload_of
-from riot_bus.types.serve import ERROR, REQUEST, Request, part_of
+from riot_bus.router.services.call import payload_of, reply_to
+from riot_bus.types.serve import REQUEST, Request, part_of
 from riot_bus.zenoh.keyexpr_pins import pin
 from riot_bus.zenoh.libraries import library_of
 
@@ -94,15 +94,9 @@ def serve_recorded(session: zenoh.Session, key: str, service: RecordedService) -
     def take(query: Any) -> None:
         try:
             for reply in service.replies(payload_of(query), str(query.parameters)):
-                encoding = reply.encoding or "zenoh/bytes"
                 base, part = part_of(reply.key) or (key, "")
-                attachment = reply.attachment if query.attachment is None else query.attachment.to_bytes()
-                if part == ERROR:
-                    query.reply_err(reply.payload, encoding=encoding)
-                elif reply.kind == "delete":
-                    query.reply_del(base, attachment=attachment)
-                else:
-                    query.reply(base, reply.payload, encoding=encoding, attachment=attachment)
+                asked = query.attachment
+                reply_to(query, base, part, reply if asked is None else reply.with_(attachment=asked.to_bytes()))
         except library_of(session).ZError as error:  # whoever has asked is gone
             _LOG.debug("a call of %s is not answered: %s", key, error)
         finally:
