@@ -22,7 +22,7 @@ from riot_bus.vocabulary.errors import PayloadError
 from riot_bus.vocabulary.trial import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from riot_bus.monitors.model import TrialView
     from riot_bus.types.model import MessageType
@@ -230,19 +230,18 @@ def mine(histories: Sequence[Sequence[TrialView]]) -> tuple[MinedRule, ...]:
     )
 
 
-def check_rules(rules: Sequence[MinedRule], views: Sequence[TrialView], *, trials: int) -> Mined:
+def check_rules(rules: Sequence[MinedRule], judged: Iterable[Iterable[Violation]], *, trials: int) -> Mined:
     """Return the rules that no nominal trial breaks that they are not learnt from; the others are told as dropped.
 
     Args:
         rules: Mined rules.
-        views: These trials.
+        judged: What each of these trials violates; only what `Mined` with these rules finds counts.
         trials: How many the rules are learnt from.
     """
-    every = Mined(tuple(rules))
-    fired = [{violation.signature.removeprefix("mined ") for violation in every.judge(view)} for view in views]
+    fired = [{one.signature.removeprefix("mined ") for one in each if one.monitor == "mined"} for each in judged]
     wrong = set().union(*fired)
     kept = tuple(rule for rule in rules if str(rule) not in wrong)
-    return Mined(kept, trials, sum(map(bool, fired)), len(views), tuple(sorted(wrong)))
+    return Mined(kept, trials, sum(map(bool, fired)), len(fired), tuple(sorted(wrong)))
 
 
 def _rules(topic: str, groups: Sequence[Sequence[list[_Answer]]]) -> Iterator[MinedRule]:

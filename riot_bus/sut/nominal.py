@@ -13,7 +13,7 @@ from riot_bus.sut.baseline import Baseline, NominalTrial, baseline_of, probe_of
 from riot_bus.sut.unit_trial import IdleTrial, UnitTrial
 from riot_bus.sut.wire import nominal_of
 from riot_bus.vocabulary.errors import ConfigError, EnvironmentFaultError
-from riot_bus.vocabulary.trial import TestCase, Verdict
+from riot_bus.vocabulary.trial import TestCase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from riot_bus.sut.context import Context
     from riot_bus.sut.local import Pool
     from riot_bus.vocabulary.message import Message
+    from riot_bus.vocabulary.trial import Outcome
 
 __all__ = ["measure_baseline"]
 
@@ -76,10 +77,11 @@ def measure_baseline(
                 where=str(context.file.path),
                 hint=f'write [components.{each.component}] limits = {{ ... }} with more than that, or "off"',
             )
-        failed = [one for one in outcomes if one.verdict is not Verdict.PASS]
+        failed = [one for one in outcomes if not _passes(one)]
         if failed:
-            why = failed[0].violations[0].signature if failed[0].violations else failed[0].detail
-            wrong.append(f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {why}")
+            wrong.append(
+                f"{len(failed)} of {count} trials with {len(history)} nominal messages did not pass: {_why(failed[0])}"
+            )
         return [] if failed else [nominal_of(one) for one in outcomes]
 
     seen = nominal(log, _TRIALS, {})
@@ -89,32 +91,44 @@ def measure_baseline(
     if not context.file.unit[unit].mined or not found.probe_answers:
         return found
     stretch = log[: len(log) // 2]
-    more = nominal(log, _HELD_OUT, found.probe_answers)
-    half = nominal(stretch, _TRIALS + _HELD_OUT, found.probe_answers)
-    if not more or not half:
+    half = nominal(stretch, _TRIALS, found.probe_answers)
+    if not half:
         return replace(found, mute=(*found.mute, f"mined: {wrong[0]}"))
-
-    def views(trials: Sequence[NominalTrial], history: Sequence[Message]) -> list[TrialView]:
-        inputs = (*history, *found.probe)
-        return [
-            TrialView(
-                [],
-                settled=True,
-                waited=0.0,
-                registry=context.registry,
-                outputs=one.outputs,
-                inputs=inputs,
-                probed=one.probed,
-            )
-            for one in trials
-        ]
-
-    return replace(found, mined=_mined(views(seen, log), views(more, log), views(half, stretch)))
+    rules = mine([[_probed(one, context) for one in trials] for trials in (seen, half)])
+    mined = Mined(rules, 2 * _TRIALS)
+    others = pool.map(
+        UnitTrial(unit, replace(found, mined=mined)),
+        [
+            TestCase(tuple(history), seed=_TRIALS + number, ordered=ordered)
+            for history in (log, stretch)
+            for number in range(_HELD_OUT)
+        ],
+    )
+    if failed := [one for one in others if not _passes(one, but="mined")]:
+        told = f"mined: {len(failed)} of {len(others)} other nominal trials did not pass: {_why(failed[0])}"
+        return replace(found, mute=(*found.mute, told))
+    return replace(found, mined=check_rules(rules, [one.violations for one in others], trials=mined.trials))
 
 
-def _mined(seen: Sequence[TrialView], more: Sequence[TrialView], half: Sequence[TrialView]) -> Mined:
-    """Return rules on the answers to the probe, of which other nominal trials break none."""
-    return check_rules(mine([seen, half[:_TRIALS]]), [*more, *half[_TRIALS:]], trials=2 * _TRIALS)
+def _passes(outcome: Outcome, *, but: str = "") -> bool:
+    """Return whether a trial was judged, and no monitor found a failure, but for one."""
+    return outcome.judged and all(each.monitor == but for each in outcome.violations)
+
+
+def _why(outcome: Outcome) -> str:
+    return outcome.violations[0].signature if outcome.violations else outcome.detail
+
+
+def _probed(trial: NominalTrial, context: Context) -> TrialView:
+    """Return what rules are mined from."""
+    return TrialView(
+        [],
+        settled=True,
+        waited=0.0,
+        registry=context.registry,
+        outputs=trial.outputs,
+        probed=trial.probed,
+    )
 
 
 def _keeps_order(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from riot_bus.monitors.mined import check_rules
+from riot_bus.monitors.mined import Mined, check_rules
 from riot_bus.monitors.model import TrialView
 from riot_bus.sut.activity import STILL, Idle
 from riot_bus.sut.baseline import Baseline, baseline_of
@@ -123,7 +123,8 @@ def in_system_of(
         for one in runs
         if one.probed is not None
     ]
-    mined = check_rules([rule for rule in alone.mined.rules if rule.topic in probed], views, trials=alone.mined.trials)
+    rules = tuple(rule for rule in alone.mined.rules if rule.topic in probed)
+    mined = check_rules(rules, map(Mined(rules).judge, views), trials=alone.mined.trials)
     return replace(found, log_answers=answers, probe_answers=probed, mined=mined)
 
 

@@ -68,7 +68,7 @@ class Feeder:
         self._process = stage.processes[name]
         self._ordered = ordered and not unit.rate
         self._fed = time.monotonic()
-        self._begun: Activity | None = None
+        self._begun: tuple[Activity, Activity] | None = None
         self._hangs = stage.context.hangs[name]
         self._watch = Watch(self._hangs, stage, name, baseline, timeout=unit.settle.timeout)
 
@@ -87,7 +87,7 @@ class Feeder:
         """
         stage, begin = self._stage, len(self._stage.outputs)
         start, own = stage.activity([self._name]), stage.others.activity()
-        self._begun = self._begun or start
+        self._begun = self._begun or (start, own)
         before = self._publish(messages, start)
 
         def rests() -> bool:
@@ -200,9 +200,8 @@ class Feeder:
         return NominalTrial(answers, probed, stacks, ended, self._process.status, self._growth())
 
     def _await_late(self) -> None:
-        """Wait for what is on its way: where the unit had to wait for a processor, also for answers that come late."""
-        begun = self._begun
-        if begun is not None and self._stage.activity([self._name]).waited_since(begun) > self._settle.window:
+        """Wait for what is on its way: where others had the processors since the first input, also for late answers."""
+        if self._begun is not None and self._stage.held_up([self._name], since=self._begun)() > self._settle.window:
             self._wait_quiet()
         self._stage.bus.drain(self._settle.timeout)
 

@@ -508,13 +508,17 @@ class TrialSetup:
             found.append(self.measure_idle(names, seconds=_WATCH))
         return min(found, key=lambda each: each.switches)
 
-    def held_up(self, names: Iterable[str]) -> Callable[[], float]:
+    def held_up(self, names: Iterable[str], *, since: tuple[Activity, Activity] | None = None) -> Callable[[], float]:
         """Return what tells for how many seconds components, or the router here, had to wait for a processor since.
 
         A wait counts when it is over: see `wants_processor`.
+
+        Args:
+            names: The components.
+            since: What they, and the router here, had done by then; None for what they have done by now.
         """
         looked_at = self.threads(names), self.others
-        before = [threads.activity() for threads in looked_at]
+        before = since or [threads.activity() for threads in looked_at]
         return lambda: max(now.activity().waited_since(then) for now, then in zip(looked_at, before, strict=True))
 
     def wants_processor(self, names: Iterable[str]) -> bool:

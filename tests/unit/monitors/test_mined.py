@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from random import Random
 from typing import Any
 
 import pytest
 
-from riot_bus.monitors.mined import Mined, check_rules, mine
+from riot_bus.monitors.mined import Mined, MinedRule, check_rules, mine
 from riot_bus.monitors.model import TrialView, judge
 from riot_bus.testing.monitors import trial_view
 from riot_bus.types.json_type import JsonType
@@ -82,12 +82,16 @@ def nominal(seed: int, *, history: int = WHOLE, fault: str = "", rejected: int =
     return replace(trial_view([]), outputs=outputs, probed=probed)
 
 
+def checked(rules: tuple[MinedRule, ...], views: Sequence[TrialView], *, trials: int) -> Mined:
+    return check_rules(rules, map(Mined(rules).judge, views), trials=trials)
+
+
 def mined(first: int = 0) -> Mined:
     histories = [
         [nominal(first + 3 * side + seed, history=size) for seed in range(3)] for side, size in enumerate((WHOLE, HALF))
     ]
     others = [nominal(first + 10 + seed, history=WHOLE if seed % 2 else HALF) for seed in range(8)]
-    return check_rules(mine(histories), others, trials=6)
+    return checked(mine(histories), others, trials=6)
 
 
 def test_false_alarms_in_at_most_one_of_a_hundred_nominal_trials() -> None:
@@ -132,7 +136,7 @@ def trial(x: float, y: float, *, probed: int | None = 1) -> TrialView:
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, 1e300, "nan", "1e999", 10**400])
 def test_what_is_not_finite_after_input_that_is_not_either_is_no_fault(x: Any) -> None:
-    rules = check_rules(mine([[trial(1.0, 1.0)] * 3]), [], trials=3)
+    rules = checked(mine([[trial(1.0, 1.0)] * 3]), [], trials=3)
     assert rules.judge(trial(x, math.nan)) == []
     (violation,) = rules.judge(trial(1.0, math.nan))
     assert violation.signature == "mined finite of a:y"
@@ -153,7 +157,7 @@ def test_where_the_type_allows_infinity_nothing_is_claimed_of_it(monkeypatch: py
     odd = replace(trial_view([("a", {"ranges": [1.0, math.inf], "y": math.nan})] * 3), probed=0)
     for kind, told in ((JsonType(), {"a:ranges[*]", "a:y"}), (Ranges(), {"a:y"})):
         monkeypatch.setattr(TypeRegistry, "type_of", lambda *_, kind=kind, **__: kind)
-        rules = check_rules(mine([[nominal] * 3]), [], trials=3)
+        rules = checked(mine([[nominal] * 3]), [], trials=3)
         assert {each.signature for each in rules.judge(odd)} == {f"mined finite of {place}" for place in told}
         assert {rule.place for rule in rules.rules if rule.kind == "finite"} == told | {"a:len(ranges)"}
 
@@ -162,10 +166,10 @@ def test_a_rule_that_fires_on_another_nominal_trial_is_dropped_and_told() -> Non
     rules = mine([[trial(1.0, 1.0)] * 3])
     longer = replace(trial(1.0, 1.0), outputs=[*trial(1.0, 1.0).outputs, Message(9, "a", b'{"y": 5.0}')])
     assert [str(rule) for rule in rules] == ["finite of a:y", "count of a", "value of a:y"]
-    checked = check_rules(rules, [trial(1.0, 1.0), longer], trials=3)
-    assert (checked.dropped, checked.alarms, checked.held_out) == (("count of a",), 1, 2)
-    assert "count" not in {rule.kind for rule in checked.rules}
-    row = checked.row()
+    found = checked(rules, [trial(1.0, 1.0), longer], trials=3)
+    assert (found.dropped, found.alarms, found.held_out) == (("count of a",), 1, 2)
+    assert "count" not in {rule.kind for rule in found.rules}
+    row = found.row()
     assert json.loads(json.dumps(row))["dropped"] == ["count of a"]
     assert 0 < row["low"] < 0.5 < row["high"] < 1
 
@@ -175,7 +179,7 @@ def test_a_counter_may_begin_anew_once() -> None:
         return replace(trial_view([("a", {"n": value}) for value in values]), probed=0)
 
     histories = [[counting(*range(start, start + 8))] * 3 for start in (0, 100)]
-    rules = check_rules(mine(histories), [], trials=6)
+    rules = checked(mine(histories), [], trials=6)
     assert rules.judge(counting(252, 253, 254, 255, 0, 1, 2, 3)) == []
     assert [each.signature for each in rules.judge(counting(*[7] * 8))] == ["mined counter of a:n"]
 
@@ -187,7 +191,7 @@ def test_payloads_that_nothing_can_read_are_counted() -> None:
 
 
 def test_types_of_others_need_not_be_hashable(monkeypatch: pytest.MonkeyPatch) -> None:
-    rules, view = check_rules(mine([[trial(1.0, 1.0)] * 3]), [], trials=3), trial(math.nan, math.nan)
+    rules, view = checked(mine([[trial(1.0, 1.0)] * 3]), [], trials=3), trial(math.nan, math.nan)
     kind = view.registry.type_of("in", payload=view.inputs[0].payload, encoding="application/json")
     assert kind is not None
     monkeypatch.setattr(type(kind), "__hash__", None)
